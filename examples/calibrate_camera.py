@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from blurnoise_eval.calibration.as_camera import camera_of
-from blurnoise_eval.calibration.measurement import measure
+from blurnoise_eval.calibration.fit import measure
+from blurnoise_eval.calibration.to_camera import camera_of
 
 from blurnoise import Camera, photoelectrons, simulate
 

@@ -170,6 +170,23 @@ def integer(name: str, value: int, low: int, high: int) -> int:
     return int(value)
 
 
+def picture_size(name: str, value: object) -> tuple[int, int]:
+    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20."""
+    sides = tuple(value) if isinstance(value, (tuple, list)) else ()
+    whole = all(isinstance(side, (int, np.integer)) and not isinstance(side, bool) for side in sides)
+    if len(sides) != 2 or not whole or not all(1 <= side <= 1 << 20 for side in sides):
+        raise ValueError(f"{name} = {shown(value)}: must be (height, width), two integers from 1 to 1048576")
+    return int(sides[0]), int(sides[1])
+
+
+def boxes(name: str, value: object) -> Tensor:
+    """Return boxes (N, 4) as floats. Raises ``TypeError`` or ``ValueError`` for anything else, NaN and infinity."""
+    tensor = finite(name, real_tensor(name, value))
+    if tensor.ndim != 2 or tensor.shape[1] != 4:
+        raise ValueError(f"{name}: shape must be (N, 4), got {tuple(tensor.shape)}")
+    return tensor if tensor.is_floating_point() else tensor.float()
+
+
 def an_instance(name: str, value: object, kind: type) -> None:
     """Raise ``TypeError`` unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):

@@ -12,7 +12,7 @@ import os
 import shutil
 import stat
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -132,15 +132,24 @@ def read_document(path: Path) -> Any:
     Raises ``OSError``, and ``ValueError`` of one line.
     """
     text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
-    return json_of(text) if path.suffix.lower() == ".json" else yaml_of(text)
+    return json_of(text, _without_doubles) if path.suffix.lower() == ".json" else yaml_of(text)
 
 
-def json_of(text: str) -> Any:
-    """``text`` as JSON. Raises ``ValueError`` of one line."""
+def json_of(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
+    """``text`` as JSON; pairs: makes each object from its keys and values. Raises ``ValueError`` of one line."""
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=pairs)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+def _without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"{key}: stands twice")
+        found[key] = value
+    return found
 
 
 def yaml_of(text: str) -> Any:
@@ -156,7 +165,8 @@ def yaml_of(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses many aliases (*name) and merges (<<), with which a short text holds a billion values."""
+    """Refuses many aliases (*name) and merges (<<), with which a short text holds a billion values, and a key that
+    stands twice, of which one would be lost. 1:30 is text, not 90 as in YAML 1.1's base of sixty."""
 
     aliases = 0
 
@@ -166,6 +176,27 @@ class _Loader(yaml.SafeLoader):
             if self.aliases > _MOST_ALIASES:
                 raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
         return super().compose_node(parent, index)
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and key.tag != "tag:yaml.org,2002:merge":
+                if (key.tag, key.value) in seen:
+                    raise ValueError(f"{key.value}: stands twice, again in line {key.start_mark.line + 1}")
+                seen.add((key.tag, key.value))
+        return node
+
+    def construct_number(self, node: yaml.ScalarNode) -> Any:
+        """As YAML has it, unless it has colons."""
+        if ":" in node.value:
+            return node.value
+        whole = node.tag == "tag:yaml.org,2002:int"
+        return self.construct_yaml_int(node) if whole else self.construct_yaml_float(node)
+
+
+for _tag in ("int", "float"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _Loader.construct_number)
 
 
 def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -21,11 +21,12 @@ from torch.nn import functional
 
 from blurnoise._core.borders import Window
 from blurnoise._core.threads import differentiable
-from blurnoise.motion.trajectory import Polyline, Trajectory
+from blurnoise.motion.trajectory import Polyline, Trajectory, sums
 
 Floats = NDArray[np.float64]
 Way = Literal["transfer", "rows", "sub-exposures"]
 _AT_ONCE_PX2 = 0.22  # of a path in a part of a row's window
+_TIMES = 2049  # at which the rows that are exposed are looked at
 _MOST_PARTS = 5  # of a row's window: beyond that sub-exposures are as fast, and as good
 STILL_PX = 1e-4
 """Less than this is no motion, and motions that differ by less are one: 3e-4 of the finest detail."""
@@ -149,8 +150,7 @@ class Displacement:
     def mean_px(self, rows: Floats) -> Floats:
         """Mean displacement (2, n) in the windows of rows (n,), or of places between them."""
         (times, knots), (starts, stops) = self.track, self._windows_at(rows)
-        passed = np.cumsum((knots[:, 1:] + knots[:, :-1]) / 2 * np.diff(times), 1)
-        passed = np.concatenate([np.zeros((2, 1)), passed], 1)
+        passed = sums((knots[:, 1:] + knots[:, :-1]) / 2 * np.diff(times))
 
         def until(at: Floats) -> Floats:
             knot = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(times) - 2)
@@ -160,14 +160,18 @@ class Displacement:
         mean = (until(stops) - until(starts)) / np.maximum(lasting, 1e-9)
         return np.where(lasting > 1e-9, mean, self._places(starts))
 
-    def swept_px(self, rows: Floats) -> tuple[Floats, Floats]:
-        """Least and largest displacement (2, n) in the same windows."""
-        (times, knots), (starts, stops) = self.track, self._windows_at(rows)
-        ends = np.stack([self._places(starts), self._places(stops)])
-        inside = (times > starts[:, None]) & (times < stops[:, None])
-        least = np.where(inside, knots[:, None], np.inf).min(-1)
-        largest = np.where(inside, knots[:, None], -np.inf).max(-1)
-        return np.minimum(least, ends.min(0)), np.maximum(largest, ends.max(0))
+    def covered(self, box: Floats) -> Floats:
+        """What a box (left, top, right, bottom), px between pixels' centres, covers in all rows' windows.
+
+        At each time, the rows that are exposed show the part of the box that is there.
+        """
+        times, first, last = self._exposed_rows
+        x, y = self._places(times)
+        left, top, right, bottom = box
+        upper, lower = np.maximum(first, top + y), np.minimum(last, bottom + y)
+        seen = upper <= lower
+        x, upper, lower = x[seen], upper[seen], lower[seen]
+        return np.array([left + x.min(), upper.min(), right + x.max(), lower.max()]) if seen.any() else box
 
     def _windows_at(self, rows: Floats) -> tuple[Floats, Floats]:
         starts, stops = (
@@ -203,7 +207,7 @@ class Displacement:
         times, knots = self._track
         if not self.flows:
             knots, longest = knots + np.outer(self.velocity_px_s, times), 0.0 * longest
-        gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(knots)))])
+        gone = sums(np.hypot(*np.diff(knots)))
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
         return np.asarray(longest + np.interp(stops, times, gone) - np.interp(starts, times, gone))
 
@@ -272,10 +276,24 @@ class Displacement:
     @cached_property
     def parts(self) -> int:
         """Parts of each row's window, so many that in none anything goes far along rows and down them at once."""
-        gone = np.concatenate([np.zeros((2, 1)), np.cumsum(np.abs(np.diff(self.track[1])), 1)], 1)
+        gone = sums(np.abs(np.diff(self.track[1])))
         starts, stops = self.readout.windows_s
         ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
         return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
+
+    @cached_property
+    def _exposed_rows(self) -> tuple[Floats, Floats, Floats]:
+        """Times, and the first and last row that are exposed then; rows beyond the picture are as its last ones."""
+        begin, end = self.readout.span_s
+        knots = self.track[0]
+        times = np.union1d(np.linspace(begin, end, _TIMES), knots[(knots > begin) & (knots < end)])
+        starts, stops = self.readout.windows_s
+        turned = slice(None, None, 1 if self.readout.row_s > 0 else -1)
+        starts, stops, rows = starts[turned], stops[turned], np.arange(self.readout.rows)[turned]
+        outside = math.inf * float(np.sign(self.readout.row_s))
+        over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
+        begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
+        return times, np.minimum(over, begun), np.maximum(over, begun)
 
     @cached_property
     def track(self) -> tuple[Floats, Floats]:
@@ -294,7 +312,7 @@ class Displacement:
         begin, end = self.readout.span_s
         knots, durations = self.path.window(begin, end)
         origin = np.array(self.path.origin_px(self.readout.exposure_s))[:, None]
-        return begin + np.concatenate([[0.0], np.cumsum(durations)]), knots - origin
+        return begin + sums(durations), knots - origin
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:

@@ -26,6 +26,7 @@ from blurnoise._core.checks import finite, image_batch, one_of
 from blurnoise._core.threads import borrowed, differentiable, plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
+from blurnoise.motion.trajectory import sums
 from blurnoise.optics.transfer import SHARP
 
 Band = tuple[slice, slice, NDArray[Any]]
@@ -281,7 +282,7 @@ def _lanczos_taps(shift_px: Tensor) -> tuple[Tensor, Tensor]:
 def _window_taps(time: Floats, y_px: Floats, windows_s: tuple[Floats, Floats]) -> tuple[Tensor, Tensor]:
     """First tap of each row, relative to the row, and tap weights averaged over its part of a path y_px (K,)."""
     starts, stops = windows_s
-    gone = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(y_px)))])  # a vibration goes there and back
+    gone = sums(np.abs(np.diff(y_px)))  # a vibration goes there and back
     longest = float((np.interp(stops, time, gone) - np.interp(starts, time, gone)).max())
     count = max(_LEAST_SAMPLES, math.ceil(_SAMPLES_PER_PX * min(longest, _LONGEST_PX)))
     at = starts[:, None] + (stops - starts)[:, None] * (np.arange(count) + 0.5) / count

@@ -9,8 +9,10 @@ the picture is one sheet: the nearer side takes from the farther one and the rev
 Sub-exposures are as many in each band of rows as its longest way needs, their times spread a little so that their
 variance is that of an even exposure. They are seen by linear interpolation of the picture at twice its samples
 (:mod:`.finer`): of the picture itself it would lose more than all the rest does. Linear interpolation is a
-blur of its own. Of a flow alone it counts as part of the motion's, and paths are shorter for it. Of paths and of rows
-the samples are three times as many, and what a mean still loses along the axes on which they move is given back.
+blur of its own. Of a flow alone it counts as part of the motion's, and paths are shorter for it: values stay within
+the picture's, and the shortest paths blur as much as they should, for up to 0.3 DN RMS of fine detail. Of paths and
+of rows the samples are three times as many, and what a mean still loses along the axes on which they move is given
+back.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from torch import Tensor
 from blurnoise._core.borders import Border, Window
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, layers
-from blurnoise.blur.displacement import Displacement, Readout
+from blurnoise.blur.displacement import Displacement, Floats, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import SPACING_PX
@@ -162,11 +162,11 @@ class Motion(LightEffect):
         return convolution.exposure_blur(light, at.displacement_px, own.optics, own.paths, border=border)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """Grown by half the displacement to either side, or by what the path covers."""
+        """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
+        if at.camera.row_time_s:
+            return boxes_xyxy
         if (along := _path(at)) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
-        if _row_by_row(at):
-            return boxes_xyxy
         half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
         return boxes_xyxy + torch.cat([-half, half])
 
@@ -262,29 +262,30 @@ class RollingShutter(_Moving):
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""
-        return self._moved(boxes_xyxy, at, swept=False)
+        if not at.camera.row_time_s or not len(boxes_xyxy):
+            return boxes_xyxy
+        moves, between = displacement(at), _between_centres(boxes_xyxy)
+        left, top, right, bottom = between.T
+        top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
+        x, _ = moves.mean_px((top + bottom) / 2)
+        return torch.from_numpy(np.stack([left + x, top, right + x, bottom], 1) + 0.5).to(boxes_xyxy)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        """Move boxes and grow them by the middle row's part of a path, unless another effect has grown them."""
-        return self._moved(boxes_xyxy, at, swept=_row_by_row(at))
-
-    def _moved(self, boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool) -> Tensor:
+        """What boxes cover while their rows are exposed, one after another."""
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
-        # from between the pixels' edges to their centres
-        left, top, right, bottom = boxes_xyxy.detach().cpu().double().numpy().T - 0.5
-        top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
-        middle = (top + bottom) / 2
-        mean = moves.mean_px(middle)
-        least, largest = (each - mean for each in moves.swept_px(middle)) if swept else (0 * mean, 0 * mean)
-        x = mean[0]
-        moved = left + x + least[0], top + least[1], right + x + largest[0], bottom + largest[1]
-        return torch.from_numpy(np.stack(moved, 1) + 0.5).to(boxes_xyxy)
+        covered = [moves.covered(box) for box in _between_centres(boxes_xyxy)]
+        return torch.from_numpy(np.stack(covered) + 0.5).to(boxes_xyxy)
 
 
 def _objects(at: Conditions[float]) -> tuple[ObjectMotion, ...]:
     return cast(tuple[ObjectMotion, ...], at.objects)
+
+
+def _between_centres(boxes_xyxy: Tensor) -> Floats:
+    """Boxes from between the pixels' edges to between their centres."""
+    return boxes_xyxy.detach().cpu().double().numpy() - 0.5
 
 
 def _row_by_row(at: Conditions[float]) -> bool:

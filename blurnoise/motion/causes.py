@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, integer, limited, shown
-from blurnoise.motion.trajectory import Floats, Trajectory
+from blurnoise.motion.trajectory import Floats, Trajectory, sums
 from blurnoise.optics.camera import Camera
 
 _STEPS = 2000  # of a shake during its exposure
@@ -116,8 +116,7 @@ def from_rates(
     angles = []
     for rate in (-wy, wx):
         between = np.interp(fine, time, rate)
-        steps = (between[1:] + between[:-1]) / 2 * np.diff(fine)
-        angles.append(np.concatenate([[0.0], np.cumsum(steps)]))
+        angles.append(sums((between[1:] + between[:-1]) / 2 * np.diff(fine)))
     return Trajectory.of(fine, limited("focal_px", focal_px) * np.stack(angles))
 
 

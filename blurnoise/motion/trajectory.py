@@ -179,7 +179,7 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
     knots, durations = trajectory.window(-exposure_s / 2, exposure_s / 2)
     if not len(durations):
         return Polyline((0.0,), (0.0,), ())
-    time = np.concatenate([[0.0], np.cumsum(durations)]) - exposure_s / 2
+    time = sums(durations) - exposure_s / 2
     knots = knots + np.outer(velocity_px_s, time) - np.array(trajectory.origin_px(exposure_s))[:, None]
     kept = simplified(time, knots, SIMPLIFIED_PX)
     knots, shares = knots[:, kept], np.diff(time[kept]) / (time[-1] - time[0])
@@ -215,6 +215,11 @@ def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
         middle, cut = place[found], span[found]
         kept.append(middle)
         firsts, lasts = np.concatenate([firsts[cut], middle]), np.concatenate([middle, lasts[cut]])
+
+
+def sums(steps: Floats) -> Floats:
+    """0, and the sum of the first step, the first two, ..., along the last axis."""
+    return np.concatenate([np.zeros((*steps.shape[:-1], 1)), np.cumsum(steps, -1)], -1)
 
 
 def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, integer, limited, one_of, shown
+from blurnoise._core.checks import an_instance, boxes, integer, limited, one_of, picture_size, shown
 from blurnoise.light import effects, motion
 from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
@@ -115,8 +115,8 @@ class Exposure:
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
         """What an effect makes of boxes (N, 4), as floats. Where each place has its own motion: the hull of what it
         makes of the corners, the sides' middles and the box's own."""
-        if not boxes_xyxy.is_floating_point():
-            boxes_xyxy = boxes_xyxy.float()
+        boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
+        size = None if size is None else picture_size("size", size)
         x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
         paths = (self.trajectory,) if self.trajectory else ()
         numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)  # whatever the light

@@ -57,11 +57,12 @@ def captured(
     :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument, among
     them captures that overlap.
     """
-    scene = ExposedScene(scene) if isinstance(scene, Tensor) else scene
+    scene = ExposedScene(image_batch("scene", scene)) if isinstance(scene, Tensor) else scene
     an_instance("scene", scene, ExposedScene)
     light = scene.light
     readers = _readers(camera, captures)
     times = windows(captures, limited("exposure_s", exposure_s))
+    limited("illuminance_lux", illuminance_lux)
     if options.get("trajectory") is not None and len(times) > 1:
         raise ValueError(
             f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
@@ -204,8 +205,8 @@ def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
 def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
     """The camera at each capture's gain; raises unless each capture takes over where the one before it ends."""
     an_instance("camera", camera, Camera)
-    if not captures:
-        raise ValueError("captures: must be at least one")
+    if not isinstance(captures, Sequence) or not captures:
+        raise ValueError(f"captures = {shown(captures)}: must be a list of at least one")
     for capture in captures:
         an_instance("captures", capture, Capture)
         in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
-from blurnoise._core.checks import an_instance, limited, real_tensor, shown
+from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions, Number
@@ -101,6 +101,9 @@ def plan(
     if trajectory is not None:
         an_instance("trajectory", trajectory, Trajectory)
     paths = (trajectory,) if trajectory else ()
+    if not isinstance(objects, tuple) or not all(isinstance(each, ObjectMotion) for each in objects):
+        raise TypeError(f"objects = {shown(objects)}: must be a tuple of blurnoise.blur.layers.ObjectMotion")
+    size = None if size is None else picture_size("size", size)
     one = float(exposure_s), temperature, white_e, (x, y)
     return plan_at(
         Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies), tolerance_dn

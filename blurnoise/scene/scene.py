@@ -162,6 +162,10 @@ class ExposedScene:
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(points)
             yield from (Frame(picture, simulate_ms) for picture in pictures)
 
+    def plan(self, exposure: Exposure) -> Plan:
+        """What :meth:`frames` keeps and leaves out of an exposure, and why."""
+        return self._planned(exposure)[0].needs
+
     def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
         camera, digital_db = exposure.amplified
         at = Conditions.of(

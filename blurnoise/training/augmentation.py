@@ -38,7 +38,7 @@ class OverConditions:
         """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
         what moves, as :class:`blurnoise.training.table.ExposureTable` reads and spreads them.
 
-        run: the sweep's folder, or what ``blurnoise_eval.system.storage.location`` makes of its URL. direction_deg:
+        run: the sweep's folder, or what ``blurnoise_eval.system.urls.location`` makes of its URL. direction_deg:
         of the motion, None: the run's. options: the class's that are no ranges. Raises ``TypeError`` or
         ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """

@@ -109,13 +109,13 @@ class ExposureTable(Draws):
     def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:
         """The table of a finished sweep, from the file ``conditions.json`` in its folder.
 
-        run: the folder, a path; of one elsewhere what ``blurnoise_eval.system.storage.location`` makes of its URL.
+        run: the folder, a path; of one elsewhere what ``blurnoise_eval.system.urls.location`` makes of its URL.
         Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
         along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
         """
         if isinstance(run, str) and "://" in run:
             raise ValueError(
-                f"run = {shown(run)}: is a URL; must be a folder, or location(URL) of blurnoise_eval.system.storage"
+                f"run = {shown(run)}: is a URL; must be a folder, or location(URL) of blurnoise_eval.system.urls"
             )
         path = (Path(run) if isinstance(run, (str, PathLike)) else run) / FILE
         if not path.is_file():

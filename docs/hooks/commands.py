@@ -4,52 +4,91 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import fields
+from inspect import cleandoc
 from typing import Any
 
-import typer
+from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS
-from blurnoise_eval.cli._help import record
+from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.grid.program_file import ProgramFile
+from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.grid.settings import Settings
 from mkdocs.structure.files import File, Files
-from typer.main import get_command
 
 
 def on_config(config: Any) -> None:
     """A place in the navigation for every command."""
     section = next(entry for entry in config.nav if "Commands" in entry)
-    section["Commands"] = ["commands/index.md", *({_name(run): _path(run)} for run, _ in COMMANDS)]
+    section["Commands"] = ["commands/index.md", *({name: _path(name)} for name in COMMANDS)]
 
 
 def on_files(files: Files, *, config: Any) -> None:
     """The pages themselves."""
     files.append(File.generated(config, "commands/index.md", content=_index()))
-    for run, _ in COMMANDS:
-        files.append(File.generated(config, _path(run), content=_page(run)))
+    files.append(File.generated(config, "files.md", content=_files()))
+    for name in COMMANDS:
+        files.append(File.generated(config, _path(name), content=_page(name)))
 
 
-def _name(run: Callable[..., None]) -> str:
-    return run.__name__.replace("_", " ")
-
-
-def _path(run: Callable[..., None]) -> str:
-    return f"commands/{run.__name__.replace('_', '-')}.md"
+def _path(name: str) -> str:
+    return f"commands/{name.replace(' ', '-')}.md"
 
 
 def _index() -> str:
     lines = ["# Commands", "", "What `blurnoise COMMAND --help` says, from the same source.", ""]
     lines += ["| command | what it does |", "|---|---|"]
     lines += [
-        f"| [`{_name(run)}`]({_path(run).removeprefix('commands/')}) | {about} |" for run, about in COMMANDS
+        f"| [`{name}`]({_path(name).removeprefix('commands/')}) | {about} |"
+        for name, about in COMMANDS.items()
     ]
     return "\n".join([*lines, ""])
 
 
-def _page(run: Callable[..., None]) -> str:
-    app = typer.Typer(add_completion=False, rich_markup_mode=None)
-    app.command()(run)
-    command = get_command(app)
-    context = command.make_context(_name(run), [], resilient_parsing=True)
-    lines = [f"# blurnoise {_name(run)}", "", *_described(command.help or "")]
+def _files() -> str:
+    """What files of settings may hold, field by field."""
+    lines = [
+        "# Files of settings",
+        "",
+        "Rare settings stand in a file, YAML or JSON; what is left out is as usual.",
+    ]
+    lines += ["An option on the command line overrides the file.", ""]
+    lines += ["```bash", "blurnoise sweep --save-plan plan.yaml   # every setting with its default, to edit"]
+    lines += ["blurnoise sweep --plan plan.yaml --lux 1,10 -o run", "```"]
+    for kind, title in (
+        (PlanFile, "Plans of sweeps"),
+        (SceneFile, "Scenes"),
+        (ProgramFile, "Exposure programs"),
+    ):
+        lines += [
+            "",
+            f"## {title}",
+            "",
+            f"`{kind.KIND}`",
+            "",
+            "| setting | default | what it is |",
+            "|---|---|---|",
+        ]
+        lines += [_setting(kind, each) for each in fields(kind)]
+    lines += ["", "## Records", "", "Settings that are mappings, with the fields of these records."]
+    for name, record in PlanFile.records().items():
+        told = ", ".join(f"`{each.name}`" for each in fields(record))
+        about = cleandoc(record.__doc__ or "").split("\n\n")
+        lines += ["", f"### {name}", "", f"{told}.", "", *(" ".join(part.split()) for part in about)]
+    return "\n".join([*lines, ""])
+
+
+def _setting(kind: type[Settings], each: Any) -> str:
+    default = "" if each.default in (None, ()) else f"`{each.default}`"
+    return f"| `{each.name}` | {default} | {_cell(each.metadata['about'])} |"
+
+
+def _page(name: str) -> str:
+    run = cli.function(name)
+    command = cli.command(run)
+    context = command.make_context(name, [], resilient_parsing=True)
+    lines = [f"# blurnoise {name}", "", *_described(cleandoc(run.__doc__ or ""))]
     for title, records in _sections(command, context).items():
         lines += ["", f"## {title}", "", "| | |", "|---|---|"]
         lines += [f"| <code>{_cell(option)}</code> | {_cell(about)} |" for option, about in records]
@@ -72,7 +111,7 @@ def _described(text: str) -> Iterator[str]:
 def _sections(command: Any, context: Any) -> dict[str, list[tuple[str, str]]]:
     found: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
     for parameter in command.get_params(context):
-        told = record(parameter, context)
+        told = parameter.get_help_record(context)
         if told is not None:
             usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
             found.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(told)

@@ -14,7 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from blurnoise_eval.cli import main
+from blurnoise_eval.cli import main, run_alone
+from blurnoise_eval.scenes import scenes
 from mkdocs.structure.files import File, Files
 
 from blurnoise.light.effects import EFFECTS
@@ -26,13 +27,14 @@ SIGN = "84,141,155,156"  # of that scene, px: left, top, width, height
 
 
 class Shown(NamedTuple):
-    """A picture: the table's entry that it shows, how large the effect is here, options, and a camera's file."""
+    """A picture: the table's entry that it shows, how large the effect is here, options, and files."""
 
     entry: str
     about: str
     options: str
     camera: str = ""
     scene: str = SCENE
+    settings: str = ""
 
 
 GALLERY = {
@@ -40,7 +42,7 @@ GALLERY = {
         Shown("distortion", "barrel distortion of a wide lens", "--lux 200",
               "hfov_deg: 90\nlens: {distortion: {model: opencv, coefficients: [-0.35, 0.08, 0, 0, 0]}}"),
         Shown("objects", "the sign moves 30 px, its background stands",
-              f"--lux 200 --object {SIGN} --object-dx 3000"),
+              f"--lux 200 --object {SIGN} --moves targets --dx 3000"),
         Shown("lateral colour", "red 1.5 % larger than green, blue 1.5 % smaller", "--lux 200",
               "lens: {lateral_red: 0.015, lateral_blue: -0.015}"),
         Shown("defocus", "a disc of 3 px radius", "--lux 200", "defocus_radius_px: 3"),
@@ -50,14 +52,16 @@ GALLERY = {
               "lens: {mtf: {csv: mtf.csv, unit: cycles/px}}"),
         Shown("motion", "1500 px/s to the right for 10 ms: 15 px", "--lux 200 --dx 1500"),
         Shown("motion variation", "driving at 50 km/h: a blur for every place on the road",
-              "--lux 200 --ego 50 --lens rectilinear --hfov-deg 60 --exposure-ms 20", scene="scenes/000003.png"),
+              "--lux 200 --ego-kmh 50 --exposure-ms 20", scene="scenes/000003.png",
+              settings="vehicle: {lens: rectilinear, hfov_deg: 60}"),
         Shown("rolling shutter", "rows of the whole sensor 20 µs apart, 1500 px/s to the right",
-              "--lux 1500 --dx 1500 --line-time-us 20 --exposure-ms 1"),
+              "--lux 1500 --dx 1500 --exposure-ms 1", settings="line_time_us: 20"),
         Shown("vignetting", "cos⁴ of the field angle, 90° wide", "--lux 200",
               "hfov_deg: 90\nlens: {falloff_power: 4}"),
     ),
     "Sensor": (
-        Shown("spectral integration", "one plane of light behind the sensor's own curve", "--lux 200 --cfa mono"),
+        Shown("spectral integration", "one plane of light behind the sensor's own curve", "--lux 200",
+              settings="cfa: mono"),
         Shown("PRNU", "pixels differ by 10 % in sensitivity", "--lux 200", "prnu: 0.1"),
         Shown("dark current", "a hot sensor: 85 °C", "--lux 20 --exposure-ms 30 --temperature-c 85 --gain 9",
               "dark_current_e_s: 100"),
@@ -74,7 +78,7 @@ GALLERY = {
         Shown("black level", "an offset of a third of the range leaves less for light", "--lux 150",
               "black_level_dn: 1365"),
         Shown("white balance", "a Bayer camera under a light bulb, gains of daylight",
-              "--lux 250 --illuminant planck:2856", "base: imx250c\nwhite_balance: [1.4, 1.0, 1.6]"),
+              "--lux 250", "base: imx250c\nwhite_balance: [1.4, 1.0, 1.6]", settings="illuminant: planck:2856"),
         Shown("demosaic", "a Bayer mosaic, bilinear", "--lux 400", "base: imx250c\ndemosaic: bilinear"),
         Shown("colour matrix", "more saturated colours, more noise", "--lux 100 --gain 12",
               "base: imx250c\nccm: [[1.9, -0.6, -0.3], [-0.5, 1.9, -0.4], [-0.3, -0.7, 2.0]]"),
@@ -86,9 +90,11 @@ GALLERY = {
         Shown("shake", "held by hand, 12 px", "--lux 200 --trajectory shake:12"),
         Shown("vibration", "3 px at 80 Hz, up and down", "--lux 200 --trajectory sine:3,80,90"),
         Shown("HDR", "the light of 'limits', two captures fused", "--lux 1000 --hdr 16"),
-        Shown("lamps", "tail lamps eight times as bright as painted", "--lux 100 --emitters lamps.pgm:8"),
+        Shown("lamps", "tail lamps eight times as bright as painted", "--lux 100",
+              settings="emitters: lamps.pgm:8"),
         Shown("flicker", "the same as LEDs of 90 Hz, lit a tenth of the time: 5 ms have missed them",
-              "--lux 200 --exposure-ms 5 --emitters lamps.pgm:8 --pwm 90,0.1,0.5 --pwm-mask lamps.pgm"),
+              "--lux 200 --exposure-ms 5",
+              settings="emitters: lamps.pgm:8\npwm: 90,0.1,0.5\npwm_mask: lamps.pgm"),
     ),
 }  # fmt: skip
 MTF = b"frequency,mtf\n0,1\n0.05,0.78\n0.1,0.5\n0.2,0.2\n0.5,0.02\n"
@@ -108,11 +114,12 @@ def on_files(files: Files, *, config: Any) -> None:
 
 def commands() -> dict[str, str]:
     """The command of every picture by its file, the scene's first."""
-    made = {"scene.png": "blurnoise scenes -o scenes --count 4"}
+    made = {"scene.png": "python -m blurnoise_eval.scenes -o scenes --count 4"}
     for shown in (each for part in GALLERY.values() for each in part):
         camera = f" --camera {_word(shown)}.yaml" if shown.camera else ""
         made[f"{_word(shown)}.png"] = (
             f"blurnoise simulate {shown.scene} -o {_word(shown)}.png {shown.options}{camera}"
+            + (f" --scene {_word(shown)}-scene.yaml" if shown.settings else "")
         )
     return made
 
@@ -125,6 +132,8 @@ def given() -> dict[str, bytes]:
             mask[row * 320 + left : row * 320 + right] = b"\xff" * (right - left)
     every = (each for part in GALLERY.values() for each in part if each.camera)
     cameras = {f"{_word(each)}.yaml": _based(each.camera).encode() for each in every}
+    every = (each for part in GALLERY.values() for each in part if each.settings)
+    cameras |= {f"{_word(each)}-scene.yaml": f"{each.settings}\n".encode() for each in every}
     return {"mtf.csv": MTF, "lamps.pgm": b"P5 320 320 255\n" + mask, **cameras}
 
 
@@ -138,7 +147,8 @@ def pictures() -> dict[str, bytes]:
         for name, command in commands().items():
             told = io.StringIO()
             with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
-                code = main(command.split()[1:])
+                words = command.split()
+                code = main(words[1:]) if words[0] == "blurnoise" else run_alone(scenes, "scenes", words[3:])
             if code:
                 raise RuntimeError(f"{command}: {told.getvalue()}")
             found[name] = Path(SCENE if name == "scene.png" else name).read_bytes()
@@ -159,6 +169,8 @@ def _page() -> Iterator[str]:
         for each in part:
             name = f"{_word(each)}.png"
             camera = f"# {_word(each)}.yaml\n{_based(each.camera)}" if each.camera else ""
+            if each.settings:
+                camera += f"# {_word(each)}-scene.yaml\n{each.settings}\n"
             yield _figure(name, each.entry, each.about, commands()[name], camera)
         yield "</div>"
 

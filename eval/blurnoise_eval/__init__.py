@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from blurnoise_eval import datasets
     from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.evaluation import Evaluation, evaluate
     from blurnoise_eval.grid.axes import AXES
     from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 
 __all__ = ["AXES", "Detector", "Evaluation", "SweepPlan", "datasets", "evaluate"]
 _FROM = {
     "AXES": "grid.axes",
     "Detector": "detectors.detector",
-    "Evaluation": "sweep.evaluation",
+    "Evaluation": "evaluation",
     "SweepPlan": "grid.conditions",
-    "evaluate": "sweep.evaluation",
+    "evaluate": "evaluation",
 }
 
 

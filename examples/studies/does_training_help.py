@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pandas
 from blurnoise_eval import datasets
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_models import arms, training
 from blurnoise_models.scenes import write_coco
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from blurnoise_eval.drawing.motion_map import longest_exposure_s
+from blurnoise_eval.plots.motion_map import longest_exposure_s
 from projection import projected
 
 from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, range_of_depth_m

@@ -25,7 +25,7 @@ DUAL = replace(
 
 
 def test_without_gain_the_camera_is_itself() -> None:
-    assert IMX250.at_gain(0.0).camera is IMX250
+    assert IMX250.at_gain(0.0).camera == IMX250
 
 
 @given(st.floats(0.0, 24.0))

@@ -288,7 +288,7 @@ def test_developed_white_is_white(name: str, full_well_e: float) -> None:
 @pytest.mark.parametrize(
     ("captures", "message"),
     [
-        ((), "captures: must be at least one"),
+        ((), r"captures = \(\): must be a list of at least one"),
         ((Capture(), Capture(16.0, start_s=0.005)), "number 2, 5 to 5.625 ms, overlaps number 1, 0 to 10 ms"),
         ((Capture(start_s=0.001),), "start_s = 0.001 of the first; must be 0"),
         ((Capture(), Capture(0.5)), "captures: number 2 saturates at 5358 e- of the first"),

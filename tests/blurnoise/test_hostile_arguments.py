@@ -20,6 +20,8 @@ from blurnoise.metrics import (
     similarity,
     slanted_edge,
 )
+from blurnoise.optics.camera import staggered
+from blurnoise.scene.hdr import captured
 from blurnoise.training.expose import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -48,6 +50,8 @@ FIGURES = {
     if name not in ("sources", "quantum_efficiency", "lens")
 }
 
+ROLLS = blurnoise.Exposure(Camera.preset("ar0237"), 0.01, 10.0, (90.0, 20.0))
+BOXES = torch.tensor([[3.0, 4.0, 9.0, 20.0]])
 LAYER = {
     "light": torch.full((3, 9, 7), 0.4),
     "alpha": torch.ones(9, 7),
@@ -86,7 +90,10 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
         blurnoise.photoelectrons,
         {**LIT, "illuminant": "D55", "ir_cut": 1.0, "band_nm": (400.0, 700.0)},
     ),
-    (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0)}),
+    (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0), "objects": (), "size": (24, 31)}),
+    (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
+    (ROLLS.sweep_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
+    (captured, {"scene": PICTURES, **LIT, "captures": staggered(4.0), "velocity_px_s": (9.0, 0.0)}),
     (
         blurnoise.simulate,
         {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0.0, 0.0), "generator": [1, 2]},

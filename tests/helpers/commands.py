@@ -3,21 +3,75 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import fields
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
+import yaml
+from blurnoise_eval import cli
+from blurnoise_eval.cli._moved import MODULES, files
 from numpy.typing import NDArray
 
+from blurnoise.motion.ego import Vehicle
+
 Output = pytest.CaptureFixture[str]
+FLAGS = {"--no-refine": ("refine", False), "--keep-empty": ("keep_empty", True)}
+VEHICLE = {each.name for each in fields(Vehicle)}
+
+
+def main(words: Iterable[object]) -> int:
+    """The command line, or a module's; what is stated as an option and has none is a setting in a file."""
+    name, *rest = map(str, words)
+    if name in MODULES:
+        module = import_module(MODULES[name] + (".__main__" if name in ("bench", "maps", "paper") else ""))
+        return cli.run_alone(getattr(module, name), f"python -m {MODULES[name]}", rest)
+    return cli.main([name, *in_a_file(name, rest)])
+
+
+def in_a_file(command: str, words: list[str]) -> list[str]:
+    """The words with those options that have to stand in a file in one."""
+    if command not in files():
+        return words
+    file, kind = files()[command]
+    options = {each for param in cli.command(cli.function(command)).params for each in param.opts}
+    left: list[str] = []
+    stated: dict[str, Any] = {}
+    while words:
+        word, *words = words
+        field = word.lstrip("-").replace("-", "_")
+        if word in FLAGS:
+            stated |= [FLAGS[word]]
+        elif not word.startswith("--") or word in options or "=" in word:
+            left.append(word)
+        elif field in kind.names() or field in VEHICLE:
+            value, *words = words
+            at = stated.setdefault("vehicle", {}) if field in VEHICLE else stated
+            at[field] = yaml.safe_load(value)
+        else:
+            left.append(word)
+    if not stated:
+        return left
+    with tempfile.NamedTemporaryFile("w", suffix=".yaml", delete=False) as written:
+        yaml.safe_dump(stated, written)
+    return [*left, f"--{file}", written.name]
 
 
 def told(capsys: Output, *arguments: object) -> Any:
     """The JSON that a command prints, which must succeed."""
-    assert main([*map(str, arguments), "--json"]) == 0
+    assert main([*arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
+
+
+def stated(folder: Path, **settings: Any) -> str:
+    """A file of settings."""
+    path = folder / "settings.yaml"
+    path.write_text(yaml.safe_dump(settings))
+    return str(path)
 
 
 def pixels(shape: Sequence[int], dtype: type = np.uint8) -> NDArray[Any]:

@@ -18,21 +18,17 @@ NO_COMMAND_OF_OURS = (
 )
 LONG = {
     "blurnoise train": "under an hour; tests/models has a short one",
-    "blurnoise paper": "minutes; tests/eval/cli/test_paper.py has its items",
-    "blurnoise sweep --ocr find": "a minute; tests/eval/detectors/test_ocr_real.py has it",
+    "blurnoise sweep --model ppocr-find": "a minute; tests/eval/detectors/test_ocr_real.py has it",
     "blurnoise explore": "serves a page for as long as it is wanted; tests/eval/explorer has it",
-    "blurnoise maps": "a minute; tests/eval/maps has it",
     "blurnoise quality": "minutes; tests/eval/quality has it",
 }
 SUBSTITUTES = (
-    ("--engine ray --address HOST:6379", "--engine processes"),  # tests/eval/sweep has Ray's
+    ("--engine ray --plan cluster.yaml", "--engine processes"),  # tests/eval/sweep has Ray's
     ("--count 100", "--count 2"),
     ("--images DIR", "--images photos/"),
     ("s3://bucket", "file://{folder}/bucket"),  # tests/eval/system has S3's
     ("--model trained/stop_sign.onnx", "--model m.onnx"),
-    ("--object-kmh car=50,person=5 --object-width-m car=4.5", "--object-kmh 'stop sign=50'"),
-    ("--object-m person=12", "--object-m 'stop sign=12'"),
-    ("-o run # decide", "--lux 1,1000 --speed 0,1000 -o run"),  # in place of a minute
+    ("-o run # decide", "--lux 1,1000 --dx 0,1000 -o run"),  # in place of a minute
 )
 
 
@@ -48,6 +44,15 @@ def commands(page: str) -> Iterator[list[str]]:
         for line in block.replace("\\\n", " ").splitlines():
             if words := shlex.split(line, comments=True):
                 yield words
+
+
+def settings(page: str) -> dict[str, str]:
+    """Files of settings that a page shows, by the name in their first line."""
+    return {
+        text.splitlines()[0].removeprefix("# "): text
+        for text in blocks(page, "yaml")
+        if text.startswith("# ")
+    }
 
 
 def ours(page: str) -> list[list[str]]:

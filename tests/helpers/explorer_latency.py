@@ -36,9 +36,9 @@ _WATCHED = """(() => {
     next.port2.postMessage(0);
   });
   addEventListener("pointermove", event => { moved = event.timeStamp; }, true);
-  const image = document.querySelector(".seen img.as-seen");
+  const image = document.querySelector(".seen img");
   new MutationObserver(() => {
-    const kind = image.src.startsWith("blob:") ? "preview" : "full";
+    const kind = image.src.startsWith("data:") ? "preview" : "full";
     const since = () => awaited[kind]?.(performance.now() - moved);
     image.decode().catch(() => 0).then(() => after(since));
   }).observe(image, {attributes: true, attributeFilter: ["src"]});
@@ -48,7 +48,9 @@ _WATCHED = """(() => {
 def measured(tab: browsers.Tab, server: int) -> dict[str, list[float]]:
     """Of each move, ms: until its picture is painted while moves go on, in full at rest; the server's core time."""
     tab.run(_WATCHED)
-    box = tab.run("document.querySelector('[data-control=speed] .q-slider').getBoundingClientRect().toJSON()")
+    box = tab.run(
+        "document.querySelector('[data-control=velocity_x_px_s] .q-slider').getBoundingClientRect().toJSON()"
+    )
 
     def point(kind: str, share: float) -> None:
         at: dict[str, Any] = {"x": box["x"] + box["width"] * share, "y": box["y"] + box["height"] / 2}
@@ -90,8 +92,8 @@ def main() -> None:
                 assert address, "the explorer does not start"
                 tab = browser.tab()
                 tab.open(address[0])
-                tab.until("document.querySelector('.seen img.as-seen')?.naturalWidth")
-                tab.until("document.querySelector('.numbers b') && !document.body.classList.contains('busy')")
+                tab.until("document.querySelector('.seen img')?.naturalWidth")
+                tab.until("document.querySelector('.numbers b') && !document.querySelector('.busy')")
                 load = os.getloadavg()[0]
                 found = measured(tab, process.pid)
             finally:

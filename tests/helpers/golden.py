@@ -53,10 +53,10 @@ RUN_COMMANDS = {
     "--exposure-ms 1,10 --lux 10 --dx 0,300",
     "ap": "sweep --model {real}/models/yolox_nano.onnx --coco {real}/photos/instances.json --limit 3 "
     "--score ap50 --exposure-ms 1,10 --lux 10 --dx 0,300",
-    "reader": "sweep --ocr --limit 1 --exposure-ms 1,10 --lux 10 --dx 0,300",
-    "decide": "decide --limit 1 --lux 10:1000 --dx 0,300",
+    "reader": "sweep --model ppocr --limit 1 --exposure-ms 1,10 --lux 10 --dx 0,300",
+    "decide": "decide --plan {folder}/one.yaml --lux 10:1000 --dx 0,300",
     "program": "program {folder}/grid",
-    "maps": "maps {folder}/grid",
+    "maps": "-m blurnoise_eval.maps {folder}/grid",
 }
 """Arguments of the command line, without the output; in this order, as some read the run of another."""
 _ELAPSED = ("_ms", "_per_s", "seconds", "computed_by")  # columns that no two commits share
@@ -283,14 +283,15 @@ def tables(folder: Path) -> Iterator[tuple[str, list[str]]]:
 def run_summaries(real: Path, folder: Path) -> dict[str, Any]:
     """Rows and sums of each command's tables; those of photographs only where there are any."""
     found: dict[str, Any] = {}
+    (folder / "one.yaml").write_text("limit: 1\n")
     for name, command in RUN_COMMANDS.items():
         if "{real}" in command and not real.is_dir():
             continue
         arguments = command.format(real=real, folder=folder).split()
+        program = [] if arguments[0] == "-m" else ["-m", "blurnoise_eval.cli"]
+        threads = [] if name == "program" else ["--threads", "1"]
         subprocess.run(
-            [sys.executable, "-m", "blurnoise_eval.cli", *arguments, "--threads", "1", "-o", folder / name]
-            if name != "program"
-            else [sys.executable, "-m", "blurnoise_eval.cli", *arguments, "-o", folder / name],
+            [sys.executable, *program, *arguments, *threads, "-o", folder / name],
             check=True,
             stdout=subprocess.DEVNULL,
         )

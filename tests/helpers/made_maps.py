@@ -7,9 +7,9 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.maps.nodes import Plane, plane_of
 from blurnoise_eval.maps.scored import NodeScores
-from blurnoise_eval.scoring.criterion import Criterion
 from numpy.typing import NDArray
 from plans import IMX250, OWN
 

@@ -1,14 +1,18 @@
 """Planes of a made population, for exposure programs: two kinds of target, the small ones lost sooner."""
 
 import numpy as np
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.deciding.predicted import Predicted
+from blurnoise_eval.program.limits import Limits
 from blurnoise_eval.program.metering import Metering
+from blurnoise_eval.program.optimise import Problem
 from blurnoise_eval.program.response import Response
 from blurnoise_eval.program.scenario import Scenario, half_stops
 
 from blurnoise.optics.camera import PRESETS
 
 PICTURES = 24
+LIMITS = Limits()
 METERING = Metering(PRESETS["imx250"], 0.2)
 SPEEDS = {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
 
@@ -34,3 +38,9 @@ def made_response(
     """A scenario on :func:`made_planes`."""
     of = {"lights_lux": lights_lux, "speeds_px_s": SPEEDS, "targets": {"large": 1.0, "small": 1.0}}
     return Response(Scenario(**{**of, **more}), made_planes(pictures))  # type: ignore[arg-type]
+
+
+def made_problem(limits: Limits = LIMITS, **scenario: object) -> Problem:
+    """Of :func:`made_response`."""
+    response = made_response(**scenario)  # type: ignore[arg-type]
+    return Problem("made", Criterion(0.9, kept=True), response, METERING, limits)

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from blurnoise_eval.grid.axes import SETTING
-from blurnoise_eval.report import RunData
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.recommendation import averages, curves, recommendations
-from blurnoise_eval.scoring.surfaces import Surface
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.recommendation import averages, curves, recommendations
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.report.run import RunData
+from made_tables import table
 from numpy.typing import NDArray
 
 EXPOSURES_S = (0.001, 0.004, 0.016, 0.064)
@@ -108,25 +108,13 @@ def _surface(
     speeds: tuple[float, ...],
     best: float,
     interval: bool,
-) -> Surface:
+) -> ScoreTable:
     """24 pictures that differ by up to 5 %, or 5 of them."""
     mean = np.array([[confidence(t, setting, v, best) for v in speeds] for t in exposures_s])
     each = np.linspace(0.95, 1.05, 24 if interval else 5)[:, None, None]
-    shape = mean.shape
-    return Surface(
-        model,
-        group,
-        tuple(setting[name] for name in SETTING),
-        exposures_s,
-        tuple((v, 0.0) for v in speeds),
-        tuple(f"picture {place}" for place in range(len(each))),
-        each * mean,
-        np.ones((len(each), *shape)),
-        np.full(shape, 0.01),
-        12,
-        np.full(shape, 0.4),
-        best,
-    )
+    velocities = [(v, 0.0) for v in speeds]
+    shared: dict[str, Any] = {"model": model, "group": group, "n_targets": 12, "clean": best}
+    return table(each * mean, exposures_s, velocities, saturated=0.01, at=setting, **shared)
 
 
 def _settings(

@@ -195,7 +195,7 @@ def _results(
 _REPORT = """
 import json, resource, sys, time
 begun = time.perf_counter()
-from blurnoise_eval.sweep.evaluation import Evaluation
+from blurnoise_eval.evaluation import Evaluation
 Evaluation(sys.argv[1]).report()
 wall_s = time.perf_counter() - begun
 used = [resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]

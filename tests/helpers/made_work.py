@@ -13,8 +13,8 @@ from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.on_picture import Sight
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.engines import Answers
 from blurnoise_eval.sweep.exposing import Frame
-from blurnoise_eval.sweep.flight import Answers
 from blurnoise_eval.sweep.rows import cell_result
 from blurnoise_eval.sweep.work import Work
 from numpy.typing import NDArray

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from blurnoise_eval.answers.crossings import windows
 from blurnoise_eval.deciding.nodes import Line, exposures_on, places_of
 from blurnoise_eval.deciding.search import Search
-from blurnoise_eval.scoring.crossings import windows
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]

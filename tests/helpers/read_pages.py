@@ -33,5 +33,13 @@ class Page(HTMLParser):
 
     @property
     def numbers(self) -> dict[str, Any]:
-        """What the page's script draws."""
-        return dict(next(json.loads(text) for text in self.scripts if text.startswith("{")))
+        """What the page's script draws, its tables as lists of records."""
+        found = next(json.loads(text) for text in self.scripts if text.startswith("{"))
+        return {name: records(value) for name, value in found.items()}
+
+
+def records(value: Any) -> Any:
+    """Of columns and rows a dictionary a row; anything else as it is."""
+    if not isinstance(value, dict) or set(value) != {"columns", "rows"}:
+        return value
+    return [dict(zip(value["columns"], row, strict=True)) for row in value["rows"]]

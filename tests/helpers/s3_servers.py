@@ -121,7 +121,10 @@ def wire_to(address: str) -> Iterator[tuple[str, Wire]]:
 
 
 def at(address: str, set_variable: Callable[[str, str], object]) -> None:
-    """Lead botocore there, as its environment does."""
+    """Lead botocore there, as its environment does, and forget the file systems of servers before."""
+    import s3fs
+
+    s3fs.S3FileSystem.clear_instance_cache()
     for name, value in (
         ("AWS_ENDPOINT_URL", address),
         ("AWS_ACCESS_KEY_ID", "testing"),

@@ -62,7 +62,7 @@ def everything(folder: Path) -> list[Any]:
         ]
         found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
         boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes()) for each in found]
-        kept = {path.name: path.read_bytes() for path in (folder / "examples").iterdir()}
+        kept = {path.name: path.read_bytes() for path in (folder / "examples").glob("*.png")}
         return [cells, list(store.targets()), boxes, store.skipped(), kept]
 
 

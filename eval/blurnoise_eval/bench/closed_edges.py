@@ -13,10 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 from torch import Tensor
 
 _THIN_PX = 1e-3  # a box below it is a Gaussian of its variance, to w^4 = 1e-12
@@ -101,17 +103,10 @@ def closed_mtf(
 def closed_mtf50(
     *, angle_deg: float = 5.0, sigma_px: float = 0.5, motion_px: tuple[float, float] = (0.0, 0.0)
 ) -> float:
-    """First frequency, cycles/px, at which :func:`closed_mtf` is 1/2, by bisection."""
-    low, high = 0.0, 1.0
-    for reach in np.geomspace(1e-3, 1.0, 400):
-        if closed_mtf(reach, angle_deg=angle_deg, sigma_px=sigma_px, motion_px=motion_px) < 0.5:
-            high = float(reach)
-            break
-        low = float(reach)
-    for _ in range(60):
-        middle = (low + high) / 2
-        if closed_mtf(middle, angle_deg=angle_deg, sigma_px=sigma_px, motion_px=motion_px) < 0.5:
-            high = middle
-        else:
-            low = middle
-    return low
+    """First frequency, cycles/px, at which :func:`closed_mtf` is 1/2."""
+    edge: Any = {"angle_deg": angle_deg, "sigma_px": sigma_px, "motion_px": motion_px}
+    reach = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 400)])
+    first = int(np.argmax(closed_mtf(reach, **edge) < 0.5))
+    return float(
+        brentq(lambda f: float(closed_mtf(f, **edge)) - 0.5, *reach[first - 1 : first + 1], xtol=1e-15)
+    )

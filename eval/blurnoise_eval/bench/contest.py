@@ -6,19 +6,18 @@ of the machine's load meets them alike, and each result is held against the case
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from rich.table import Table
 
-from blurnoise_eval.bench.timing import in_turns_ms, machine, quartiles
+from blurnoise_eval.bench.timing import in_turns_ms, machine
+from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
 from blurnoise_eval.system.threads import limited_threads
 
@@ -151,19 +150,15 @@ class Result:
         cases = list(dict.fromkeys(row.case for row in self.rows))
         names = list(dict.fromkeys(row.contender for row in self.rows))
         columns = min(_COLUMNS, len(cases) + 1)
-        lines = math.ceil((len(cases) + 1) / columns)
-        figure = Figure(figsize=(4.2 * columns, 0.6 + 3.4 * lines), layout="constrained")
-        panels = list(figure.subplots(lines, columns, squeeze=False).flat)
+        figure, panels = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
         for axes, case in zip(panels, cases, strict=False):
             self._draw(axes, [row for row in self.rows if row.case == case], names)
             axes.set_title(case, fontsize=9.5, loc="left")
-        for axes in panels[len(cases) :]:
-            axes.set_axis_off()
+        panels[-1].set_axis_off()
         points = [
-            panels[len(cases)].plot([], [], ls="", label=name, **_look(index))[0]
-            for index, name in enumerate(names)
+            panels[-1].plot([], [], ls="", label=name, **_look(index))[0] for index, name in enumerate(names)
         ]
-        panels[len(cases)].legend(handles=points, loc="center", fontsize=8.5, frameon=False)
+        panels[-1].legend(handles=points, loc="center", fontsize=8.5, frameon=False)
         better = "left" if self.rows[0].error is None else "down and left"
         figure.suptitle(f"{self.contest.title}: {better} is better", fontsize=10)
         threads = self.machine["threads"]
@@ -179,17 +174,14 @@ class Result:
             axes.plot([row.low, row.high], [place, place], color=look["color"], lw=1.2, zorder=2)
             axes.plot(row.cost, place, zorder=4 if row.ours else 3, **look)
         axes.set_xscale("log")
-        _plain_numbers(axes.xaxis, (1, 2, 5))
-        axes.set_xlabel(self.contest.cost_unit, fontsize=9)
+        plain_numbers(axes.xaxis, digits=(1, 2, 5))
         if rows[0].error is None:
             axes.set_yticks([])
         else:
             axes.set_yscale("log")
-            _plain_numbers(axes.yaxis, (1,))
-            axes.set_ylabel(self.contest.error_unit, fontsize=9)
+            plain_numbers(axes.yaxis, digits=(1,))
         axes.margins(0.15)
-        axes.grid(color="0.9", lw=0.6)
-        axes.tick_params(labelsize=8, which="both")
+        tidy(axes, x=self.contest.cost_unit, y=self.contest.error_unit if rows[0].error is not None else None)
 
 
 def run(
@@ -218,30 +210,18 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
         costs = {name: [value / case.units for value in times] for name, times in turns.items()}
     else:
         progress(1)
-    spreads = {name: quartiles(values) for name, values in costs.items()}
-    first = spreads[case.contenders[0].name].median
-    return [
-        Row(
-            case.name,
-            each.name,
-            each.ours,
-            *spreads[each.name],
-            spreads[each.name].median / first,
-            None if case.error is None else case.error(results[each.name]),
-        )
-        for each in case.contenders
-    ]
+    spreads = {name: np.quantile(values, (0.25, 0.5, 0.75)).tolist() for name, values in costs.items()}
+    rows, first = [], spreads[case.contenders[0].name][1]
+    for each in case.contenders:
+        low, cost, high = spreads[each.name]
+        error = None if case.error is None else case.error(results[each.name])
+        rows.append(Row(case.name, each.name, each.ours, low, cost, high, cost / first, error))
+    return rows
 
 
 def digits(value: float) -> str:
     """Two or three digits that count."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
-
-
-def _plain_numbers(axis: Axis, digits: tuple[int, ...]) -> None:
-    axis.set_major_locator(LogLocator(subs=digits))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: "0" if value <= _LEAST else f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _look(index: int) -> dict[str, Any]:

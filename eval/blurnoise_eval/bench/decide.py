@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.deciding.kriging import Kriging
 from blurnoise_eval.deciding.nodes import Line, places_of
-from blurnoise_eval.deciding.observed import observed
 from blurnoise_eval.deciding.search import Search
 from blurnoise_eval.deciding.trend import USUAL
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.scoring.criterion import Criterion
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run
 from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.score_tables import score_tables
 
 EXPOSURES = (1e-3, 90e-3)
 LEVELS = (0.8, 0.9)
@@ -53,10 +53,13 @@ def decide(
     )
     with Store(folder / "dense", create=True) as store:
         run.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=ThreadEngine(threads))
-        groups = [each for each in observed(store, Criterion(0.9, kept=True)) if not each.withheld]
+        tables = score_tables(store, Criterion(0.9, kept=True), None)
+        groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
         raise ValueError(f"model = {detector.name!r}: finds too little of these targets for a window")
-    truth = Truth(groups[0].places, np.array([g.mean for g in groups]), np.array([g.error for g in groups]))
+    truth = Truth(
+        groups[0].places, np.array([g.mean for g in groups]), np.array([g.standard_error for g in groups])
+    )
     return Contest(
         "decide", f"Windows of {detector.name}", [partial(case, truth)],
         cost_unit="conditions", error_unit="stops wrong",

@@ -1,12 +1,12 @@
-"""Wall time of calls, by turns, with quartiles; and the machine that it was measured on."""
+"""Wall time of calls, by turns; and the machine that it was measured on."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping
 from importlib.metadata import version
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,19 +14,6 @@ from blurnoise_eval.system.machine import hardware
 
 K = TypeVar("K", bound=Hashable)
 _LIBRARIES = ("blurnoise", "torch", "kornia", "numpy", "opencv-contrib-python-headless")
-
-
-class Quartiles(NamedTuple):
-    """Lower quartile, median and upper quartile, in the unit of what was measured."""
-
-    low: float
-    median: float
-    high: float
-
-
-def quartiles(values: Sequence[float]) -> Quartiles:
-    """Quartiles of at least one value, interpolated linearly."""
-    return Quartiles(*np.quantile(values, (0.25, 0.5, 0.75)).tolist())
 
 
 def in_turns_ms(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections import ChainMap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import in_range
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.calibration.as_camera import on_base
+from blurnoise_eval.calibration.to_camera import on_base
 from blurnoise_eval.system.files import check_regular
 
 NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
@@ -27,11 +28,12 @@ _EXPOSURE, _F_NUMBER, _ISO = 33434, 33437, 34855
 _RAW = (32803, 34892)  # colour filter array, linear raw
 _MOST_DIRECTORIES = 64
 _GREEN = 1  # of NoiseProfile's planes, in the order red, green, blue
+Tags = Mapping[int, Any]
 _PATTERN = {b"\0\1\1\2": "RGGB", b"\1\0\2\1": "GRBG", b"\1\2\0\1": "GBRG", b"\2\1\1\0": "BGGR"}
 
 
 class Stated(NamedTuple):
-    """What a DNG file says. exposure_s, iso, cfa: None where it does not."""
+    """Contents of a DNG file. exposure_s, iso, cfa: None where it does not state them."""
 
     camera: Camera
     exposure_s: float | None
@@ -46,29 +48,25 @@ def stated_by(path: Path, *, base: str = "imx250") -> Stated:
     """
     check_regular(path)
     try:
-        return _stated(path, _directories(path), base)
+        directories = _directories(path)
+        raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
+        # a tag of the raw picture before that of its preview
+        return _stated(path, raw, ChainMap(dict(raw), *(dict(each) for each in directories)), base)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _stated(path: Path, directories: list[Mapping[int, Any]], base: str) -> Stated:
-    raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
-    ordered = [raw, *(each for each in directories if each is not raw)]
-
-    def tag(number: int) -> Any:
-        return next((each[number] for each in ordered if number in each), None)
-
-    profile = tag(NOISE_PROFILE)
-    if profile is None:
+def _stated(path: Path, raw: Tags, tags: Tags, base: str) -> Stated:
+    profile = _numbers(tags.get(NOISE_PROFILE, ()))
+    if not profile:
         raise ValueError(
             "states no NoiseProfile (tag 51041); measure its frames: blurnoise cameras fit FOLDER"
         )
-    pairs = (
-        np.array(_numbers(profile)).reshape(-1, 2) if len(_numbers(profile)) % 2 == 0 else np.zeros((0, 2))
-    )
-    if not len(pairs) or not np.isfinite(pairs).all() or (pairs[:, 0] <= 0).any():
-        raise ValueError(f"NoiseProfile = {_numbers(profile)}: must be pairs of S > 0 and O")
-    scale, offset = (float(value) for value in pairs[min(_GREEN, len(pairs) - 1)])
+    if len(profile) % 2 or not np.isfinite(profile).all() or min(profile[::2]) <= 0:
+        raise ValueError(f"NoiseProfile = {profile}: must be pairs of S > 0 and O")
+    planes = len(profile) // 2
+    used = min(_GREEN, planes - 1)
+    scale, offset = profile[2 * used : 2 * used + 2]
     bits = int(max(_numbers(raw.get(_BITS, 16))))
     white = min(_numbers(raw.get(WHITE_LEVEL, 2**bits - 1)))
     black = float(np.mean(_numbers(raw.get(BLACK_LEVEL, 0))))
@@ -76,54 +74,50 @@ def _stated(path: Path, directories: list[Mapping[int, Any]], base: str) -> Stat
         raise ValueError(
             f"BlackLevel = {black:g}, WhiteLevel = {white:g}: must be 0 <= black < white <= 65535"
         )
-    span = white - black
-    gain = scale * span
-    iso = tag(_ISO)
-    at = f" at ISO {_numbers(iso)[0]:g}" if iso is not None else ""
+    span, gain = white - black, scale * (white - black)
+    iso, exposure, f_number = (_first(tags.get(each)) for each in (_ISO, _EXPOSURE, _F_NUMBER))
+    at = "" if iso is None else f" at ISO {iso:g}"
     of = f"of {path.name}{at}"
-    plane = "" if len(pairs) == 1 else f", its plane {min(_GREEN, len(pairs) - 1) + 1} of {len(pairs)}"
-    rounding = 1 / 12 / span**2
-    values: dict[str, Any] = {
-        "name": str(tag(MODEL) or path.stem).strip("\0 ") + at,
-        "system_gain_dn_per_e": gain,
-        "read_noise_e": math.sqrt(max(0.0, offset - rounding)) / scale,
-        "full_well_e": span / gain,
-        "black_level_dn": black,
-        "bit_depth": max(1, math.ceil(math.log2(white + 1))),
-    }
-    sources = {
-        "system_gain_dn_per_e": f"derived: S (white - black) from NoiseProfile {of}{plane}",
-        "read_noise_e": f"derived: sqrt(O)/S from NoiseProfile {of}{plane}, less the rounding of 1/12 DN²",
-        "full_well_e": f"derived: WhiteLevel less BlackLevel over K, {of}; the well may hold more",
-        "black_level_dn": f"stated: BlackLevel {of}"
-        if BLACK_LEVEL in raw
-        else f"assumed: no BlackLevel, so 0, {of}",
-        "bit_depth": f"derived: the fewest bits that hold WhiteLevel {white:g}, {of}"
-        if WHITE_LEVEL in raw
-        else f"stated: BitsPerSample {of}",
+    plane = "" if planes == 1 else f", its plane {used + 1} of {planes}"
+    rounded_off, size = 1 / 12 / span**2, f"stated: size of the raw picture of {path.name}"
+    known: dict[str, tuple[Any, str]] = {
+        "system_gain_dn_per_e": (gain, f"derived: S (white - black) from NoiseProfile {of}{plane}"),
+        "read_noise_e": (
+            math.sqrt(max(0.0, offset - rounded_off)) / scale,
+            f"derived: sqrt(O)/S from NoiseProfile {of}{plane}, less the rounding of 1/12 DN²",
+        ),
+        "full_well_e": (
+            span / gain,
+            f"derived: WhiteLevel less BlackLevel over K, {of}; the well may hold more",
+        ),
+        "black_level_dn": (
+            black,
+            f"stated: BlackLevel {of}" if BLACK_LEVEL in raw else f"assumed: no BlackLevel, so 0, {of}",
+        ),
+        "bit_depth": (
+            max(1, math.ceil(math.log2(white + 1))),
+            f"derived: the fewest bits that hold WhiteLevel {white:g}, {of}"
+            if WHITE_LEVEL in raw
+            else f"stated: BitsPerSample {of}",
+        ),
     }
     if _WIDTH in raw and _HEIGHT in raw:
-        values |= {"width_px": int(raw[_WIDTH]), "height_px": int(raw[_HEIGHT])}
-        sources |= dict.fromkeys(("width_px", "height_px"), f"stated: size of the raw picture of {path.name}")
-    f_number = tag(_F_NUMBER)
-    if f_number is not None and _numbers(f_number)[0] > 0:
-        values["f_number"] = _numbers(f_number)[0]
-        sources["f_number"] = f"stated: FNumber of {path.name}"
-    exposure = tag(_EXPOSURE)
-    pattern = tag(_CFA_PATTERN)
+        known |= {"width_px": (int(raw[_WIDTH]), size), "height_px": (int(raw[_HEIGHT]), size)}
+    if f_number is not None and f_number > 0:
+        known["f_number"] = (f_number, f"stated: FNumber of {path.name}")
+    name = str(tags.get(MODEL) or path.stem).strip("\0 ") + at
+    pattern = tags.get(_CFA_PATTERN)
     return Stated(
-        camera=on_base(values, sources, base),
-        exposure_s=None
-        if exposure is None
-        else in_range("ExposureTime", _numbers(exposure)[0], 0.0, above=True),
-        iso=None if iso is None else _numbers(iso)[0],
+        camera=on_base(name, known, base),
+        exposure_s=None if exposure is None else in_range("ExposureTime", exposure, 0.0, above=True),
+        iso=iso,
         cfa=None if pattern is None else _PATTERN.get(bytes(pattern), "a pattern other than Bayer's"),
     )
 
 
-def _directories(path: Path) -> list[Mapping[int, Any]]:
+def _directories(path: Path) -> list[Tags]:
     """All directories of a TIFF file: the chain, those below them, and EXIF's."""
-    found: list[Mapping[int, Any]] = []
+    found: list[Tags] = []
     with path.open("rb") as file:
         head = file.read(8)
         if head[:4] not in (b"II*\0", b"MM\0*"):
@@ -155,3 +149,7 @@ def _directories(path: Path) -> list[Mapping[int, Any]]:
 def _numbers(value: Any) -> list[float]:
     """A tag's numbers, one or many; NaN for fractions over 0."""
     return [float(each) for each in (value if isinstance(value, (tuple, list)) else (value,))]
+
+
+def _first(value: Any) -> float | None:
+    return None if value is None else _numbers(value)[0]

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blurnoise.metrics.estimate import Estimate
 from blurnoise_eval.calibration import transfer
-from blurnoise_eval.calibration.levels import Level
-from blurnoise_eval.calibration.transfer import SURELY, Line, Pattern, Transfer
+from blurnoise_eval.calibration.levels import Floats, Level, columns
+from blurnoise_eval.calibration.transfer import SURELY, Pattern, Transfer
 
-Floats = NDArray[np.float64]
 LEAST_DRIFT = 0.1
 """Change of the dark current over the dark frames, of itself."""
 LEAST_HOT = 1.1
@@ -45,10 +43,9 @@ def widened(estimates: dict[str, Estimate], doubts: Sequence[Doubt]) -> dict[str
     """The estimates with the doubts' margins."""
     found = dict(estimates)
     for doubt in doubts:
-        name = doubt.figures[0]
-        if doubt.margin and name in found:
-            told = found[name]
-            found[name] = replace(told, low=max(0.0, told.low - doubt.margin), high=told.high + doubt.margin)
+        if known := found.get(doubt.figures[0]):
+            low, high = max(0.0, known.low - doubt.margin), known.high + doubt.margin
+            found[doubt.figures[0]] = replace(known, low=low, high=high) if doubt.margin else known
     return found
 
 
@@ -64,11 +61,11 @@ def drift(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     change = abs(fit.dark.change) or abs(rate) * len(dark)
     if change < LEAST_DRIFT * abs(fit.dark.slope):
         return None
+    does, get = ("warms", "brighter") if rate > 0 else ("cools", "darker")
     return Doubt(
         ("dark_current_e_s", "black_level_dn", "read_noise_e"),
-        f"the sensor {'warms' if rate > 0 else 'cools'}: dark frames of one exposure get "
-        f"{'brighter' if rate > 0 else 'darker'} one after the other, and dark current changes by about "
-        f"{change / fit.gain:.2g} e-/s over all; take them once the camera has settled",
+        f"the sensor {does}: dark frames of one exposure get {get} one after the other, and dark current changes by "
+        f"about {change / fit.gain:.2g} e-/s over all; take them once the camera has settled",
         (change / 2 if fit.dark.change else (1 + 1 / len(dark)) * change) / fit.gain,
     )
 
@@ -94,42 +91,35 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
     Of a linear camera the variance over the signal is K at any signal; behind a power law of exponent gamma it goes
     with the signal to the power 1 - 1 / gamma. dark: by rising exposure; flat: the levels that are fitted.
     """
-    dark_s, dark_dn2 = np.array([(level.exposure_s, level.variance_dn2) for level in dark]).T
-    mean, seen, error = np.array(
-        [(level.mean_dn, level.variance_dn2, level.variance_error_dn2) for level in flat]
-    ).T
-    signal = mean - np.array([fit.dark.at(level.exposure_s) for level in flat])
-    shot = seen - np.interp([level.exposure_s for level in flat], dark_s, dark_dn2)
+    dark_s, dark_dn2 = columns(dark, "exposure_s", "variance_dn2")
+    exposure, mean, seen, error = columns(flat, "exposure_s", "mean_dn", "variance_dn2", "variance_error_dn2")
+    signal, shot = mean - fit.dark.at(exposure), seen - np.interp(exposure, dark_s, dark_dn2)
     some = (signal > 0) & (shot > SURELY * error)
     if some.sum() < 3 or np.ptp(np.log(signal[some])) < math.log(2):
         return None
     logs = np.log(signal[some])
     line = transfer.straight(logs, np.log(shot[some] / signal[some]), error[some] / shot[some])
-    power = line.slope
+    power, span = line.slope, float(np.ptp(logs))
     if abs(power) < LEAST_CURVE or abs(power) < SURELY * line.slope_error:
         return None
     return Doubt(
         ("system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "dsnu_e"),
         f"not linear: the variance over the signal goes with the signal to the power {power:+.2f}, as behind a tone "
         f"curve (gamma {1 / (1 - power):.2f}) or noise reduction; gain and all figures in electrons may be off by "
-        f"{100 * abs(power) * np.ptp(logs):.0f} %: take raw frames",
-        fit.gain * abs(power) * float(np.ptp(logs)),
+        f"{100 * abs(power) * span:.0f} %: take raw frames",
+        fit.gain * abs(power) * span,
     )
 
 
 def stray_light(
-    growth: Floats,
-    growth_again: Floats,
-    response: Floats,
-    response_noise: float,
-    black: Line,
-    gain: float,
+    growth: Floats, growth_again: Floats, response: Floats, response_noise: float, fit: Transfer
 ) -> Doubt | None:
     """Light in the dark frames, by the pixels' own sensitivity, which dark charge does not know, or by its place.
 
     growth, growth_again: of two halves of the dark frames, (H, W) DN/s. response: (H, W) the flat frames' over their
     mean, whose noise, of the variance response_noise, is not that of the first half.
     """
+    black = fit.dark
     if not black.slope > SURELY * black.slope_error:  # nor where it is NaN
         return None
     grown, seen = (transfer.without_shading(each) for each in (growth, response))
@@ -138,32 +128,29 @@ def stray_light(
     power = float(seen @ seen)
     light, error = float(grown @ seen) / power, float(grown.std()) / math.sqrt(power)
     true_share = 1 - response_noise * len(seen) / power  # of what varies over the response
-    figures = ("dark_current_e_s", "dsnu_e")
     if light > SURELY * error and light > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
         share = min(1.0, light / true_share / black.slope)
-        return Doubt(
-            figures,
+        text = (
             "light in dark frames: what grows with exposure there follows the pixels' sensitivity to light; about "
-            f"{100 * share:.0f} % of the dark current is light: cover the lens",
-            share * black.slope / gain,
+            f"{100 * share:.0f} % of the dark current is light: cover the lens"
         )
-    one, other = (_blocks(each) for each in (growth, growth_again))
-    common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
-    spread = math.sqrt(max(0.0, common))
-    if spread > LEAST_UNEVEN * black.slope and common > own:
-        return Doubt(
-            figures,
+    else:
+        one, other = (_blocks(each) for each in (growth, growth_again))
+        common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
+        share = math.sqrt(max(0.0, common)) / black.slope
+        if share <= LEAST_UNEVEN or common <= own:
+            return None
+        text = (
             "light in dark frames, or a glow of the camera's own: dark current differs over the picture by "
-            f"{100 * spread / black.slope:.0f} % RMS: cover the lens",
-            spread / gain,
+            f"{100 * share:.0f} % RMS: cover the lens"
         )
-    return None
+    return Doubt(("dark_current_e_s", "dsnu_e"), text, share * black.slope / fit.gain)
 
 
 def _blocks(growth: Floats) -> Floats:
     """Medians of blocks of the picture, of each of the four places of a mosaic."""
-    rows, columns = (side // (2 * _BLOCKS) for side in growth.shape)
-    cut = growth[: 2 * _BLOCKS * rows, : 2 * _BLOCKS * columns]
-    blocks = cut.reshape(_BLOCKS, rows, 2, _BLOCKS, columns, 2).transpose(0, 3, 2, 5, 1, 4)
+    down, across = (side // (2 * _BLOCKS) for side in growth.shape)
+    cut = growth[: 2 * _BLOCKS * down, : 2 * _BLOCKS * across]
+    blocks = cut.reshape(_BLOCKS, down, 2, _BLOCKS, across, 2).transpose(0, 3, 2, 5, 1, 4)
     medians: Floats = np.median(blocks.reshape(4 * _BLOCKS**2, -1), -1)
     return medians

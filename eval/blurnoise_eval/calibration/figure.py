@@ -2,41 +2,26 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from blurnoise_eval.calibration.measurement import Measurement
-from blurnoise_eval.calibration.transfer import Z
-from blurnoise_eval.system.files import write_figure
+from blurnoise_eval.calibration.checks import Z
+from blurnoise_eval.calibration.fit import Measurement
+from blurnoise_eval.calibration.levels import columns
+from blurnoise_eval.plots.style import COLOURS, GREY, tidy
 from blurnoise_eval.system.terminal import plain
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-_FLAT, _DARK, _LEFT_OUT = "#0072b2", "#000000", "#d55e00"
-
-
-def write(found: Measurement, name: str, path: Path) -> None:
-    """Write :func:`draw`'s figure. Raises ``OSError``."""
-    write_figure(path, draw(found, name), dpi=150)
+_FLAT, _DARK, _LEFT_OUT = COLOURS[0], "black", COLOURS[1]
 
 
 def draw(found: Measurement, name: str) -> Figure:
     """Variance over mean with its residuals, signal over light with its deviation from the line."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11.4, 7.2), layout="constrained")
     (transfer, linear), (residuals, deviation) = figure.subplots(2, 2, height_ratios=(2, 1))
     _transfer(transfer, residuals, found)
     _linearity(linear, deviation, found)
-    for axes in (transfer, linear, residuals, deviation):
-        axes.grid(color="0.92", lw=0.6)
-        axes.set_axisbelow(True)
-        axes.tick_params(labelsize=8)
-        axes.spines[["top", "right"]].set_visible(False)
+    tidy(transfer, linear, residuals, deviation)
     figure.suptitle(f"{plain(name)}: photon transfer of {found.frames}", fontsize=11, parse_math=False)
     return figure
 
@@ -44,15 +29,13 @@ def draw(found: Measurement, name: str) -> Figure:
 def _transfer(above: Axes, below: Axes, found: Measurement) -> None:
     black = found.fit.dark.offset
     used = [found.flat[place] for place in found.used]
-    out = [level for place, level in enumerate(found.flat) if place not in found.used]
+    out = [level for level in found.flat if level not in used]
     for levels, colour, label in (
         (found.dark, _DARK, "dark"), (used, _FLAT, "flat"), (out, _LEFT_OUT, "flat, left out of the fit")
     ):  # fmt: skip
-        if levels:
-            above.plot(
-                [level.mean_dn - black for level in levels], [level.variance_dn2 for level in levels], "o",
-                ms=5, mfc="white", mew=1.3, color=colour, label=label,
-            )  # fmt: skip
+        mean, variance = columns(levels, "mean_dn", "variance_dn2")
+        if len(levels):
+            above.plot(mean - black, variance, "o", ms=5, mfc="white", mew=1.3, color=colour, label=label)
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
     signal = np.geomspace(0.1, max(level.mean_dn for level in found.flat) - black, 200)
     line = (gain.value * read.value) ** 2 + 1 / 12 + gain.value * signal
@@ -60,17 +43,15 @@ def _transfer(above: Axes, below: Axes, found: Measurement) -> None:
         f"K {gain.value:.4g} ({gain.low:.4g}-{gain.high:.4g}) DN/e⁻\n"
         f"read noise {read.value:.3g} ({read.low:.3g}-{read.high:.3g}) e⁻"
     )
-    above.plot(signal, line, color="0.45", lw=1.2, zorder=1, label=label)
+    above.plot(signal, line, color=GREY, lw=1.2, zorder=1, label=label)
     above.set_xscale("symlog", linthresh=1.0)
     above.set_yscale("log")
     above.legend(fontsize=8, frameon=False, loc="upper left")
     above.set_ylabel("Temporal variance / DN²", fontsize=9)
     above.set_xlabel("Mean above the black level / DN", fontsize=9)
     levels = [*found.dark, *used]
-    off = [
-        (level.variance_dn2 - expected) / max(level.variance_error_dn2, 1e-9)
-        for level, expected in zip(levels, found.fit.expected_dn2, strict=True)
-    ]
+    variance, error = columns(levels, "variance_dn2", "variance_error_dn2")
+    off = (variance - found.fit.expected_dn2) / np.maximum(error, 1e-9)
     places = np.arange(1, len(levels) + 1)
     for part, colour in ((slice(len(found.dark)), _DARK), (slice(len(found.dark), None), _FLAT)):
         below.plot(places[part], off[part], "o", ms=4, color=colour)
@@ -88,16 +69,14 @@ def _linearity(above: Axes, below: Axes, found: Measurement) -> None:
             )
         return
     scale, unit = (1.0, "photons per pixel") if linear.by_photons else (1e3, "ms")
-    x = np.array(linear.x)
-    line = linear.slope * x + linear.offset
-    above.plot(
-        scale * x, line * (1 + np.array(linear.deviation)), "o", ms=5, mfc="white", mew=1.3, color=_FLAT
-    )
-    above.plot(scale * x, line, color="0.45", lw=1.2, zorder=1)
+    x, off = scale * linear.x, 100 * linear.deviation
+    line = linear.slope * linear.x + linear.offset
+    above.plot(x, line * (1 + linear.deviation), "o", ms=5, mfc="white", mew=1.3, color=_FLAT)
+    above.plot(x, line, color=GREY, lw=1.2, zorder=1)
     above.set_ylabel("Signal / DN", fontsize=9)
-    below.plot(scale * x, 100 * np.array(linear.deviation), "o", ms=4, color=_FLAT)
-    below.axhline(0, color="0.45", lw=1)
-    reach = 300 * max(linear.worst, 1e-4)  # levels that saturate are far below
+    below.plot(x, off, "o", ms=4, color=_FLAT)
+    below.axhline(0, color=GREY, lw=1)
+    reach = 300 * max(linear.error.value, 1e-4)  # levels that saturate are far below
     below.set_ylim(-reach, reach)
     below.set_ylabel("Off the line / %", fontsize=9)
     for axes in (above, below):

@@ -1,4 +1,4 @@
-"""Levels: what the frames of one exposure and one light say together, in digital numbers.
+"""Levels: statistics of the frames of one exposure and one light, in digital numbers.
 
 The temporal variance is that of each pixel over the frames, averaged over the pixels: fixed patterns and shading
 leave it alone. Before it is formed the frames of a level are brought to the first one's light, so that a lamp that
@@ -8,30 +8,25 @@ drifts does not count as noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.calibration.listing import Kind
-from blurnoise_eval.calibration.planes import Plane
+from blurnoise_eval.calibration.frames import Frame, Kind, Plane
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
     pixels: of a frame. drift_dn: mean of the last frame less that of the first. lamp_spread: largest less least of
     the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that
     whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
-    more. highest_dn: the largest number, share_highest: of the pixels that hold it, share_below: of those one step
-    lower; share_zero: of those at 0. step_dn: what all numbers are multiples of. counts (65536,): how many pixels
-    hold each number.
+    more. counts (65536,): how many pixels hold each number.
     """
 
     kind: Kind
@@ -47,10 +42,6 @@ class Level:
     lamp_spread: float
     row_share: float
     correlation: float
-    highest_dn: float
-    share_highest: float
-    share_below: float
-    share_zero: float
     counts: NDArray[np.int64]
 
     def __str__(self) -> str:
@@ -58,10 +49,17 @@ class Level:
         light = "" if self.photons_per_px is None else f", {self.photons_per_px:g} photons/px"
         return f"{self.kind} {self.exposure_s * 1e3:g} ms{light}"
 
+    @property
+    def highest_dn(self) -> int:
+        """The largest number that a pixel holds."""
+        return int(np.flatnonzero(self.counts)[-1])
+
+    def share(self, dn: int) -> float:
+        """Of the pixels that hold this number."""
+        return float(self.counts[dn] / self.counts.sum()) if dn >= 0 else 0.0
+
     def in_steps(self, step_dn: int) -> Level:
         """The same with numbers counted in steps of the converter."""
-        if step_dn == 1:
-            return self
         counts = np.zeros_like(self.counts)
         kept = self.counts[::step_dn]
         counts[: len(kept)] = kept
@@ -73,38 +71,28 @@ class Level:
             variance_dn2=self.variance_dn2 / step_dn**2,
             variance_error_dn2=self.variance_error_dn2 / step_dn**2,
             counts=counts,
-            **_top(counts),
         )
 
 
-def level_of(
-    kind: Kind,
-    exposure_s: float,
-    photons_per_px: float | None,
-    planes: Iterable[Plane],
-    dark_dn: float = 0.0,
-) -> tuple[Level, Floats]:
-    """The level that ``planes`` (two or more, (H, W), of one size) make, and their mean (H, W).
+def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tuple[Level, Floats]:
+    """The level of ``planes`` (two or more, (H, W), of one size), taken as ``first`` was, and their mean (H, W).
 
     dark_dn: mean in the dark, above which the lamp is brought to the first frame's. The variance of n frames and P
     pixels has the error of the mean of P variances, which holds for any distribution and grows by shading alone.
     """
-    whole = iter(planes)
-    first = next(whole)
-    height, width = first.shape
+    lit = first.kind == "flat"
     counts = np.zeros(1 << 16, np.int64)
-    start = first.astype(np.float64)
-    means = []
-    pair = np.zeros_like(start)
-    total, squares = np.zeros_like(start), np.zeros_like(start)
-    for number, plane in enumerate(chain([first], whole)):
+    means: list[float] = []
+    for number, plane in enumerate(planes):
         counts += np.bincount(plane.ravel(), minlength=1 << 16)
         values = plane.astype(np.float64)
         means.append(float(values.mean()))
-        if not number:
+        if number == 0:
+            start, pair = values, np.zeros_like(values)
+            total, squares = np.zeros_like(values), np.zeros_like(values)
             continue
         light, reference = means[-1] - dark_dn, means[0] - dark_dn
-        if kind == "flat" and light > 0 and reference > 0:
+        if lit and light > 0 and reference > 0:
             values = dark_dn + (values - dark_dn) * (reference / light)
         else:
             values += means[0] - means[-1]
@@ -113,10 +101,10 @@ def level_of(
         squares += values * values
         if number == 1:
             pair = values
-    frames, pixels = len(means), height * width
+    frames, pixels, width = len(means), start.size, start.shape[1]
     each = (squares - total * total / frames) / (frames - 1)
     signals = np.array(means) - dark_dn
-    if kind == "flat" and (signals > 0).all():  # shot noise of the first one's light, to that of the mean
+    if lit and (signals > 0).all():  # shot noise of the first one's light, to that of the mean
         each *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
     variance = float(each.mean()) * pixels / (pixels - 1)
     rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / width
@@ -124,9 +112,9 @@ def level_of(
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
     signal = float(signals.mean())
     level = Level(
-        kind=kind,
-        exposure_s=exposure_s,
-        photons_per_px=photons_per_px,
+        kind=first.kind,
+        exposure_s=first.exposure_s,
+        photons_per_px=first.photons_per_px,
         frames=frames,
         pixels=pixels,
         mean_dn=float(np.mean(means)),
@@ -134,26 +122,20 @@ def level_of(
         variance_dn2=variance,
         variance_error_dn2=float(each.std()) / math.sqrt(pixels),
         drift_dn=means[-1] - means[0],
-        lamp_spread=(max(means) - min(means)) / signal if kind == "flat" and signal > 0 else 0.0,
+        lamp_spread=(max(means) - min(means)) / signal if lit and signal > 0 else 0.0,
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
         counts=counts,
-        **_top(counts),
     )
     return level, start + total / frames
+
+
+def columns(levels: Sequence[Level], *names: str) -> list[Floats]:
+    """An array (N,) of each field over N levels."""
+    return [np.array([getattr(level, name) for level in levels], float) for name in names]
 
 
 def common_step(levels: Iterable[Level]) -> int:
     """The largest whole number of which all numbers are multiples: 16 for 12 bits at the top of 16."""
     held = np.flatnonzero(sum(level.counts for level in levels))
     return max(1, int(np.gcd.reduce(held)))
-
-
-def _top(counts: NDArray[np.int64]) -> dict[str, Any]:
-    highest, whole = int(np.flatnonzero(counts)[-1]), float(counts.sum())
-    return {
-        "highest_dn": float(highest),
-        "share_highest": counts[highest] / whole,
-        "share_below": counts[highest - 1] / whole if highest else 0.0,
-        "share_zero": counts[0] / whole,
-    }

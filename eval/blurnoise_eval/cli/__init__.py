@@ -6,118 +6,138 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib import import_module
+from inspect import cleandoc
 from typing import Any
 
 import typer
 from typer.main import get_command
 
-from blurnoise_eval.cli import (
-    bench,
-    cameras,
-    cameras_fit,
-    chart,
-    compare,
-    decide,
-    detections,
-    explore,
-    gallery,
-    inspect,
-    maps,
-    measure,
-    merge,
-    motion,
-    paper,
-    program,
-    quality,
-    report,
-    scenes,
-    simulate,
-    sweep,
-    train,
-)
 from blurnoise_eval.cli._errors import in_a_line, usage
-from blurnoise_eval.cli._help import HELP_NAMES, Command, Program, described
-from blurnoise_eval.system.layout import PROSE
-from blurnoise_eval.system.machine import is_out_of_memory
-from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, width
+from blurnoise_eval.cli._moved import COMMANDS_MOVED
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
-COMMANDS: tuple[tuple[Callable[..., None], str], ...] = (
-    (sweep.sweep, "detector x exposures x lights x speeds -> curves and report"),
-    (decide.decide, "the same answers from a fraction of the conditions, by a search"),
-    (program.program, "a finished run -> exposure and gain for every light"),
-    (maps.maps, "which image-quality metric tells how a run's detectors do"),
-    (merge.merge, "join runs of parts: other pictures, repeats or conditions"),
-    (report.report, "write a run's figures, tables and page again"),
-    (detections.detections, "write what a run's models found as COCO results files"),
-    (inspect.inspect, "what a model takes and gives, and how it would be read"),
-    (simulate.simulate, "one picture as a camera would take it"),
-    (explore.explore, "sliders: what conditions do to a picture and a detector"),
-    (gallery.gallery, "what ranges of conditions do to a picture, as tiles"),
-    (quality.quality, "charts -> every image-quality metric, over exposure and blur"),
-    (measure.measure, "slanted edges of a picture -> sharpness, noise, information"),
-    (compare.compare, "a simulated picture beside a real one of the same chart"),
-    (chart.chart, "render a test target"),
-    (motion.motion, "road speed -> px/s and blur; a map of the exposures it allows"),
-    (cameras.cameras, "the cameras there are, their figures and where these come from"),
-    (cameras_fit.cameras_fit, "your own camera, from dark and flat frames or a DNG"),
-    (paper.paper, "the paper of Lin et al. 2024, rerun, item by item"),
-    (train.train, "train the stop-sign detector, and write it as ONNX"),
-    (scenes.scenes, "render labelled road-sign scenes, as COCO"),
-    (bench.bench, "measure: speed beside accuracy; what a training gains"),
-)
-_QUESTION = """\
+COMMANDS: dict[str, str] = {
+    "sweep": "detector x exposures x lights x speeds -> curves and report",
+    "decide": "the same answers from a fraction of the conditions, by a search",
+    "program": "a finished run -> exposure and gain for every light",
+    "merge": "join runs of parts: other pictures, repeats or conditions",
+    "report": "write a run's figures, tables and page again; its boxes as COCO",
+    "inspect": "what a model takes and gives, and how it would be read",
+    "simulate": "one picture as a camera would take it",
+    "explore": "sliders: what conditions do to a picture and a detector",
+    "quality": "charts -> every image-quality metric, over exposure and blur",
+    "measure": "slanted edges of a picture -> sharpness, noise, information",
+    "compare": "a simulated picture beside a real one of the same chart",
+    "chart": "render a test target",
+    "motion": "road speed -> px/s and blur; a map of the exposures it allows",
+    "cameras": "the cameras there are, their figures and where these come from",
+    "cameras fit": "your own camera, from dark and flat frames or a DNG",
+    "train": "train the stop-sign detector, and write it as ONNX",
+}
+"""Every command, and what it does; its function has its name, in a module of that name."""
+_ABOUT = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
-"""
-_FIRST = """
+
 Begin with one of these:
 
-  blurnoise sweep -o run                        the whole job on built-in signs
-  blurnoise sweep --model M.onnx --images DIR -o run       ... on your own
+  blurnoise sweep -o run                     the whole job on built-in signs
+  blurnoise sweep --model M.onnx --images DIR -o run           ... on your own
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
-"""
-_NEXT = """
-Every command: blurnoise --help; its usual options: blurnoise sweep --help
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 1 where ``paper`` does not agree, 2 for bad input, 130 when interrupted.
+    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
 
     Raises ``SystemExit`` of code 2 for what no command understands.
     """
-    words = _with_usual_values(_named(sys.argv[1:] if arguments is None else arguments))
-    _complete_two_words()
+    words = [*(sys.argv[1:] if arguments is None else arguments)]
+    words = words[words[:1] == ["--"] :]
+    name = next((each for each in (" ".join(words[:2]), *words[:1]) if each in COMMANDS), "")
+    if words and (elsewhere := COMMANDS_MOVED.get(words[0])):
+        say(f"blurnoise: error: '{words[0]}' is now '{elsewhere}'", error=True)
+        raise SystemExit(2)
+    if name and "_BLURNOISE_COMPLETE" not in os.environ:
+        return run_alone(function(name), f"blurnoise {name}", words[len(name.split()) :])
+    return _run(get_command(_program()), "blurnoise", words or ["--help"], 0 if words else 2)
+
+
+def function(name: str) -> Callable[..., None]:
+    """That of a command."""
+    path = name.replace(" ", "_")
+    found: Callable[..., None] = getattr(import_module(f"blurnoise_eval.cli.{path}"), path)
+    return found
+
+
+def run_alone(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
+    """Run a command that is no part of a program: ``blurnoise sweep``, ``python -m blurnoise_eval.bench``."""
+    return _run(command(run), name, words, 0)
+
+
+def command(run: Callable[..., None]) -> Any:
+    """Typer's command of a function."""
+    app = _app()
+    app.command(help=described(run.__doc__ or ""))(run)
+    return get_command(app)
+
+
+def described(text: str) -> str:
+    """A docstring for help: prose in lines of any length, examples (indented) line by line, brackets no markup."""
+    parts = cleandoc(text).replace("[", r"\[").split("\n\n")
+    return "\n\n".join(
+        "\n".join(map(str.strip, part.splitlines())) if part.startswith(" ") else " ".join(part.split())
+        for part in parts
+    )
+
+
+def _app(**options: Any) -> typer.Typer:
+    return typer.Typer(
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        **{"add_completion": False, **options},
+    )
+
+
+def _program() -> typer.Typer:
+    """All commands: their names and what they do; their options, too, where a shell completes them."""
+    app = _app(help=described(_ABOUT), no_args_is_help=True, add_completion=True)
+    for name, about in COMMANDS.items():
+        run = function(name) if "_BLURNOISE_COMPLETE" in os.environ else (lambda: None)
+        app.command(name, short_help=about)(run)
+    return app
+
+
+def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:
     accept_all_text()
-    ProgressBar.command_begins()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
-            app = _program(words)
-            code = app.main(args=words, prog_name="blurnoise", standalone_mode=False)
+            code = program.main(args=[*words], prog_name=name, standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
-        first = described(_QUESTION + _FIRST + _NEXT, width() or PROSE)
-        say(*[usage(error)] if words else first, error=True)
+        say(usage(error), error=True)
         raise SystemExit(2) from None
     except BrokenPipeError:  # whoever read the output has gone
         _forget_output()
         return 1
     except (ValueError, TypeError, OSError) as error:
-        own = [each for word in words if word in app.commands for each in app.commands[word].params]
-        say(in_a_line(error, [option for each in own for option in each.opts]), error=True)
+        say(in_a_line(error, [option for each in program.params for option in each.opts]), error=True)
         if isinstance(error, OSError):
             _forget_output()
         return 2
     except (MemoryError, RuntimeError) as error:
+        from blurnoise_eval.system.machine import is_out_of_memory
+
         if not is_out_of_memory(error):
             raise
         say("blurnoise: error: out of memory: smaller pictures, or fewer of --threads, need less", error=True)
         return 2
     if code == 130:
         say("blurnoise: interrupted; what was finished is kept", error=True)
-    return code or 0
+    return code or done
 
 
 def _forget_output() -> None:
@@ -127,60 +147,3 @@ def _forget_output() -> None:
         return
     with suppress(OSError, ValueError, AttributeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _program(arguments: Sequence[str]) -> Any:
-    """The program; where a command is named, with that alone: options that nobody asks for take time to make."""
-    named = [entry for entry in COMMANDS if [_name(entry[0])] == [*arguments[:1]]]
-    app = typer.Typer(
-        cls=Program,
-        help=_QUESTION + _FIRST,
-        no_args_is_help=True,
-        add_completion=not named,
-        add_help_option=not named,
-        rich_markup_mode=None,
-        pretty_exceptions_enable=False,
-        context_settings={
-            "help_option_names": HELP_NAMES,
-            "terminal_width": min(width() or PROSE, PROSE),
-            "obj": "--help-all" in arguments,
-        },
-    )
-    app.callback()(lambda: None)  # without it, one command would have no name
-    for run, about in named or COMMANDS:
-        app.command(_name(run), cls=Command, short_help=about)(run)
-    return get_command(app)
-
-
-def _name(run: Callable[..., None]) -> str:
-    """A command's name: that of its function, in two words where that has two."""
-    return run.__name__.replace("_", " ")
-
-
-def _named(arguments: Sequence[str]) -> list[str]:
-    """The arguments with a command's name of two words as the one that it is here."""
-    both = " ".join(arguments[:2])
-    return [both, *arguments[2:]] if both in {_name(run) for run, _ in COMMANDS} else [*arguments]
-
-
-def _complete_two_words() -> None:
-    """Where bash asks what may follow a command of two words, have its name as one."""
-    words = os.environ.get("COMP_WORDS", "").split()
-    place = int(os.environ.get("COMP_CWORD", "0"))
-    if place > 2 and _named(words[1:]) != words[1:]:
-        os.environ["COMP_WORDS"] = " ".join([words[0], f"'{words[1]} {words[2]}'", *words[3:]])
-        os.environ["COMP_CWORD"] = str(place - 1)
-
-
-def _with_usual_values(arguments: Sequence[str]) -> list[str]:
-    """Say "crop" where ``--ocr`` stands alone, and an empty name where ``--save-contract`` does: an option here has
-    a value, or never has."""
-    followed = zip(arguments, (*arguments[1:], ""), strict=False)  # of no arguments nothing
-    return [
-        "--ocr=crop"
-        if argument == "--ocr" and following not in ("crop", "find")
-        else "--save-contract="
-        if argument == "--save-contract" and not following.endswith((".json", ".yaml", ".yml"))
-        else argument
-        for argument, following in followed
-    ]

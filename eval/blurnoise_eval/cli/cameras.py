@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import CAMERAS, Json, new_file, one_of
+from blurnoise_eval.cli._options import Json, camera_names, new_file, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 
@@ -17,7 +17,7 @@ def cameras(
         Argument(
             metavar="NAME|FILE",
             help="one camera (default: all presets)",
-            autocompletion=one_of((*CAMERAS, "fit")),
+            autocompletion=one_of(lambda: (*camera_names(), "fit")),
         ),
     ] = None,
     *,
@@ -40,28 +40,31 @@ def cameras(
     A file may hold 'base: imx250' and only the fields that differ.
     """
     from blurnoise.optics.camera import PRESETS
-    from blurnoise_eval.drawing import photon_transfer
+    from blurnoise_eval import cameras as tables
+    from blurnoise_eval.system.files import plot_suffix
 
     if camera is None:
         if save or plot:
             raise ValueError("save, plot: need a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
         presets = list(PRESETS.values())
         if as_json:
-            say_json([photon_transfer.facts(preset) for preset in presets])
+            say_json([tables.facts(preset) for preset in presets])
         else:
-            show(photon_transfer.overview(presets))
+            show(tables.overview(presets))
         return
-    found = photon_transfer.find(camera)
+    found = tables.find(camera)
     if plot:
-        photon_transfer.plot_suffix(plot)  # before a file is made
+        plot_suffix(plot)  # before a file is made
     if save:
         found.save(save)
     if plot:
+        from blurnoise_eval.plots import photon_transfer
+
         photon_transfer.write(found, plot)
     if as_json:
-        say_json(photon_transfer.facts(found))
+        say_json(tables.facts(found))
         return
-    show(photon_transfer.figures(found))
+    show(tables.figures(found))
     for path in (save, plot):
         if path:
             say(path)

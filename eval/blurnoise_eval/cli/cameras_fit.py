@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import CAMERAS, Json, new_file, one_of
+from blurnoise_eval.cli._options import Json, camera_names, new_file, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
     from blurnoise.optics.camera import Camera
-    from blurnoise_eval.calibration.measurement import Measurement
+    from blurnoise_eval.calibration.fit import Measurement
 
 _UNITS = {
     "system_gain_dn_per_e": "DN/e-", "read_noise_e": "e-", "dark_current_e_s": "e-/s", "black_level_dn": "DN",
@@ -39,7 +39,7 @@ def cameras_fit(
         Option(
             metavar="PRESET",
             help="for what frames do not tell: lens, pixel pitch, quantum efficiency",
-            autocompletion=one_of(CAMERAS),
+            autocompletion=one_of(camera_names),
         ),
     ] = "imx250",
     temperature_c: Annotated[
@@ -65,7 +65,7 @@ def cameras_fit(
     from blurnoise._core import checks
 
     checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))  # before any work
-    checks.one_of("base", base, CAMERAS)
+    checks.one_of("base", base, camera_names())
     if (folder is None) == (dng is None):
         raise ValueError(
             "folder, dng: must be one of them, as in 'blurnoise cameras fit FOLDER -o mine.yaml'"
@@ -81,14 +81,15 @@ def cameras_fit(
         _from_dng(dng, output, base, as_json)
         return
     from blurnoise_eval.calibration import figure
-    from blurnoise_eval.calibration.as_camera import camera_of
-    from blurnoise_eval.calibration.measurement import measure
+    from blurnoise_eval.calibration.fit import measure
+    from blurnoise_eval.calibration.to_camera import camera_of
+    from blurnoise_eval.system.files import write_figure
 
     found = measure(Path(str(folder)), bit_depth=bit_depth, raw_size_px=_size(raw_size))
     camera = camera_of(found, output.stem, base=base, temperature_c=temperature_c)
     camera.save(output)
     plot = output.with_suffix(".png")
-    figure.write(found, camera.name, plot)
+    write_figure(plot, figure.draw(found, camera.name), dpi=150)
     if as_json:
         say_json(_facts(found, camera))
         return
@@ -102,15 +103,15 @@ def cameras_fit(
 
 def _from_dng(photo: Path, output: Path, base: str, as_json: bool) -> None:
     from blurnoise_eval.calibration.dng import stated_by
-    from blurnoise_eval.drawing import photon_transfer
+    from blurnoise_eval.cameras import facts, figures
 
     stated = stated_by(photo, base=base)
     stated.camera.save(output)
     taken = {"exposure_s": stated.exposure_s, "iso": stated.iso, "cfa": stated.cfa}
     if as_json:
-        say_json({**photon_transfer.facts(stated.camera), "taken": taken})
+        say_json({**facts(stated.camera), "taken": taken})
         return
-    show(photon_transfer.figures(stated.camera))
+    show(figures(stated.camera))
     told = [f"{name} {value}" for name, value in taken.items() if value is not None]
     if told:
         say(f"taken with: {', '.join(told)}; gain and read noise are those of that ISO")
@@ -132,7 +133,7 @@ def _print(found: Measurement) -> None:
     from rich import box
     from rich.table import Table
 
-    from blurnoise_eval.calibration.as_camera import ends
+    from blurnoise_eval.calibration.to_camera import ends
 
     table = Table("figure", "value", "95 %", "unit", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     table.title, table.title_justify = f"photon transfer of {found.frames}", "left"

@@ -56,10 +56,9 @@ def compare(
                 "'blurnoise sweep --model A.onnx --model B.onnx'"
             )
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.drawing.photon_transfer import plot_suffix
     from blurnoise_eval.quality import comparison, comparison_view
     from blurnoise_eval.quality.picture import Coding
-    from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
     from blurnoise_eval.system.tables import csv_lines
 
     if plot:
@@ -73,7 +72,7 @@ def compare(
     if table:
         write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if plot:
-        comparison_view.write(found, plot)
+        write_figure(plot, comparison_view.draw(found), dpi=150)
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": found.notes, "quantities": rows})
         return

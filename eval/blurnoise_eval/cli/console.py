@@ -5,14 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.system.layout import PROSE, cell_len, paragraph, table
-from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show, width
+from blurnoise_eval.system.terminal import (
+    PROSE,
+    paragraph,
+    say,
+    say_json,
+    say_wrapped,
+    show,
+    table_lines,
+    width,
+)
 
 if TYPE_CHECKING:
     from blurnoise.optics.camera import Camera
     from blurnoise.scene.plan import Plan
-    from blurnoise_eval.report.data import RunData
     from blurnoise_eval.report.opening import Opening
+    from blurnoise_eval.report.run import RunData
 
 
 def print_opening(data: RunData) -> Opening:
@@ -25,12 +33,13 @@ def print_opening(data: RunData) -> Opening:
     if told.rows:
         for speeds in range(MAX_SPEEDS, -1, -1):  # as many as fit
             heads, rows, hidden = table_rows(told, MAX_ROWS, speeds)
-            wide = sum(max(map(cell_len, column)) + 2 for column in zip(heads, *rows, strict=True))
-            if wide <= (width() or PROSE):
+            lines = table_lines(heads, rows, (False,) * len(heads), rule=False)
+            if max(map(len, lines)) + 2 <= (width() or PROSE):
                 break
-        lines = table(heads, rows, (False,) * len(heads), _within(2))
+        else:
+            lines = table_lines(heads, rows, (False,) * len(heads), (width() or PROSE) - 2, rule=False)
         name = [f"{told.model}:"] if len(data.models) > 1 else []
-        say("", *name, *(f"  {_in_ascii(line)}" for part in lines for line in part))
+        say("", *name, *(f"  {_in_ascii(line)}" for line in lines))
         _say(told.legend + (f"; {hidden} more cells: recommendations.csv" if hidden else ""), 2, 2)
     for title, text in told.notes:
         _say(f"{title}: {text}", hanging=len(title) + 2)
@@ -39,11 +48,6 @@ def print_opening(data: RunData) -> Opening:
 
 def _say(text: str, indent: int = 0, hanging: int = 0) -> None:
     say_wrapped(_in_ascii(text), indent, hanging)
-
-
-def _within(indent: int) -> int | None:
-    wide = width()
-    return wide and wide - indent
 
 
 def _in_ascii(line: str) -> str:

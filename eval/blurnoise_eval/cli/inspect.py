@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import FAMILIES, MODEL_TIMEOUT_S, Json, ModelTimeout, new_file, one_of
+from blurnoise_eval.cli._options import Contract, Json, Location, ModelTimeout, new_file, place
 from blurnoise_eval.cli.console import print_assumptions, print_facts
-from blurnoise_eval.system.layout import table_lines
-from blurnoise_eval.system.storage import Location, location
-from blurnoise_eval.system.terminal import say, say_json, say_wrapped, width
+from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lines, width
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.model import OnnxModel
     from blurnoise_eval.detectors.ocr import Recogniser
 
 DRAWN_SCORE = 0.3  # detections from here on are drawn and listed
@@ -27,22 +27,14 @@ _VALUE_LENGTH = 60  # of metadata, in characters
 
 def inspect(
     model: Annotated[
-        Location, Argument(parser=location, metavar="M.onnx", help="a detector or a text recogniser")
+        Location, Argument(parser=place, metavar="M.onnx", help="a detector or a text recogniser")
     ],
     *,
-    contract: Annotated[
-        str | None,
-        Option(
-            metavar="FILE|PRESET[,FIELD=VALUE...]",
-            help="how to read it: a JSON or YAML file or a preset, and what differs, such as "
-            "yolox,colour=rgb,range=0-1,mean=0.485/0.456/0.406",
-            autocompletion=one_of(FAMILIES),
-        ),
-    ] = None,
+    contract: Contract = None,
     probe: Annotated[
         Location | None,
         Option(
-            parser=location,
+            parser=place,
             metavar="IMAGE|DIR",
             help="list and draw what it finds in this picture, or in the first of a folder; compare how pictures "
             "may enter the model, on up to 32",
@@ -59,13 +51,12 @@ def inspect(
         ),
     ] = None,
     save_contract: Annotated[
-        str | None,
+        bool,
         Option(
-            metavar="[OUT.json]",
-            help="write the contract as JSON (default: MODEL.contract.json beside the model, where every command "
-            "finds it)",
+            "--save-contract",
+            help="write the contract as MODEL.contract.json beside the model, where every command finds it",
         ),
-    ] = None,
+    ] = False,
     model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     as_json: Json = False,
 ) -> None:
@@ -87,41 +78,38 @@ def inspect(
     (letterbox, letterbox-top-left, stretch, none), pad_value (or pad), input_size_px (or size:
     416x640, height first), nms_iou (or iou). A file may hold "base: yolox" and what differs.
 
-    Presets: yolov5 yolov6 yolov6e2e yolov7 yolov8 yolov10 yolox rtdetr detr rfdetr ppyoloe
-    mmdeploy nanodet nanodetplus fastestdet yolofastestv2 anchors torchvision tfod; of text
-    recognisers: ppocr.
+    PRESET: a family's name, such as yolox, yolov8, rtdetr or tfod, for text recognisers ppocr;
+    completion lists all of them, and so does the error of any other word.
     """
     if output and not probe:
         raise ValueError("output: goes with --probe, whose picture it shows")
-    from blurnoise_eval.detectors.contract import contract_document
-    from blurnoise_eval.detectors.model_files import fetched
+    from blurnoise_eval.detectors.contract_files import contract_document
+    from blurnoise_eval.detectors.model import OnnxModel
     from blurnoise_eval.detectors.ocr import is_recogniser
-    from blurnoise_eval.detectors.session import Session
     from blurnoise_eval.system.files import write_whole
 
     probed = _pictures(probe) if probe else []
-    named, model = model, fetched(model)
-    session = Session(model, timeout_s=model_timeout_s).bare
-    reads = contract == "ppocr" or is_recogniser(model)
-    if reads and (output or save_contract is not None):
+    opened = OnnxModel(model, timeout_s=model_timeout_s)
+    reads = (contract or "").split(",")[0] == "ppocr" or is_recogniser(opened)
+    if reads and (output or save_contract):
         name = "output: nothing is drawn" if output else "save-contract: none is written"
         raise ValueError(f"{name} for a text recogniser")
     if probe and not output and not reads:
         output = new_file(f"{model.stem}-{probed[0][0].stem}-probe.png")
-    kept = None if save_contract is None else _contract_file(save_contract, named)
+    kept = _contract_file(model) if save_contract else None
     look = _look_at_reader if reads else _look_at_detector
-    network, facts, found = look(model, contract, model_timeout_s, probed, output)
+    network, facts, found = look(opened, contract, probed, output)
     read_by: Any = network.contract
     if kept is not None:
         write_whole(kept, (json.dumps(contract_document(read_by), indent=1) + "\n").encode())
         facts["saved"] = str(kept)
-    metadata = dict(sorted(session.get_modelmeta().custom_metadata_map.items()))
+    session = opened.session
     facts = {
-        "model": str(named),
+        "model": str(model),
         "sha256": network.sha256,
         "inputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_inputs()],
         "outputs": [f"{value.name} {value.shape} {value.type}" for value in session.get_outputs()],
-        "metadata": metadata,
+        "metadata": dict(sorted(opened.metadata.items())),
         "family": read_by.family,
         **facts,
     }
@@ -134,13 +122,13 @@ def inspect(
     if found:
         _print_probe(found)
     if not reads:
-        print_assumptions(read_by, model)
+        print_assumptions(read_by, opened.path)
 
 
 def _pictures(probe: Location) -> list[tuple[Location, NDArray[np.uint8]]]:
     """The picture, or up to 32 of a folder. Raises ``ValueError`` for a folder without any."""
     from blurnoise_eval.datasets import eight_bit, image_folder, read_picture, sample
-    from blurnoise_eval.scoring.contract_checks import MOST_PICTURES
+    from blurnoise_eval.sweep.contract_checks import MOST_PICTURES
 
     if not (isinstance(probe, Path) and probe.is_dir()):
         return [(probe, eight_bit(read_picture(probe)))]
@@ -150,35 +138,32 @@ def _pictures(probe: Location) -> list[tuple[Location, NDArray[np.uint8]]]:
     return [(probe / picture.name, image) for picture, image in found]
 
 
-def _contract_file(stated: str, model: Location) -> Path:
+def _contract_file(model: Location) -> Path:
     """Where the contract is written. Raises ``ValueError`` where something stands already."""
     beside = model.parent if isinstance(model, Path) else Path()
-    path = Path(stated) if stated else beside / f"{model.stem}.contract.json"
+    path = beside / f"{model.stem}.contract.json"
     if path.exists():
         raise ValueError(f"save-contract = {str(path)!r}: exists; must be a new file")
-    if path.suffix != ".json":
-        raise ValueError(f"save-contract = {str(path)!r}: must end in .json")
     return new_file(str(path))
 
 
 def _look_at_detector(
-    model: Path,
+    model: OnnxModel,
     contract: str | None,
-    timeout_s: float,
     probed: list[tuple[Location, NDArray[np.uint8]]],
     output: Path | None,
 ) -> tuple[Detector, dict[str, Any], dict[str, Any] | None]:
     """The detector, what is known of it, and what it finds in the first picture."""
     from blurnoise_eval.detectors.baked import baked, baked_text
-    from blurnoise_eval.detectors.contract import contract_option
+    from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.formats import probe as drawn
-    from blurnoise_eval.scoring.contract_checks import compared, output_problems
+    from blurnoise_eval.sweep.contract_checks import compared, output_problems
 
-    detector = Detector(model, contract=contract, timeout_s=timeout_s)
+    detector = Detector(model, contract=contract)
     facts: dict[str, Any] = {
         "recognised": _recognised(detector),
-        "unknown": [detector.family.UNKNOWN] if detector.family.UNKNOWN else [],
+        "unknown": [detector.family.unknown] if detector.family.unknown else [],
     }
     if probed:
         comparison = compared(detector, [(picture, None) for _, picture in probed])
@@ -198,16 +183,15 @@ def _look_at_detector(
 
 
 def _look_at_reader(
-    model: Path,
+    model: OnnxModel,
     contract: str | None,
-    timeout_s: float,
     probed: list[tuple[Location, NDArray[np.uint8]]],
     _output: Path | None,
 ) -> tuple[Recogniser, dict[str, Any], dict[str, Any] | None]:
     """The text recogniser, what is known of it, and what it reads in the first picture, taken as one line of text."""
     from blurnoise_eval.detectors.ocr import Recogniser
 
-    recogniser = Recogniser(model, contract=contract, timeout_s=timeout_s)
+    recogniser = Recogniser(model, contract=contract)
     why = "graph: one picture in, a row of class probabilities per step out"
     facts: dict[str, Any] = {"recognised": why, "unknown": [], "warnings": []}
     if not probed:
@@ -226,7 +210,7 @@ def _recognised(detector: Detector) -> str:
 def _probed(detector: Detector, path: Location, picture: NDArray[np.uint8], output: Path) -> dict[str, Any]:
     """Write the picture with its detections to ``output``; return both, and what was below notice."""
     from blurnoise_eval.datasets import write_picture
-    from blurnoise_eval.drawing.annotate import drawn_example
+    from blurnoise_eval.plots.annotate import drawn_example
 
     answers = detector.detect(picture).leading
     rows = [

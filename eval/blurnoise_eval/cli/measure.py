@@ -84,10 +84,9 @@ def measure(
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.drawing.photon_transfer import plot_suffix
     from blurnoise_eval.quality import picture as measuring
     from blurnoise_eval.quality.oecf import Oecf
-    from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
 
     if plot:
         plot_suffix(plot)  # before anything is measured
@@ -112,7 +111,7 @@ def measure(
     if plot:
         from blurnoise_eval.quality import picture_figures as edge_figures
 
-        edge_figures.write(light, measured, plot)
+        write_figure(plot, edge_figures.draw(light, measured), dpi=110)
     if as_json:
         facts = {
             "image": str(image),

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import new_place
+from blurnoise_eval.cli._options import Location, new_place, place
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.storage import Location, Url, listing, location
 from blurnoise_eval.system.terminal import say
 
 
 def merge(
     runs: Annotated[
-        list[Location], Argument(parser=location, metavar="RUN...", help="folders or URLs of sweeps")
+        list[Location], Argument(parser=place, metavar="RUN...", help="folders or URLs of parts")
     ],
     *,
     output: Annotated[
@@ -25,19 +25,22 @@ def merge(
         ),
     ],
 ) -> None:
-    """Join runs that differ in pictures, repeats or conditions alone, every cell once.
+    """Join the runs of a sweep's parts to the run of the whole, every cell once.
 
       blurnoise sweep --coco FILE --part 1/4 -o part1        on one machine; 2/4, 3/4 and 4/4 on others
       blurnoise merge part1 part2 part3 part4 -o run         their run, as if one machine had computed it
       blurnoise report run
 
-    The same models, camera and seed are needed: what differs is named.
+    Parts of another sweep are refused, with what differs.
     """
     from blurnoise_eval.sweep.merging import merge as joined
+    from blurnoise_eval.system.urls import listing
     from blurnoise_eval.system.working_folder import read_run, written_run
 
-    if isinstance(output, Url) and output.exists() and listing(output):
-        raise ValueError(f"output = {str(output)!r}: is not empty; choose another folder")
+    if not isinstance(output, Path):
+        with suppress(FileNotFoundError):
+            if listing(output):
+                raise ValueError(f"output = {str(output)!r}: is not empty; choose another folder")
     with ExitStack() as opened:
         folders = [opened.enter_context(read_run(run)).path for run in runs]
         whole = opened.enter_context(written_run(output))

@@ -7,27 +7,24 @@ from typing import Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import CameraName, Grid, Json, axis_options, new_folder
+from blurnoise_eval.cli import given as given_by
+from blurnoise_eval.cli._options import Json, new_folder, settings
+from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, show
 
+USUAL = {
+    "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
+    "lux": "5,50,500",
+    "dx": "0,200,500,1000",
+    "gain": "0",
+}
 
-@axis_options(
-    exposure_s="0.5,1,2,5,10,15,20,30,45,60,90",
-    illuminance_lux="5,50,500",
-    velocity_x_px_s="0,200,500,1000",
-    gain_db="0",
-)
+
+@settings(PlanFile, "camera", "*", save=False)
 def quality(
     *,
-    grid: Grid,
-    repeats: Annotated[int, Option(metavar="N", help="noise fields per chart")] = 2,
-    seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
-    camera: CameraName = None,
-    threads: Annotated[
-        int | None, Option(metavar="N", help="conditions at a time (default: every core)")
-    ] = None,
+    given: PlanFile,
     output: Annotated[
         Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")
     ],
@@ -36,31 +33,34 @@ def quality(
     """What exposure, light and motion do to a camera's picture, in numbers: on simulated charts MTF50, edge SNR,
     CNR, patch SNR, information capacity, NEQ, SNRI, Michelson contrast, CDP, PSNR and SSIM, with intervals.
 
-      blurnoise quality -o quality                                    the built-in camera at 5, 50 and 500 lux
+      blurnoise quality -o quality                     5, 50 and 500 lux
       blurnoise quality -o quality --camera mine.yaml --lux 20 --dx 0,100
 
-    Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light two pictures in
-    DIR/figures: every metric against exposure, a line per speed, and against blur, a line per exposure. Where a
-    number cannot be told (saturated, lost in noise, blurred beyond its chart) there is none, and the flags say why.
+    Unless told otherwise, exposures of 0.5 to 90 ms, 5, 50 and 500 lux, 0 to 1000 px/s, gain 0 and two noise
+    fields per chart. Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light two
+    pictures in DIR/figures: every metric against exposure, a line per speed, and against blur, a line per exposure.
+    Where a number cannot be told (saturated, lost in noise, blurred beyond its chart) there is none, and the flags
+    say why.
     """
-    exposed_by = given.camera(camera, colour=False)
-    workers = given.threads(threads)
-    from blurnoise_eval.grid.conditions import SweepPlan
+    camera = given_by.camera(given.camera, given.cfa, colour=False)
+    workers = given_by.threads(given.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
     from blurnoise_eval.quality import table as quality_table
 
-    plan = SweepPlan(grid, repeats=repeats, seed=seed)
-    quality.check(exposed_by, plan)
+    plan = given.sweep_plan(USUAL, repeats=2)
+    quality.check(camera, plan)
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
-        rows = quality.measure(exposed_by, plan, threads=workers, progress=advance)
-    quality_table.write(rows, exposed_by, plan, output)
-    figures = quality_figures.write(rows, exposed_by.name, output / "figures")
+        rows = quality.measure(
+            camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=workers, progress=advance
+        )
+    quality_table.write(rows, camera, plan, output)
+    figures = quality_figures.write(rows, camera.name, output / "figures")
     best = quality_table.most_information(rows)
     if as_json:
         told = {"rows": len(rows), "figures": [str(path) for path in figures], "most_information": best}
         say_json({"output": str(output), **told})
         return
-    show(quality_figures.table(best))
+    show(quality_table.as_table(best))
     say(f"open {', '.join(map(str, figures))}")

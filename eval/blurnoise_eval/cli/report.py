@@ -4,60 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from blurnoise_eval.cli._options import SCORES, Json, RunRead, new_place, one_of
+from blurnoise_eval.cli._options import Cluster, Json, Keep, Location, RunRead, Score, Threshold, new_place
 from blurnoise_eval.cli.console import print_opening
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise_eval.sweep.evaluation import Evaluation
+    from blurnoise_eval.evaluation import Evaluation
 
 _MOST_LABELS = 8
-_enough = partial(Option, rich_help_panel="What is enough")
-Keep = Annotated[
-    float | None,
-    _enough(
-        metavar="SHARE",
-        help="of what the same model reaches on the untouched pictures (default on pictures of your own: 0.9)",
-    ),
-]
-Threshold = Annotated[
-    float | None, _enough(metavar="C", help="of the score itself (default on rendered pictures: 0.6)")
-]
-Score = Annotated[
-    str | None,
-    _enough(
-        metavar="NAME",
-        help="target_confidence; detection_rate; recall@0.1, at the confidence that gives 0.1 false alarms per "
-        "untouched picture; ap50; ap; of text exact_match (default: target_confidence, of texts of your own "
-        "exact_match)",
-        autocompletion=one_of(SCORES),
-    ),
-]
-Cluster = Annotated[
-    str | None,
-    Option(
-        metavar="REGEX",
-        help="pictures in whose names this finds the same count as one in every interval, such as the frames of "
-        "one drive: its first group, or else all that it matches (default: each picture for itself)",
-    ),
-]
-
-
-Parquet = Annotated[
-    bool,
-    Option(
-        "--parquet",
-        help="results.csv and targets.csv as Parquet, too: folders by model and shard of pictures (needs pyarrow)",
-    ),
-]
 
 
 def report(
@@ -71,13 +32,28 @@ def report(
         Location | None,
         Option("-o", "--output", parser=new_place, metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
-    parquet: Parquet = False,
+    parquet: Annotated[
+        bool,
+        Option(
+            "--parquet",
+            help="results.csv and targets.csv as Parquet, too: folders by model and shard (needs pyarrow)",
+        ),
+    ] = False,
+    coco: Annotated[
+        bool,
+        Option(
+            "--coco",
+            help="what the models found as COCO's results files, too: coco/MODEL has instances.json and a file per "
+            "condition and repeat, which pycocotools reads",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Write a run's figures, tables and page again.
 
-      blurnoise report run --keep 0.8              the share of the untouched pictures' confidence that is enough
+      blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
+      blurnoise report run --coco                  what was found, as COCO
       blurnoise report /media/disc/run -o here     a run that can only be read
 
     The sweep itself is not repeated.
@@ -93,7 +69,28 @@ def report(
         new_place(run)
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
-        tell(done, as_json=as_json, first=done.how(), parquet=parquet)
+        if parquet:
+            done.parquet()
+        if coco:
+            say(
+                f"{_write_coco(done)} files in {done.output / 'coco'}, each beside its instances.json",
+                error=True,
+            )
+        tell(done, as_json=as_json, first=done.how())
+
+
+def _write_coco(done: Evaluation) -> int:
+    """Write what the models found as COCO; how many files that are."""
+    from blurnoise_eval.store.schema import CONDITIONS
+    from blurnoise_eval.store.store import Store
+    from blurnoise_eval.sweep.coco_export import write_detections
+    from blurnoise_eval.system.files import path_within
+
+    path_within(done.output, "coco")
+    with Store(done.folder, shared=True) as store:
+        steps = store.count_different(*CONDITIONS, "model", "repeat")
+        with ProgressBar("write", steps) as advance:
+            return len(write_detections(store, done.output / "coco", advance))
 
 
 def tell(
@@ -102,15 +99,12 @@ def tell(
     as_json: bool,
     first: Sequence[str] = (),
     last: str | None = None,
-    parquet: bool = False,
 ) -> None:
-    """Write a run's tables, figures and page, with ``parquet`` its rows as that, too; the answer in the terminal,
-    with the lines ``first`` after it and ``last`` before the page's path."""
+    """Write a run's tables, figures and page; the answer in the terminal, with the lines ``first`` after it and
+    ``last`` before the page's path."""
     from blurnoise_eval.report.findings import alarms
     from blurnoise_eval.report.words import counted
 
-    if parquet:
-        done.parquet()
     done.report()
     for entry in done.skipped:
         say(f"skipped: {entry['reason']}", error=True)

@@ -12,7 +12,7 @@ from blurnoise_eval.datasets.folder import Entry, from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS
 from blurnoise_eval.datasets.labels import FileName, Number, Selection, Size, each, faults_of, read_json
 from blurnoise_eval.datasets.records import PictureSet, Target
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.system.urls import Location
 
 
 class _Corners(BaseModel):

@@ -25,7 +25,7 @@ from blurnoise_eval.datasets.labels import (
     read_json,
 )
 from blurnoise_eval.datasets.records import PictureSet, Target
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.system.urls import Location
 
 _KIND = "a COCO instances file"
 _READ = ("id", "image_id", "category_id", "bbox")  # the rest stays with the target

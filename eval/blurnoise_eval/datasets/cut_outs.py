@@ -23,11 +23,10 @@ from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.scene import ExposedScene
 from blurnoise_eval.datasets import segmentation
-from blurnoise_eval.datasets.folder import from_file
 from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.system.storage import Finder, Location, Url, location
+from blurnoise_eval.system.urls import Location, location, versions
 
 _NAMED = 5  # pictures with broken segmentations
 
@@ -48,40 +47,32 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             "rendered signs; without labels only all can move"
         )
     known = {target.label for picture in pictures for target in picture.targets or ()}
-    for name, stated in (("object-speed", dict(objects.speeds)), ("object-kmh", dict(objects.crossings))):
+    for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
         if unknown := sorted({*stated} - known):
             raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
     if objects.mattes == "segmentation":
-        lacking = sum(
-            not target.annotation.get("segmentation")
-            for picture in pictures
-            if picture.cut is None
-            for target in picture.targets or ()
-            if not target.crowd
-        )
-        if lacking:
-            raise ValueError(
-                f"mattes = 'segmentation': {lacking} targets have none; must be auto, grabcut or box"
-            )
         _check_segmentations(pictures)
     if objects.plates is not None:
-        find = Finder()
-        for picture in pictures:
-            if not find(location(objects.plates) / picture.name):
-                raise ValueError(f"plates = {objects.plates!r}: holds no {picture.name!r}")
+        names = [picture.name for picture in pictures]
+        held = versions(location(objects.plates), names)
+        if lacking_plates := [name for name in names if name not in held]:
+            raise ValueError(f"plates = {objects.plates!r}: holds no {lacking_plates[0]!r}")
 
 
 def _check_segmentations(pictures: PictureSet) -> None:
-    """Raise ``ValueError`` with the number of segmentations that are broken, and the pictures' names."""
-    broken: Counter[str] = Counter()
-    for picture in pictures:
-        for target in () if picture.cut else picture.targets or ():
-            if target.crowd:
-                continue
-            try:
-                segmentation.check_annotation(target.annotation)
-            except (TypeError, ValueError):
-                broken[picture.name] += 1
+    """Raise ``ValueError`` with the number of segmentations that are missing or broken, and the pictures' names."""
+    wanted = [
+        (picture.name, target.annotation)
+        for picture in pictures
+        if picture.cut is None
+        for target in picture.targets or ()
+        if not target.crowd
+    ]
+    if lacking := sum(not annotation.get("segmentation") for _, annotation in wanted):
+        raise ValueError(
+            f"mattes = 'segmentation': {lacking} targets have none; must be auto, grabcut or box"
+        )
+    broken = Counter(name for name, annotation in wanted if not segmentation.is_sound(annotation))
     if broken:
         names = ", ".join([*list(broken)[:_NAMED], *(["..."] if len(broken) > _NAMED else [])])
         raise ValueError(
@@ -94,9 +85,8 @@ def source_identity(picture: Picture, objects: Objects) -> str:
     """The picture's identity with that of its plate, if there is one: of every file that reaches its pixels."""
     if objects.plates is None or picture.cut is not None:
         return picture.identity
-    folder = location(objects.plates)
-    stamp = (folder / picture.name).stamped().stamp if isinstance(folder, Url) else None
-    return f"{picture.identity}, plate {from_file(folder, picture.name, None, 0, stamp=stamp).identity}"
+    found = versions(location(objects.plates), [picture.name])
+    return f"{picture.identity}, plate {picture.name} {found.get(picture.name, 'missing')}"
 
 
 def source_content(picture: Picture, image: Image, objects: Objects) -> str:

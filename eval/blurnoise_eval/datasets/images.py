@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import struct
 import warnings
 from contextlib import suppress
@@ -15,10 +14,9 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
-from blurnoise_eval.datasets import openexr
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
-from blurnoise_eval.system.storage import Location, Url
+from blurnoise_eval.system.urls import Location, local_file
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 MAX_MEGAPIXELS = 100.0
@@ -38,13 +36,14 @@ class _Header(NamedTuple):
     alpha: str | None  # how a TIFF's colours hold it: "straight" or "multiplied"
 
 
-def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
     """Read a picture, (H, W) grey or (H, W, 3) RGB, 8 or 16 bit, turned as its EXIF orientation says.
 
     Transparency is left out: the colours are those under it. Raises :class:`UnreadablePicture` when the file is
-    missing, empty, no picture, or of more than ``max_megapixels``, by its header.
+    missing, empty, no picture, or of more than ``max_megapixels``, by its header. known: an object's version, where
+    it has been looked up.
     """
-    decoded = _stored(path, max_megapixels)
+    decoded = _stored(path, max_megapixels, known)
     if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
         raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
     return decoded
@@ -78,31 +77,40 @@ def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float)
 
 
 def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
+    """The light of the first part, of its data window: channels R, G and B, or Y."""
     try:
-        _check_size(path, openexr.size_px(path), max_megapixels)
-        return openexr.read(path)
+        import OpenEXR
+
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+        width, height = (np.asarray(high, int) - np.asarray(low, int) + 1).tolist()
+        _check_size(path, (width, height), max_megapixels)
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
     except ImportError:
         raise UnreadablePicture(
             f"{path}: needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
         ) from None
-    except (RuntimeError, ValueError) as error:
-        if isinstance(error, UnreadablePicture):
-            raise
+    except RuntimeError as error:
         raise UnreadablePicture(f"{path}: {error}") from None
+    names = ("R", "G", "B") if {"R", "G", "B"} <= channels.keys() else ("Y",)
+    if not channels.keys() >= set(names):
+        raise UnreadablePicture(f"{path}: has channels {', '.join(channels)}: must have R, G, B or Y")
+    planes = [np.asarray(channels[name], np.float32) for name in names]
+    if len({plane.shape for plane in planes}) > 1:
+        raise UnreadablePicture(f"{path}: has channels of several sizes: must be of one")
+    return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
 
 
-def _stored(path: Location, max_megapixels: float) -> NDArray[Any] | None:
+def _stored(path: Location, max_megapixels: float, known: str | None = None) -> NDArray[Any] | None:
     """What the file holds, of any type; None where OpenCV cannot decode it."""
     try:
-        source = _source(path)
+        source = local_file(path, known=known)
+        check_regular(source)
         header = _header(source)
         if header:
             _check_size(path, header.size_px, max_megapixels)
-        data = (
-            np.fromfile(source, np.uint8)
-            if isinstance(source, Path)
-            else np.frombuffer(source.getbuffer(), np.uint8)
-        )
+        data = np.fromfile(source, np.uint8)
     except OSError as error:
         raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
     if not data.size:
@@ -110,15 +118,6 @@ def _stored(path: Location, max_megapixels: float) -> NDArray[Any] | None:
     if header and header.alpha == "multiplied":
         raise UnreadablePicture(f"{path}: its colours are multiplied by its transparency, which hides some")
     return _decoded(_unmultiplied(data) if header and header.alpha else data)
-
-
-def _source(path: Location) -> Path | io.BytesIO:
-    """The file itself, or the bytes of an object. Raises ``OSError``."""
-    if isinstance(path, Url):
-        return io.BytesIO(path.read_bytes())
-    found = Path(str(path))
-    check_regular(found)
-    return found
 
 
 def _decoded(data: NDArray[np.uint8]) -> NDArray[Any] | None:
@@ -145,7 +144,7 @@ def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return found
 
 
-def _header(path: Path | io.BytesIO) -> _Header | None:
+def _header(path: Path) -> _Header | None:
     """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than can be told."""
     try:
         with warnings.catch_warnings():
@@ -163,9 +162,9 @@ def _header(path: Path | io.BytesIO) -> _Header | None:
         return None
 
 
-def _size_of_larger(path: Path | io.BytesIO) -> tuple[int, int]:
+def _size_of_larger(path: Path) -> tuple[int, int]:
     """Of a picture that Pillow finds too large to open: (width, height), as its reader of the format has them."""
-    with io.BytesIO(path.getvalue()) if isinstance(path, io.BytesIO) else path.open("rb") as file:
+    with path.open("rb") as file:
         start = file.read(16)
         for reader, accepts in PIL.Image.OPEN.values():
             if accepts and accepts(start) is True:
@@ -175,25 +174,21 @@ def _size_of_larger(path: Path | io.BytesIO) -> tuple[int, int]:
     raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels")
 
 
-def size_px(path: Location) -> tuple[int, int]:
+def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
     """(width, height) of the picture as :func:`decode` gives it, from the file's header where that says it.
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    source = _readable(path)
-    header = None if source is None else _header(source)
+    header = None
+    with suppress(OSError):  # told by decode
+        source = local_file(path, known=known)
+        check_regular(source)
+        header = _header(source)
     if header and header.format != "TIFF":  # some releases turn a TIFF's
         width, height = header.size_px
         return (height, width) if header.orientation in (5, 6, 7, 8) else (width, height)
-    height, width = decode(path).shape[:2]
+    height, width = decode(path, known=known).shape[:2]
     return width, height
-
-
-def _readable(path: Location) -> Path | io.BytesIO | None:
-    try:
-        return _source(path)
-    except OSError:  # told by decode
-        return None
 
 
 def content(picture: Image) -> str:
@@ -203,9 +198,9 @@ def content(picture: Image) -> str:
     return digest.hexdigest()
 
 
-def read_picture(path: Location, max_megapixels: float = MOST_MEGAPIXELS) -> Image:
+def read_picture(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
     """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
-    picture = decode(path, max_megapixels)
+    picture = decode(path, max_megapixels, known)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))
 
 

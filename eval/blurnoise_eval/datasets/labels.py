@@ -7,7 +7,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
@@ -25,7 +24,7 @@ from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import LARGEST_TEXT_BYTES, json_of, read_bytes, text_of, yaml_of
 from blurnoise_eval.datasets.records import Target, size_group
 from blurnoise_eval.system.files import inside
-from blurnoise_eval.system.storage import Location, Url
+from blurnoise_eval.system.urls import Location, local_file
 
 T = TypeVar("T")
 Form = TypeVar("Form", bound=BaseModel)
@@ -103,12 +102,10 @@ def faults_of(kind: str, file: Location) -> Iterator[None]:
         raise ValueError(f"{kind} = {str(file)!r}: {' '.join(str(error).split())}") from None
 
 
-def read_text(file: Location, largest: int = LARGEST_TEXT_BYTES) -> str:
+def read_text(file: Location, largest: int = LARGEST_TEXT_BYTES, known: str | None = None) -> str:
     """The file as UTF-8, with or without a byte-order mark; line ends are ``\\n``. Raises ``OSError``, and
-    ``ValueError``, also above ``largest`` bytes."""
-    return text_of(
-        file.read_bytes(largest) if isinstance(file, Url) else read_bytes(Path(str(file)), largest)
-    )
+    ``ValueError``, also above ``largest`` bytes. known: an object's version, where it has been looked up."""
+    return text_of(read_bytes(local_file(file, known=known), largest))
 
 
 def read_json(file: Location, what: str) -> Any:

@@ -186,13 +186,14 @@ def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
     return of_polygons(segmentation, size)
 
 
-def check_annotation(annotation: Mapping[str, Any]) -> None:
-    """Raise what :func:`of_annotation` does in a picture of whatever size; of polygons without drawing them."""
+def is_sound(annotation: Mapping[str, Any]) -> bool:
+    """Whether :func:`of_annotation` takes it in a picture of its size; polygons are not drawn for that."""
     segmentation = annotation.get("segmentation")
-    if not isinstance(segmentation, Mapping):
-        _corners(segmentation or ())
-        return
-    size = segmentation.get("size")
-    if not isinstance(size, (list, tuple)):
-        raise ValueError(f"segmentation: size = {shown(size)}: must be [height, width]")
-    of_annotation(annotation, checked_size(tuple(size)))
+    try:
+        if isinstance(segmentation, Mapping):
+            of_annotation(annotation, checked_size(tuple(segmentation.get("size") or ())))
+        else:
+            _corners(segmentation or ())
+    except (TypeError, ValueError):
+        return False
+    return True

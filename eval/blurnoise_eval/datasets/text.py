@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Annotated
 
@@ -26,7 +26,7 @@ from blurnoise_eval.datasets.labels import (
 )
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import inside
-from blurnoise_eval.system.storage import Finder, Location
+from blurnoise_eval.system.urls import Location, fetch_ahead, versions
 
 LABEL = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
@@ -53,38 +53,40 @@ def texts(
     selection = Selection((), keep_empty=True)
     with faults_of("text", file):
         content = read_text(file, LARGEST_SET_BYTES)
-        targets: Callable[[Location, str], list[Target]]
-        whole, find = "\t[{" not in content, Finder()
-        targets = partial(_whole, find=find) if whole else partial(_places, selection=selection)
-        if whole:
-            find.fetch_ahead(folder / line.partition("\t")[0] for line in content.split("\n") if line.strip())
-        lines = list(each_line(content, partial(_line, folder=folder, targets=targets)))
+        targets: Callable[[str, str], list[Target]]
+        if "\t[{" in content:
+            targets = partial(_places, selection=selection)
+        else:
+            known = versions(
+                folder, [line.partition("\t")[0] for line in content.split("\n") if line.strip()]
+            )
+            fetch_ahead(folder, known)
+            targets = partial(_whole, folder=folder, known=known)
+        lines = list(each_line(content, partial(_line, targets=targets)))
         selection.check((), lines)
         taken = ((name, tuple(found), place, None) for place, (name, found) in enumerate(lines, start=1))
         pictures = from_files(folder, taken, max_megapixels)
     return PictureSet("text", str(file), pictures, {LABEL: 1}, selection.notes())
 
 
-def _line(
-    line: str, *, folder: Location, targets: Callable[[Location, str], list[Target]]
-) -> tuple[str, list[Target]]:
+def _line(line: str, *, targets: Callable[[str, str], list[Target]]) -> tuple[str, list[Target]]:
     name, tab, rest = line.partition("\t")
     if not tab:
         raise ValueError(f"{shown(line)}: must be a picture's name, a tab and its text")
     name = inside(name)
-    return name, targets(folder / name, rest)
+    return name, targets(name, rest)
 
 
-def _whole(picture: Location, written: str, *, find: Finder) -> list[Target]:
+def _whole(name: str, written: str, *, folder: Location, known: Mapping[str, str]) -> list[Target]:
     """The whole picture as the text's place; nothing where it cannot be read, which is told on loading."""
     try:
-        width, height = size_px(find(picture) or picture)
+        width, height = size_px(folder / name, known.get(name))
     except UnreadablePicture:
         return []
     return [Target(LABEL, _height_group(height), (0.0, 0.0, float(width), float(height)), text=written)]
 
 
-def _places(picture: Location, written: str, *, selection: Selection) -> list[Target]:
+def _places(_name: str, written: str, *, selection: Selection) -> list[Target]:
     """The upright boxes around the points."""
     entries, targets = as_json(written, "a list of texts and points"), []
     for place, entry in enumerate(each(entries, "texts", _Text)):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, partial
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +15,7 @@ from annotated_types import Ge, MinLen
 from pydantic import BaseModel, BeforeValidator, Strict
 
 from blurnoise._core.checks import Characters, shown
-from blurnoise_eval.datasets.folder import from_files, picture_names
+from blurnoise_eval.datasets.folder import from_files, pictures_below
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.labels import (
     LARGEST_SET_BYTES,
@@ -27,11 +28,13 @@ from blurnoise_eval.datasets.labels import (
 )
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import inside
-from blurnoise_eval.system.storage import Finder, Location, Url
+from blurnoise_eval.system.urls import Location, explained, fetch_ahead, location, versions
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
 
+Object = tuple[str, tuple[float, float, float, float]]
+"""A class, and a box as shares (x0, y0, x1, y1) of the picture's sides."""
 ClassNumber = Annotated[int, Strict(), Ge(0)]
 ClassName = Annotated[
     Characters, Strict(), BeforeValidator(lambda name: str(name) if type(name) is int else name)
@@ -70,15 +73,17 @@ def yolo(
         if images and split:
             raise ValueError(f"split {split!r}: must not go with images, which are all taken")
         folder, names = _pictures([images] if images else _sources(root, described, split))
-        find, label_folder = Finder(), cache(_label_folder)
-        find.fetch_ahead(_label_file(folder / name, label_folder) for name in names)
-        find.fetch_ahead(folder / name for name in names)
-        read = partial(_targets, classes=classes, selection=selection, label_folder=label_folder, find=find)
-        found = [(name, read(folder / name)) for name in names]
-        unlabelled = sum(targets is None for _, targets in found)
-        if unlabelled == len(found):
-            raise ValueError(f"no label file for any of {len(found)} pictures in {str(folder)!r}")
-        taken = [(name, targets or []) for name, targets in found if selection.takes(targets or [])]
+        objects = _objects(folder, names, classes)
+        if not objects:
+            raise ValueError(f"no label file for any of {len(names)} pictures in {str(folder)!r}")
+        unlabelled = len(names) - len(objects)
+        known = versions(folder, [name for name in names if objects.get(name)])
+        fetch_ahead(folder, known)  # their sizes are wanted
+        found = (
+            (name, _targets(folder / name, objects.get(name, ()), known.get(name), selection))
+            for name in names
+        )
+        taken = [(name, targets) for name, targets in found if selection.takes(targets)]
         entries = (
             (name, tuple(targets), place, None) for place, (name, targets) in enumerate(taken, start=1)
         )
@@ -131,14 +136,16 @@ def _existing(root: Location, base: str, entry: str) -> Location:
             f"{str(named[0])!r} leaves the folder {str(root)!r}; name that of the pictures (--images)"
         )
     for found in own:
-        if found.exists():
-            return found
+        with explained(found):
+            if found.exists():
+                return found
     raise ValueError(f"{str(own[0])!r}: no such folder or list of pictures")
 
 
 def _below(root: Location, place: Location) -> Location | None:
     """The place without detours; None outside of ``root``."""
-    if isinstance(place, Url):
+    if not isinstance(place, Path):
+        place = location(str(place))
         return place if place.parts[: len(root.parts)] == root.parts else None
     below = Path(os.path.relpath(str(place), str(root)))
     return None if below.parts[:1] == (os.pardir,) else root / str(below)
@@ -153,7 +160,7 @@ def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
                 lines = each_line(read_text(source, LARGEST_SET_BYTES), lambda line: inside(line.strip()))
                 listed.append((source.parent, list(lines)))
         else:
-            listed.append((source, picture_names(source)))
+            listed.append((source, list(pictures_below(source))))
     folder = _common([source for source, _ in listed])
     below = len(folder.parts)
     names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
@@ -165,7 +172,7 @@ def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
 def _common(folders: list[Location]) -> Location:
     """The folder that holds them all."""
     found = folders[0]
-    if not isinstance(found, Url):
+    if isinstance(found, Path):
         return Path(os.path.commonpath([str(folder) for folder in folders]))
     while any(folder.parts[: len(found.parts)] != found.parts for folder in folders):
         found = found.parent
@@ -187,28 +194,33 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
-def _label_file(picture: Location, label_folder: Callable[[Location], Location]) -> Location:
-    return label_folder(picture.parent) / f"{picture.stem}.txt"
+def _objects(folder: Location, names: Sequence[str], classes: Mapping[int, str]) -> dict[str, list[Object]]:
+    """The objects of each picture that has a label file."""
+    together = defaultdict[str, dict[str, str]](dict)
+    for name in names:
+        parent, _, own = name.rpartition("/")
+        together[parent][name] = f"{Path(own).stem}.txt"
+    found: dict[str, list[Object]] = {}
+    for parent, files in together.items():
+        labels = _label_folder(folder / parent)
+        known = versions(labels, set(files.values()))
+        fetch_ahead(labels, known)
+        for name, file in files.items():
+            if file in known:
+                with faults_of("labels", labels / file):
+                    lines = read_text(labels / file, known=known[file])
+                    found[name] = list(each_line(lines, partial(_object, classes=classes)))
+    return found
 
 
 def _targets(
-    picture: Location,
-    *,
-    classes: Mapping[int, str],
-    selection: Selection,
-    label_folder: Callable[[Location], Location],
-    find: Finder,
-) -> list[Target] | None:
-    """The picture's objects; None without a label file."""
-    file = find(_label_file(picture, label_folder))
-    if file is None:
-        return None
-    with faults_of("labels", file):
-        objects = list(each_line(read_text(file), partial(_object, classes=classes)))
+    picture: Location, objects: Sequence[Object], known: str | None, selection: Selection
+) -> list[Target]:
+    """The picture's objects, in pixels."""
     if not objects:
         return []
     try:
-        width, height = size_px(find(picture) or picture)
+        width, height = size_px(picture, known)
     except UnreadablePicture:  # told when it is loaded
         return []
     sides = np.array([width, height, width, height])
@@ -216,8 +228,7 @@ def _targets(
     return [target for label, box in boxes for target in selection.target(label, tuple(box), (width, height))]
 
 
-def _object(line: str, *, classes: Mapping[int, str]) -> tuple[str, tuple[float, float, float, float]]:
-    """Its class, and its box as shares (x0, y0, x1, y1) of the picture's sides."""
+def _object(line: str, *, classes: Mapping[int, str]) -> Object:
     fields = line.split()
     try:
         class_id, *shares = (float(field) for field in fields)

@@ -21,25 +21,26 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import in_range, integer
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
+from blurnoise_eval.answers.clusters import cluster_of
+from blurnoise_eval.answers.criterion import PRECISIONS, Criterion, stated
+from blurnoise_eval.answers.recommendation import MOST_COMMON
+from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import BECAUSE, CHEAPER, QUESTION, Decision, answering, answers_of
 from blurnoise_eval.deciding.nodes import lattice
-from blurnoise_eval.deciding.observed import Observed, observed
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.realised import conditions_at
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.evaluation import engine_facts, evaluate, progress_bar, tell_of
 from blurnoise_eval.grid.axes import EGO, VELOCITY
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.scoring.clusters import cluster_of
-from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion, stated
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.scoring.recommendation import MOST_COMMON
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
@@ -47,12 +48,11 @@ from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_choice import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_of, staying
-from blurnoise_eval.sweep.evaluation import engine_facts, evaluate, progress_bar, tell_of
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.run_surfaces import ENOUGH, run_averages
+from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
@@ -124,7 +124,7 @@ def decided(
 ) -> Decision:
     """Ask models what the question asks, in a folder; one begun there goes on.
 
-    The other arguments are as of :func:`~blurnoise_eval.sweep.evaluation.evaluate`, which computes the full grid
+    The other arguments are as of :func:`~blurnoise_eval.evaluation.evaluate`, which computes the full grid
     where the plane does not hold. Raises what that raises.
     """
     folder = working_folder(output)
@@ -231,10 +231,9 @@ class _Computing:
         some = replace(self.pictures, pictures=self.pictures.pictures[: batches[-1].n_pictures])
         plan = replace(self.plan, nodes=nodes, examples=last == 0)
         with progress_bar(f"{len(nodes)} nodes", count_cells(some, plan), self.progress) as advance:
-            minded = self.folder.minded(advance, self.store.copy_to)
             done = sweep.run(
                 self.models, self.camera, some, plan, self.store,
-                engine=self.engine, progress=minded, resumed=advance.already, died=tell_of(advance),
+                engine=self.engine, progress=advance, resumed=advance.already, died=tell_of(advance),
             )  # fmt: skip
         self.outcome.add(done)
         skipped = self.store.skipped()
@@ -276,9 +275,13 @@ def _next(
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
     search = Search(question.lines, question.exposures_s, criterion.level, most_nodes=most_nodes, trend=trend)
     batches = [batch for batch in asked(store) if batch.places]
-    seen = observed(store, criterion, cluster) if batches else []
     unfit = withheld_models(store, cluster) if batches else {}
-    known = [each for each in seen if not each.withheld and each.model not in unfit]
+    known = [
+        plane
+        for table in (score_tables(store, criterion, cluster) if batches else ())
+        if not table.knows_too_little and table.model not in unfit
+        for plane in table.on_plane()
+    ]
     if batches and not known:
         return ()
     for batch in batches:
@@ -310,11 +313,11 @@ def _common(
     )
 
 
-def _at(seen: Observed, places: Sequence[Place]) -> tuple[Array, Array]:
+def _at(seen: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
     """The mean and its standard error over clusters at nodes as they were asked, (N,); NaN where nothing is known."""
     away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
     nearest, there = away.argmin(axis=1), away.min(axis=1) <= _SAME_PLACE
-    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.error))
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.standard_error))
     return mean, error
 
 

@@ -11,20 +11,18 @@ from functools import cached_property
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.deciding.observed import on_plane
-from blurnoise_eval.deciding.on_lines import predicted_surfaces
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.exposure_window import answers
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.deciding.on_lines import predicted_table
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.exposure_window import answers
-from blurnoise_eval.scoring.surfaces import Surface
+from blurnoise_eval.evaluation import Evaluation
+from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
-from blurnoise_eval.sweep.evaluation import Evaluation
-from blurnoise_eval.sweep.run_folder import Grouped
 from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
+from blurnoise_eval.sweep.score_tables import score_tables
 
 QUESTION, BECAUSE, CHEAPER = "question", "not the plane because", "the grid is cheaper"
 """Under which a run's store keeps what was asked last, why the plane does not hold, and why the grid costs less."""
@@ -32,24 +30,25 @@ _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are wher
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
 
 
-def on_lines(store: Store, measured: Grouped) -> Grouped:
-    """Surfaces that answer the run's question, by those that were measured; of a full grid these themselves."""
+def on_lines(store: Store, measured: Tables) -> Tables:
+    """Tables that answer the run's question, by those that were measured; of a full grid these themselves."""
     asked_for = store.about(QUESTION)
     if asked_for is None or store.about(BECAUSE) or store.about(CHEAPER):
         yield from measured
         return
     question = Question.from_dict(asked_for)
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
-    for seen in on_plane(store, measured):
-        yield list(predicted_surfaces(seen, question, trend))
+    for table in measured:
+        for seen in table.on_plane():
+            yield predicted_table(seen, question, trend)
 
 
-def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[Surface]:
-    """The surfaces of all that has answers, on the lines of the run's question."""
+def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[ScoreTable]:
+    """The tables of all that has answers, on the lines of the run's question."""
     unfit = withheld_models(store, cluster)
-    measured = grouped_surfaces(store, criterion, cluster)
-    every = on_lines(store, (alike for alike in measured if alike[0].model not in unfit))
-    return [surface for alike in every for surface in alike if not too_little(surface)]
+    measured = score_tables(store, criterion, cluster)
+    every = on_lines(store, (table for table in measured if table.model not in unfit))
+    return [table for table in every if not table.knows_too_little]
 
 
 def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:

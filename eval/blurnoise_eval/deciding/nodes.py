@@ -1,9 +1,8 @@
 """Nodes of the plane of exposures: where the lines of given light and velocity run in it, and the lattice about them.
 
-Domain: a place is (u, w) = (log2 of H, lux s; log2 of L, px, at least ``STILL_PX``), both in stops, see
-:mod:`blurnoise_eval.scoring.plane`. H is lux times seconds, L the length of the motion during the exposure. A line
-is every exposure under one light and velocity: it rises by 45 degrees, or lies on the floor at rest. Motion in
-opposite directions shares a plane; any other direction has a plane of its own.
+Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`. A line is every exposure under one light and velocity:
+it rises by 45 degrees, or lies on the floor at rest. Motion in opposite directions shares a plane; any other
+direction has a plane of its own.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise._core.checks import in_range
-from blurnoise_eval.scoring.plane import STILL_PX
+from blurnoise_eval.answers import plane
+from blurnoise_eval.answers.plane import DIGITS, STILL_PX, direction_of
 
 STEP = 0.5
 """Stops between nodes."""
 FLOOR = math.log2(STILL_PX)
 """w of all that stands still."""
-_DIGITS = 9  # of u and w, by which a place is the same
 Array = NDArray[np.float64]
 Range = tuple[float, float]
 
@@ -48,10 +47,7 @@ class Line:
     @property
     def direction(self) -> tuple[float, float] | None:
         """Unit vector of the motion's axis, x >= 0; None at rest."""
-        if self.speed_px_s == 0:
-            return None
-        x, y = (round(each / self.speed_px_s, _DIGITS) + 0.0 for each in self.velocity_px_s)
-        return (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
+        return direction_of(self.velocity_px_s)
 
 
 def by_direction(lines: Sequence[Line]) -> list[tuple[tuple[float, float], list[Line]]]:
@@ -76,10 +72,7 @@ def place_of(exposure_s: float, line: Line) -> tuple[float, float]:
 
 def places_of(exposures_s: ArrayLike, line: Line) -> Array:
     """:func:`place_of` of N exposures, (N, 2)."""
-    exposures = np.asarray(exposures_s, float)
-    light = np.log2(exposures) + math.log2(line.illuminance_lux)
-    motion = np.log2(np.maximum(exposures * line.speed_px_s, STILL_PX))
-    return np.stack([light, motion], axis=1)
+    return plane.places_of(exposures_s, line.illuminance_lux, line.speed_px_s)
 
 
 def exposures_on(exposures: Range, per_stop: float) -> Array:
@@ -108,12 +101,6 @@ def lattice(lines: Sequence[Line], exposures: Range, step: float = STEP) -> Arra
     return near[near[:, 1] >= 0] * step + (0.0, FLOOR)
 
 
-def same_places(places: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The places (M, 2) that are different, and which of them each of the N is, (N,)."""
-    different, which = np.unique(places.round(_DIGITS) + 0.0, axis=0, return_inverse=True)
-    return different, which.ravel()
-
-
 def spread(places: Array, count: int, taken: Array | None = None) -> NDArray[np.int64]:
     """Which ``count`` of the places (N, 2) lie farthest apart, one after the other, and from those taken (M, 2).
 
@@ -126,7 +113,7 @@ def spread(places: Array, count: int, taken: Array | None = None) -> NDArray[np.
         away = np.sqrt(((places[:, None] - taken) ** 2).sum(axis=-1)).min(axis=1)
     chosen: list[int] = []
     for _ in range(min(count, len(places))):
-        best = int(np.argmax(away.round(_DIGITS)))
+        best = int(np.argmax(away.round(DIGITS)))
         if chosen and away[best] <= 0:
             break
         distance = np.sqrt(((places - places[best]) ** 2).sum(axis=1))

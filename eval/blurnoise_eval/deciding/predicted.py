@@ -14,8 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.kriging import Kriging
-from blurnoise_eval.deciding.nodes import STEP, same_places
+from blurnoise_eval.deciding.nodes import STEP
 from blurnoise_eval.deciding.trend import USUAL, Trend
 
 Array = NDArray[np.float64]

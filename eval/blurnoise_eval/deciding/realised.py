@@ -1,6 +1,6 @@
 """Conditions that stand for a place of the plane: an exposure, a light and a speed.
 
-Convention: u = log2 (lux s), w = log2 max(px, 0.5), as in :mod:`blurnoise_eval.scoring.plane`. Infinitely many
+Convention: u = log2 (lux s), w = log2 max(px, 0.5), as in :mod:`blurnoise_eval.answers.plane`. Infinitely many
 conditions stand at a place, all the same experiment. Taken are those nearest to what was asked: of the line that
 passes nearest the exposure at which it does, within those asked, and the light and speed that then lead to the
 place. Where several lines are as near, the exposure nearest the middle of those asked decides, then the order of

@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise._core.checks import integer
+from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.kriging import Kriging
-from blurnoise_eval.deciding.nodes import Line, Range, lattice, places_of, same_places, spread
+from blurnoise_eval.deciding.nodes import Line, Range, lattice, places_of, spread
 from blurnoise_eval.deciding.trend import USUAL, Trend
 
 CAUTION = 1.5

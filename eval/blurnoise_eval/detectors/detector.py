@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.detectors.contract import Contract, ModelError, exported_fields, stated_contract
-from blurnoise_eval.detectors.formats import resolve
-from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray, all_finite, best, suppress
-from blurnoise_eval.detectors.formats.graph import read_signature
+from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract_files import Given, stated_contract
+from blurnoise_eval.detectors.formats import PRESETS
+from blurnoise_eval.detectors.formats.candidates import Candidates, best, suppress
 from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
-from blurnoise_eval.detectors.formats.signature import DTYPES, extra_feeds
-from blurnoise_eval.detectors.model_files import external_files, fetched, fetched_file
-from blurnoise_eval.detectors.non_finite import NonFinite
-from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.detectors.session import TIMEOUT_S, Session
-from blurnoise_eval.system.files import check_regular
-from blurnoise_eval.system.storage import Location, is_url
+from blurnoise_eval.detectors.formats.signature import extra_feeds, read_signature
+from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, NonFinite, OnnxModel, PictureModel
+from blurnoise_eval.detectors.recognition import exported_fields, resolve
+from blurnoise_eval.detectors.records import Detections, FloatArray
+from blurnoise_eval.system.urls import Location
 
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
 MOST_OF_CLASS, OWN_SCORE = 100, 0.01
@@ -33,85 +28,59 @@ OwnScores = Callable[[ArrayLike, FloatArray], Detections]
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
 
-class Detector:
+class Detector(PictureModel):
     """An ONNX detector with its contract. One instance serves any number of threads.
 
     It pickles as what opened it: in another process the file is opened again.
 
-    ``contract``: a :class:`Contract`, a contract file or the name of a preset; None looks beside the model
-    and into its metadata, then recognises the family from the graph (see ``contract.assumptions``).
-    ``threads``: cores that one inference may use. ``timeout_s``: how long loading and the first answer may take.
-    Raises :class:`ModelError` for a file that is no model, a graph of no known family, or a contract that does not
-    fit it, ``TimeoutError``.
+    ``path``: a file, here or at a URL, or a model that is open. ``contract``: a :class:`Contract`, a mapping, a
+    contract file or the name of a preset; None looks beside the model and into its metadata, then recognises the
+    family from the graph (see ``contract.assumptions``). ``threads``: cores that one inference may use.
+    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
+    model, a graph of no known family, or a contract that does not fit it, ``TimeoutError``.
 
     Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of its files, ``contract``,
     ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
     this family, ``takes_bytes``: whether the input is uint8, ``non_finite_values``: NaN and infinite output
-    values seen so far.
+    values seen so far, ``session``: onnxruntime's.
     """
+
+    contract: Contract
 
     def __init__(
         self,
-        path: str | Location,
+        path: str | Location | OnnxModel,
         *,
-        contract: Contract | str | Path | None = None,
+        contract: Contract | Given | None = None,
         threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        self._opened_again = partial(Detector, path, contract=contract, threads=threads, timeout_s=timeout_s)
-        self.path = fetched(path)
-        contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
-        self.name = self.path.stem
-        self._session = Session(self.path, threads, timeout_s)
-        self.session = self._session.bare
-        self.sha256 = model_sha256(self.path)
-        metadata = dict(self.session.get_modelmeta().custom_metadata_map)
-        stated = stated_contract(self.path, metadata, contract)
-        size_px = stated.input_size_px if stated else exported_fields(metadata).get("input_size_px")
-        signature = read_signature(self._session, metadata, size_px or _PROBE_SIZE_PX)
+        model = path if isinstance(path, OnnxModel) else OnnxModel(path, threads, timeout_s)
+        further: Any = {"threads": model.threads, "timeout_s": model.timeout_s}
+        super().__init__(model, partial(Detector, model.source, contract=contract, **further))
+        self.session = model.session
+        stated = stated_contract(PRESETS, self.path, model.metadata, contract)
+        size_px = stated.input_size_px if stated else exported_fields(model.metadata).get("input_size_px")
+        signature = read_signature(model, size_px or _PROBE_SIZE_PX)
         self.family, self.contract, layout = resolve(self.path, signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            signature = read_signature(self._session, metadata, self.input_size_px)
+            signature = read_signature(model, self.input_size_px)
             layout = resolve(self.path, signature, self.contract)[2]
-        image_input = signature.inputs[0]
-        self._input_name = image_input.name
         self._outputs = list(layout.outputs)
         self.why = layout.why
-        self._dtype = DTYPES[image_input.type]
-        self.takes_bytes = self._dtype is np.uint8
-        self._axes = image_input.axes or "nchw"
-        fixed_batch = len(image_input.shape) == 4 and isinstance(image_input.shape[0], int)
-        self._batch = int(str(image_input.shape[0])) if fixed_batch else 1
-        self._extras = extra_feeds(signature.inputs[1:], self.input_size_px, self._batch) or {}
-        self._non_finite = NonFinite(self.path.name)
+        self.takes_bytes = DTYPES[model.inputs[0].type] is np.uint8
+        self._extras = extra_feeds(model.inputs[1:], self.input_size_px, model.batch) or {}
         self._buffers = threading.local()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return self._opened_again, (), {"name": self.name}
 
     def with_contract(self, contract: Contract) -> Detector:
         """The same session read by another contract of the same family and input size."""
         other = object.__new__(Detector)
         other.__dict__.update(self.__dict__)
         other.contract = contract
-        other._opened_again = partial(self._opened_again, contract=contract)
+        other._opened_again = partial(self._opened_again, contract=contract)  # type: ignore[call-arg]  # of Detector
         other._non_finite, other._buffers = NonFinite(self.path.name), threading.local()
         return other
-
-    @property
-    def non_finite_values(self) -> int:
-        """NaN and infinite output values seen so far."""
-        return self._non_finite.total
-
-    @property
-    def non_finite_values_here(self) -> int:
-        """Those of the calling thread."""
-        return self._non_finite.here
-
-    def interrupt(self) -> None:
-        """End the inferences that run, in other threads; the next ones run as before."""
-        self._session.interrupt()
 
     def prepare(
         self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None
@@ -125,16 +94,15 @@ class Detector:
         """
         dtype = np.uint8 if self.takes_bytes else np.float32
         contract = contract or self.contract
-        return lay_in(image, contract, self.input_size_px, out, axes=self._axes, dtype=dtype)
+        axes = self._model.axes or "nchw"
+        return lay_in(image, contract, self.input_size_px, out, axes=axes, dtype=dtype)
 
     def run(self, blob: Blob) -> list[FloatArray]:
         """Return the outputs that the family decodes, float32, for one input as :meth:`prepare` makes it.
 
         A graph with a fixed larger batch gets the picture repeated; its first answer counts.
         """
-        feed = np.repeat(blob, self._batch, axis=0) if self._batch > 1 else blob
-        feeds = {self._input_name: np.ascontiguousarray(feed, self._dtype), **self._extras}
-        outputs = self._session.run(self._outputs, feeds)
+        outputs = self._model.run(blob, self._outputs, self._extras)
         alone = (output if output.ndim < 3 else output[:1] for output in outputs)
         return [output.astype(np.float32, copy=False) for output in alone]
 
@@ -158,7 +126,7 @@ class Detector:
     def _candidates(
         self, outputs: Sequence[FloatArray], placement: Placement, min_score: float
     ) -> Candidates:
-        self._count_non_finite(outputs)
+        self._non_finite.count(outputs)
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
         candidates = self.family.decode(outputs, size_px, min_score)
@@ -176,7 +144,7 @@ class Detector:
 
     def _counted(self, candidates: Candidates, min_score: float) -> Candidates:
         """Those that the family's own evaluator counts."""
-        return candidates.with_classes(min_score) if self.family.SEVERAL_CLASSES else candidates
+        return candidates.with_classes(min_score) if self.family.several_classes else candidates
 
     def _kept(
         self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
@@ -201,9 +169,14 @@ class Detector:
         self, image: NDArray[np.uint8], *, min_score: float = MIN_SCORE, max_detections: int = MOST_DETECTIONS
     ) -> Detections:
         """Return what the network finds in an RGB picture (h, w, 3), uint8."""
+        outputs, placement = self._answers(image)
+        return self.decode(outputs, placement, min_score=min_score, max_detections=max_detections)
+
+    def _answers(self, image: NDArray[np.uint8]) -> tuple[list[FloatArray], Placement]:
+        """The outputs for a picture, which enters by a buffer of this thread."""
         blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
         self._buffers.blob = blob
-        return self.decode(self.run(blob), placement, min_score=min_score, max_detections=max_detections)
+        return self.run(blob), placement
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
         """What :meth:`detect` returns, and what tells boxes with their own scores of classes where another one leads.
@@ -212,9 +185,8 @@ class Detector:
         whatever the family's evaluator counts, suppressed within each class, at most ``MOST_OF_CLASS`` of each. None
         where it has nothing to add: the graph tells one class a box, or has one.
         """
-        blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
-        self._buffers.blob = blob
-        candidates = self._candidates(self.run(blob), placement, MIN_SCORE)
+        outputs, placement = self._answers(image)
+        candidates = self._candidates(outputs, placement, MIN_SCORE)
         found = self._kept(self._counted(candidates, MIN_SCORE), placement, MOST_DETECTIONS)
         each = candidates.class_scores
         if each is None or each.shape[1] == 1:
@@ -229,33 +201,3 @@ class Detector:
         np.minimum.at(least, whose, above)
         own = candidates.with_classes(OWN_SCORE, asked, least)  # what is weaker suppresses none of these
         return self._kept(own, placement, MOST_OF_CLASS * len(asked), MOST_OF_CLASS)
-
-    def _count_non_finite(self, outputs: Sequence[FloatArray]) -> None:
-        count = sum(
-            int(output.size - np.isfinite(output).sum()) for output in outputs if not all_finite(output)
-        )
-        if count:
-            self._non_finite.add(count, stacklevel=3)
-
-
-def model_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
-    own = file_sha256(path)
-    try:
-        beside = external_files(onnx.load(str(path), load_external_data=False))
-    except Exception:  # protobuf's DecodeError; a format of onnxruntime's own, which is a single file
-        return own
-    if not beside:
-        return own
-    parts = [own, *(f"{name} {file_sha256(path.parent / name)}" for name in beside)]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
-
-
-def file_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file, read a block at a time. Raises ``OSError``."""
-    check_regular(path)
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import onnx
 
-from blurnoise_eval.detectors.contract import ModelError, contract_file, read_mapping
-from blurnoise_eval.system.storage import Location, Url, local_file, location
-
-_FETCHED: dict[Path, Url] = {}
+from blurnoise._core.files import read_document
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.urls import Location, local_file, location, version
 
 
 def fetched(path: str | Location) -> Path:
@@ -20,25 +21,16 @@ def fetched(path: str | Location) -> Path:
     A file of this machine is what it is. Raises :class:`ModelError` for an object that cannot be fetched.
     """
     found = location(path)
-    if isinstance(found, Path):
-        return found
-    local = _with_company(found)
-    _FETCHED[local] = found
-    return local
+    return found if isinstance(found, Path) else _with_company(found)
 
 
-def shown(file: Path) -> str:
-    """The model's file as it was named: the URL where this process has fetched it from one."""
-    return str(_FETCHED.get(file, file))
-
-
-def _with_company(url: Url) -> Path:
+def _with_company(model: Location) -> Path:
     try:
-        model = url.stamped()
+        known = version(model)
         contracts = [f"{model.stem}.contract.{end}" for end in ("json", "yaml", "yml")]
-        with_contract = local_file(model, contracts)
-        beside = [*contracts, *_external(with_contract), *_dictionary(with_contract)]
-        return local_file(model, beside) if len(beside) > len(contracts) else with_contract
+        with_contract = local_file(model, contracts, known)
+        beside = [*contracts, *external_files(with_contract), *_dictionary(with_contract)]
+        return local_file(model, beside, known) if len(beside) > len(contracts) else with_contract
     except OSError as error:
         raise ModelError(f"{error.filename}: {error.strerror}") from None
 
@@ -46,7 +38,7 @@ def _with_company(url: Url) -> Path:
 def fetched_file(path: str | Location) -> Path:
     """A single file, as :func:`fetched`."""
     try:
-        return local_file(path)
+        return local_file(location(path))
     except OSError as error:
         raise ModelError(f"{error.filename}: {error.strerror}") from None
 
@@ -62,8 +54,15 @@ def named_as(path: str | Location, local: Path) -> Iterator[None]:
         raise ModelError(str(error).replace(str(local), str(location(path)))) from None
 
 
-def external_files(model: onnx.ModelProto) -> list[str]:
-    """Names of the files, beside the model's own, that hold tensors of it, in branches and functions, too."""
+def external_files(path: Path) -> list[str]:
+    """Names of the files, beside a model's own, that hold tensors of it, in branches and functions, too.
+
+    None of a file that is no model, which opening it says.
+    """
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+    except Exception:  # protobuf's DecodeError; a format of onnxruntime's own, which is a single file
+        return []
     found: set[str] = set()
     nodes = [*model.graph.node, *(node for function in model.functions for node in function.node)]
     tensors = list(model.graph.initializer)
@@ -78,15 +77,43 @@ def external_files(model: onnx.ModelProto) -> list[str]:
     return sorted(found)
 
 
-def _external(path: Path) -> list[str]:
-    try:
-        return external_files(onnx.load(str(path), load_external_data=False))
-    except Exception:  # protobuf's DecodeError: no model, which is told where it is opened
-        return []
-
-
 def _dictionary(path: Path) -> list[str]:
     stated = contract_file(path)
     values = None if stated is None else read_mapping(stated)
     name = values.get("dictionary") if isinstance(values, dict) else None
     return [name] if isinstance(name, str) else []
+
+
+def contract_file(model_path: Path, contract: object = None) -> Path | None:
+    """Return the caller's file, else ``model.contract.json``, ``.yaml`` or ``.yml`` beside it, else None."""
+    if isinstance(contract, (str, Path)):
+        return stated if (stated := fetched_file(contract)).is_file() else None
+    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
+    return next((path for path in beside if path.is_file()), None)
+
+
+def read_mapping(path: Path) -> object:
+    """Return what a JSON or YAML file holds. Raises :class:`ModelError` if it cannot be read."""
+    try:
+        return read_document(path)
+    except (OSError, ValueError) as error:
+        raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
+
+
+def model_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
+    own, beside = file_sha256(path), external_files(path)
+    if not beside:
+        return own
+    parts = [own, *(f"{name} {file_sha256(path.parent / name)}" for name in beside)]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def file_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file, read a block at a time. Raises ``OSError``."""
+    check_regular(path)
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

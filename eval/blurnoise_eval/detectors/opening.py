@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from itertools import count
 
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.model_files import fetched, named_as
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
+from blurnoise_eval.detectors.model_files import named_as
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
-from blurnoise_eval.detectors.session import TIMEOUT_S
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.system.urls import Location
 
 Opened = Detector | Recogniser | TextSpotter
 
@@ -34,8 +34,11 @@ def open_models(
             f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
         )
     contracts = [*contracts] * len(paths) if len(contracts) == 1 else contracts
-    told = "ppocr" in contracts or dictionary is not None  # the graph alone may not show it
-    kinds = [told or is_recogniser(fetched(path)) for path in paths]
+    told = (
+        any(str(each).split(",")[0] == "ppocr" for each in contracts) or dictionary is not None
+    )  # the graph alone may not show it
+    models = [OnnxModel(path, timeout_s=timeout_s) for path in paths]
+    kinds = [told or is_recogniser(model) for model in models]
     if len(set(kinds)) > 1:
         raise ValueError(
             "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
@@ -43,12 +46,12 @@ def open_models(
     if (dictionary or text_detector) and not kinds[0]:
         raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
     found: list[Opened] = []
-    for path, contract in zip(paths, contracts, strict=True):
-        with named_as(path, fetched(path)):
+    for model, contract in zip(models, contracts, strict=True):
+        with named_as(model.source, model.path):
             if not kinds[0]:
-                found.append(Detector(path, contract=contract, timeout_s=timeout_s))
+                found.append(Detector(model, contract=contract))
                 continue
-            recogniser = Recogniser(path, contract=contract, dictionary=dictionary, timeout_s=timeout_s)
+            recogniser = Recogniser(model, contract=contract, dictionary=dictionary)
         found.append(
             TextSpotter(text_detector, recogniser, timeout_s=timeout_s) if text_detector else recogniser
         )

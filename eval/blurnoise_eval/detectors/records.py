@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float32]
+
+
+def all_finite(values: FloatArray) -> bool:
+    """Whether none is NaN or infinite: one pass without a temporary.
+
+    The sum is finite where all values are, since OpenCV adds float32 up as double, which cannot overflow.
+    """
+    return values.size == 0 or math.isfinite(cv2.sumElems(values.reshape(1, -1))[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,8 @@
 """The gate of the explorer: the ASGI application around the page's, which decides who is answered.
 
 A request must name the address that is served (another site's page whose name has been rebound to this machine names
-its own), come from no other origin, and carry the token of the printed URL or the cookie that the token was exchanged
-for. The cookie names the visitor; the applications inside find that name in the scope, under "visitor". They see
-neither token nor refused request, on any route or socket.
+its own), come from no other origin, and carry the token of the printed URL, or the cookie that holds it from then
+on. The applications inside see neither token nor refused request, on any route or socket.
 """
 
 from __future__ import annotations
@@ -19,9 +18,8 @@ from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-UPLOADS = "/uploads/"
-"""Where bodies may be larger than ``_MOST_BYTES``: that route has limits of its own."""
-_MOST_BYTES = 1 << 20
+_UPLOADS = "/_nicegui/client/"
+_MOST_MB, _MOST_UPLOADED_MB = 1, 129
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; font-src 'self' data:; "
@@ -41,8 +39,7 @@ class Gate:
     numeric address, which no DNS server can rebind."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str], port: int, *, any_address: bool = False) -> None:
-        self.app = app
-        self.token = secrets.token_urlsafe(24)
+        self.app, self.token = app, secrets.token_urlsafe(24)
         self._names, self._port, self._any_address = {name.lower() for name in names}, port, any_address
         self._cookie = f"blurnoise-{port}"
 
@@ -51,52 +48,45 @@ class Gate:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        asked = HTTPConnection(scope)
-        query = parse_qsl(asked.url.query, keep_blank_values=True)
+        request = HTTPConnection(scope)
+        query = parse_qsl(request.url.query, keep_blank_values=True)
         tokens = [value for name, value in query if name == "token"] if scope["path"] == "/" else []
-        known = self._visitor(asked)
-        visitor = known or secrets.token_hex(16)
+        refusal = self._refusal(request, tokens)
 
         async def answer(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers.update(_HEADERS)
-                if tokens and not refused:
-                    kept = f"{self._cookie}={visitor}.{self._signed(visitor)}"
-                    headers.append("Set-Cookie", f"{kept}; Path=/; HttpOnly; SameSite=Strict")
+                if tokens and not refusal:
+                    kept = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                    headers.append("Set-Cookie", kept)
             await send(message)
 
-        refused = self._refused(asked, tokens, known)
-        if refused is not None and scope["type"] == "websocket":
+        if refusal and scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})  # before it is accepted: HTTP's 403
-            return
-        if refused is not None:
-            await refused(scope, receive, answer)
-            return
-        rest = urlencode([(name, value) for name, value in query if name != "token"])
-        inside = {**scope, "visitor": visitor, **({"query_string": rest.encode()} if tokens else {})}
-        await self.app(inside, receive, answer)
+        elif refusal:
+            await refusal(scope, receive, answer)
+        else:
+            rest = urlencode([(name, value) for name, value in query if name != "token"])
+            await self.app({**scope, "query_string": rest.encode()} if tokens else scope, receive, answer)
 
-    def _refused(self, asked: HTTPConnection, tokens: list[str], known: str) -> PlainTextResponse | None:
+    def _refusal(self, request: HTTPConnection, tokens: list[str]) -> PlainTextResponse | None:
         """Why the request is not answered; None where it is."""
-        headers = asked.headers
-        hosts = headers.getlist("host")
+        headers, hosts = request.headers, request.headers.getlist("host")
         if len(hosts) != 1 or not self._serves(hosts[0]):
             return PlainTextResponse("This address is not served here.", 421)
         if any(origin != f"http://{hosts[0]}" for origin in headers.getlist("origin")):
             return PlainTextResponse("Requests from other origins are not answered.", 403)
-        if tokens:
-            entitled = all(hmac.compare_digest(each.encode(), self.token.encode()) for each in tokens)
-        else:
-            entitled = bool(known) and headers.get("sec-fetch-site", "none") in ("same-origin", "none")
-        if not entitled:
+        given = tokens or [request.cookies.get(self._cookie, "")]
+        known = all(hmac.compare_digest(each.encode(), self.token.encode()) for each in given)
+        if not known or not (tokens or headers.get("sec-fetch-site", "none") in ("same-origin", "none")):
             told = "Open the address that the explorer has printed, with its token."
             return PlainTextResponse(told, 403)
-        if asked.scope["path"].startswith(UPLOADS) or "content-length" not in headers:
-            chunked = "transfer-encoding" in headers and not asked.scope["path"].startswith(UPLOADS)
-            return PlainTextResponse("Content-Length is required.", 411) if chunked else None
-        large = int(headers["content-length"]) > _MOST_BYTES
-        return PlainTextResponse(f"The body must be at most {_MOST_BYTES} bytes.", 413) if large else None
+        if "transfer-encoding" in headers:
+            return PlainTextResponse("Content-Length is required.", 411)
+        most_mb = _MOST_UPLOADED_MB if request.url.path.startswith(_UPLOADS) else _MOST_MB
+        large = int(headers.get("content-length", 0)) > most_mb << 20
+        return PlainTextResponse(f"The body must be at most {most_mb} MB.", 413) if large else None
 
     def _serves(self, host: str) -> bool:
         name, colon, port = host.lower().rpartition(":")
@@ -104,14 +94,6 @@ class Gate:
             name, port = host.lower(), "80"
         name = name.removeprefix("[").removesuffix("]")
         return port == str(self._port) and (name in self._names or (self._any_address and _is_address(name)))
-
-    def _visitor(self, asked: HTTPConnection) -> str:
-        """Whom the cookie names; "" where there is none, or it is not from here."""
-        visitor, _, signed = asked.cookies.get(self._cookie, "").partition(".")
-        return visitor if hmac.compare_digest(signed.encode(), self._signed(visitor).encode()) else ""
-
-    def _signed(self, visitor: str) -> str:
-        return hmac.new(self.token.encode(), visitor.encode(), "sha256").hexdigest()
 
 
 def _is_address(name: str) -> bool:

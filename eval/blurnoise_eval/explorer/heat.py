@@ -1,74 +1,101 @@
-"""The page's panel of a run: its heat map, whose cells are buttons."""
+"""The page's map of a run: mean confidences as buttons."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Awaitable, Callable
+from functools import partial
 
-from nicegui import events, ui
+from nicegui import ui
 
-from blurnoise_eval.explorer import drawn
-from blurnoise_eval.explorer.runs import HeatMap, Run
+from blurnoise_eval.explorer.run import HeatMap, Run
 from blurnoise_eval.explorer.state import OF_RUN, State
+from blurnoise_eval.grid.axes import Axis
 
-_CLICK = '(e) => { const cell = e.target.closest("button[data-place]"); if (cell) emit(cell.dataset.place); }'
 _ABOUT = "The run: mean confidence over its pictures. A cell shows its picture, computed anew from its seed."
+Place = tuple[float, float]
 
 
 class Heat:
-    """Built where it is made; ``chosen`` is told of the condition whose cell is clicked, by the axes' names."""
+    """Built where it is made; ``chosen`` is called with the condition whose cell is clicked, by the axes' names."""
 
-    def __init__(self, run: Run, state: State, chosen: Callable[[dict[str, float]], None]) -> None:
-        self._run, self._state, self._chosen = run, state, chosen
+    def __init__(
+        self, run: Run, state: State, chosen: Callable[[dict[str, float | None]], Awaitable[None]]
+    ) -> None:
+        self._run, self._chosen = run, chosen
         self._fixed: dict[str, float] = {}
-        with ui.element("section").classes("card heat-card"):
-            ui.html(_ABOUT, sanitize=False, tag="h2")
-            with ui.row().classes("items-center"):
-                for axis, value in self._map.fixed:
-                    select = ui.select(
-                        {each: axis.text(each) for each in run.tested(axis.name)},
-                        value=value,
-                        label=axis.title,
-                    )
-                    select.props("outlined dense options-dense").style("min-width: 180px")
-                    select.on_value_change(lambda e, name=axis.name: self._fix(name, e.value))
-            self._table = ui.html("", sanitize=False).classes("heat-wrap w-full")
-            self._table.on("click", self._click, js_handler=_CLICK)
-        self.draw(state)
+        self._shown: tuple[str, dict[str, float]] | None = None
+        self._cells: dict[Place, ui.element] = {}
+        self._map = self._of(state)
+        ui.html(_ABOUT, sanitize=False, tag="h2")
+        with ui.row():
+            for axis in self._map.fixed:
+                ui.select(
+                    {each: axis.text(each) for each in run.tested(run.models[0])[axis.name]},
+                    value=self._map.at[axis.name],
+                    label=axis.title,
+                    on_change=lambda event, name=axis.name: self._fix(name, event.value),
+                ).props("outlined dense").classes("w-44")
+        self._table = ui.element("div").classes("heat")
+        self._about = ui.label().classes("window")
+        self.show(state)
 
-    def draw(self, state: State) -> None:
-        """The map, with the cell of the state pressed."""
-        self._state = state
-        found, at = self._map, state.at
-        columns = [place for place, value in enumerate(found.columns) if at[found.across.name] == value]
-        down = found.down
-        rows = [place for place, value in enumerate(found.rows) if down is None or at[down.name] == value]
-        fixed = all(at[axis.name] == value for axis, value in found.fixed)
-        seen = bool(state.cell and rows and columns and fixed)
-        self._table.set_content(drawn.heat_map(found, f"{rows[0]},{columns[0]}" if seen else ""))
+    def show(self, state: State) -> None:
+        """The map of the state's model, with its cell pressed."""
+        self._state, now = state, (state.model, dict(self._fixed))
+        if now != self._shown:
+            self._shown, self._map = now, self._of(state)
+            self._build()
+        for (x, y), button in self._cells.items():
+            pressed = bool(state.cell) and self._map.is_at(x, y, state.at)
+            button.props(f"aria-pressed={str(pressed).lower()}")
 
-    @property
-    def _map(self) -> HeatMap:
-        own = self._state.model.removeprefix(f"{OF_RUN}/")
-        models = self._run.models
+    def _of(self, state: State) -> HeatMap:
+        own, models = state.model.removeprefix(f"{OF_RUN}/"), self._run.models
         return self._run.heat_map(own if own in models else models[0], self._fixed)
+
+    def _build(self) -> None:
+        found = self._map
+        self._table.clear()
+        self._cells = {}
+        self._table.style(
+            f"grid-template-columns: max-content repeat({len(found.columns)}, minmax(42px, 1fr))"
+        )
+        with self._table:
+            for text in ("", *(_plain(found.across, x) for x in found.columns)):
+                ui.label(text)
+            for y in found.rows:
+                ui.label(_plain(found.down, y))
+                for x in found.columns:
+                    self._build_cell(x, y)
+        down = f"down: {_title(found.down)}; " if found.down else ""
+        self._about.set_text(f"{down}across: {_title(found.across)}")
+
+    def _build_cell(self, x: float, y: float) -> None:
+        mean = self._map.mean(x, y)
+        if mean is None:
+            ui.label("")
+            return
+        button = ui.element("button").classes("cell" + " deep" * (mean > 0.55)).style(f"--mean: {mean:.3f}")
+        at = ", ".join(
+            axis.text(value) for axis, value in ((self._map.across, x), (self._map.down, y)) if axis
+        )
+        button.props(f'type=button aria-label="{at}: {mean:.2f}" title="{at}"')
+        button.on("click", partial(self._chosen, self._map.condition(x, y)), args=[])
+        with button:
+            ui.label(f"{mean:.2f}")
+        self._cells[x, y] = button
 
     def _fix(self, name: str, value: float) -> None:
         self._fixed[name] = value
-        self.draw(self._state)
+        self.show(self._state)
 
-    def _click(self, event: events.GenericEventArguments) -> None:
-        found = self._map
-        row, _, column = str(event.args).partition(",")
-        if not (
-            row.isdecimal()
-            and column.isdecimal()
-            and int(row) < len(found.rows)
-            and int(column) < len(found.columns)
-        ):
-            return
-        at = {axis.name: value for axis, value in found.fixed} | {
-            found.across.name: found.columns[int(column)]
-        }
-        if found.down is not None:
-            at[found.down.name] = found.rows[int(row)]
-        self._chosen(at)
+
+def _plain(axis: Axis | None, value: float) -> str:
+    if axis is None:
+        return ""
+    return axis.text(value) if axis.choices or math.isinf(value) else f"{axis.shown(value):.4g}"
+
+
+def _title(axis: Axis) -> str:
+    return f"{axis.title}, {axis.unit}".removesuffix(", ")

@@ -1,4 +1,4 @@
-"""The page of the explorer: one visitor's, which turns what the visitor does into states of the visit.
+"""The page of the explorer: one visitor's, which turns what the visitor does into states of a session.
 
 It needs the extra ``[explore]``, and no network. Sliders hold positions; the state alone holds values.
 """
@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from html import escape
+from inspect import isawaitable
 
 from nicegui import events, ui
+from nicegui.elements.upload_files import FileUpload
 
-from blurnoise_eval.explorer import told
+from blurnoise_eval.explorer import snippets
 from blurnoise_eval.explorer.answers import Answers
+from blurnoise_eval.explorer.catalogue import MOST_UPLOADED_MB, Catalogue
 from blurnoise_eval.explorer.controls import STEPS, Control
-from blurnoise_eval.explorer.gate import UPLOADS
 from blurnoise_eval.explorer.heat import Heat
-from blurnoise_eval.explorer.shelf import Shelf, cell_state
+from blurnoise_eval.explorer.run import Run
+from blurnoise_eval.explorer.session import Session
 from blurnoise_eval.explorer.side import KEYS, Side
 from blurnoise_eval.explorer.state import OF_RUN, State
-from blurnoise_eval.explorer.visit import Visit
 from blurnoise_eval.grid.axes import AUTOMATIC, MOVES
 
 _HELP = (
@@ -38,218 +40,196 @@ _HELP = (
 _KEY_STEP = 5  # positions of a slider
 
 
-def _finite(text: str) -> float:
-    if not math.isfinite(number := float(text)):
-        raise ValueError(text)
-    return number
-
-
 class Page:
     """One visitor's page, from a state on. usual: to which it goes back. note: what could not be had of a URL."""
 
-    def __init__(self, shelf: Shelf, state: State, usual: State, note: str = "") -> None:
-        self.shelf, self._usual = shelf, usual
+    def __init__(self, catalogue: Catalogue, state: State, usual: State, note: str = "") -> None:
+        self.catalogue, self._usual = catalogue, usual
+        self._answers = Answers(
+            lambda file: f"/pictures/{self.session.token}/{file}",
+            self.moved,
+            base=catalogue.base,
+            of_run=catalogue.run is not None,
+        )
+        self.session = Session(catalogue, state, self._answers)
         self._dark = ui.dark_mode(None)
-        self._answers = Answers(lambda file: f"/pictures/{self.visit.token}/{file}", self._put)
-        self.visit = Visit(shelf, state, self._answers)
         ui.keyboard(self._key)
         with ui.element("div").classes("explorer"):
             self._build_top()
-            self._answers.build_head(shelf.run is not None)
+            self._answers.build_head()
             with ui.element("main").classes("main"):
-                self._answers.build_message()
-                self._heat = Heat(shelf.run, state, self._condition) if shelf.run else None
+                if catalogue.run:
+                    self._heat = ui.element("section").classes("card heat-card")
                 self._answers.build_main()
             with ui.element("aside").classes("side"):
-                self._side = Side(shelf, self, f"{UPLOADS}{self.visit.token}/")
+                self._side = Side(catalogue, state, self)
         with ui.dialog() as self._keys, ui.card():
-            rows = "".join(f"<kbd>{key}</kbd><span>{what}</span>" for key, what in _HELP)
-            ui.html(f'<div class="keys">{rows}</div>', sanitize=False)
-        self._answers.js("explorer.listen()")
-        self._stand()
+            ui.html(
+                "".join(f"<kbd>{key}</kbd><span>{what}</span>" for key, what in _HELP), sanitize=False
+            ).classes("keys")
+        self._map: Heat | None = None
+        self._show()
         if note:
             self.fails(note)
 
     @property
     def state(self) -> State:
-        """What is looked at."""
-        return self.visit.state
+        """What is shown."""
+        return self.session.state
 
     async def live(self) -> None:
-        """Show what is looked at, until cancelled."""
-        telling = asyncio.create_task(self._tell_run()) if self.shelf.run else None
-        try:
-            await self.visit.loop()
-        finally:
-            if telling is not None:
-                telling.cancel()
+        """Show what changes, until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.session.run())
+            if self.catalogue.run is not None:
+                tasks.create_task(self._read_run(self.catalogue.run))
 
-    async def _tell_run(self) -> None:
+    async def _read_run(self, opened: Run) -> None:
+        await asyncio.to_thread(lambda: opened.heat_map(opened.models[0]))
+        with self._heat:
+            self._map = Heat(opened, self.state, partial(self._condition, opened))
         try:
-            told = await asyncio.get_running_loop().run_in_executor(None, self.shelf.answer)
+            self._answers.run(*await asyncio.to_thread(lambda: opened.answer))
         except (ValueError, OSError) as error:
-            told = "This run has no answer yet.", str(error)
-        self._answers.run(*told)
+            self._answers.run("This run has no answer yet.", str(error))
 
-    def fails(self, told: str) -> None:
+    def fails(self, message: str) -> None:
         """A line on what cannot be done."""
-        self._answers.fails(told)
+        self._answers.fails(message)
 
     def change(self, state: State) -> None:
-        """Look at another state."""
+        """Show another state."""
         self._answers.goes_on()
         if state != self.state:
-            self._answers.js("document.body.classList.add('busy')")
-            self.visit.change(state)
-        self._stand()
+            self._answers.busy(True)
+            self.session.change(state)
+        self._show()
 
-    def _try(self, make: Callable[[], State], along: str = "") -> None:
-        """Look at a state that may not be had; along: the control that was moved."""
+    def _try(self, make: Callable[[], State]) -> None:
+        """Show a state that may not be allowed."""
         try:
-            state = make()
-            self.change(replace(state, along=along) if along else state)
+            self.change(make())
         except (ValueError, TypeError) as error:
             self.fails(str(error))
-            self._stand()
+            self._show()
 
-    def _stand(self) -> None:
+    def _show(self) -> None:
         try:
-            self._side.stand(self.state)
-            if self._heat is not None:
-                self._heat.draw(self.state)
+            self._side.show(self.state)
         except (ValueError, TypeError) as error:
             self.fails(str(error))
+        if self._map is not None:
+            self._map.show(self.state)
 
-    def _put(self, control: Control, value: float) -> None:
-        self._try(lambda: control.put(self.state, value), control.name)
+    # -- what the visitor does on the side -------------------------------------------------------------------
 
-    # -- what the side tells ---------------------------------------------------------------------------------
+    def moved(self, control: Control, value: float) -> None:
+        """A control has another value."""
+        self._try(lambda: replace(control.put(self.state, value), along=control.name))
 
-    def slid(self, name: str, position: float) -> None:
-        """A slider stands elsewhere."""
-        if (control := self._side.control(name)) is not None:
-            self._put(control, control.value(position))
-
-    def chosen(self, name: str, place: float) -> None:
-        """A choice was made."""
-        if (control := self._side.control(name)) is not None:
-            self._put(control, place)
-
-    def typed(self, name: str, text: str) -> None:
-        """A number, or "auto", was typed."""
-        control = self._side.control(name)
-        if control is None:
-            return
-        said = text.strip().lower()
-        try:
-            number = (
-                AUTOMATIC
-                if said == "auto" and control.automatic
-                else _finite(said.split()[0].replace(",", "."))
-            )
-        except (ValueError, IndexError):
-            self.fails(f"{control.title.lower()} = {text[:40]!r}: must be a number")
-            self._stand()
-            return
-        self._put(control, number)
-
-    def automatic(self, name: str) -> None:
+    def automatic(self, control: Control) -> None:
         """Left to the camera, or taken back from it, where the camera has set it."""
-        control = self._side.control(name)
-        if control is None:
+        if control.read(self.state, self.catalogue.camera(self.state)) != AUTOMATIC:
+            self.moved(control, AUTOMATIC)
             return
-        value = AUTOMATIC
-        if control.read(self.state, self.shelf.camera(self.state)) == AUTOMATIC:
-            value = control.value(STEPS / 2)
-            last = self._answers.last
-            if last is not None and last.frame.exposure is not None:
-                taken = last.frame.exposure
-                value = {"exposure_s": 1e3 * taken.exposure_s, "gain_db": taken.gain_db}.get(name, value)
-                value = min(control.high, max(control.low, float(f"{value:.4g}")))
-        self._put(control, value)
+        value = control.value(STEPS / 2)
+        if self._answers.last is not None:
+            taken = self._answers.last.exposure
+            value = {"exposure_s": 1e3 * taken.exposure_s, "gain_db": taken.gain_db}.get(control.name, value)
+        self.moved(control, min(control.high, max(control.low, float(f"{value:.4g}"))))
 
     def selected(self, kind: str, name: str) -> None:
         """Another picture, camera or model."""
-        if name != getattr(self.state, kind):
-            state = replace(self.state, **{kind: name}, cell="")  # type: ignore[arg-type]
-            self._try(lambda: state.put(MOVES.name, None) if kind == "picture" else state)
+        state = replace(self.state, **{kind: name}, cell="")  # type: ignore[arg-type]
+        self._try(lambda: state.put(MOVES.name, None) if kind == "picture" else state)
 
-    async def uploaded(self, kind: str, name: str, content: bytes) -> None:
+    async def uploaded(self, kind: str, file: FileUpload) -> None:
         """A file has arrived: take it, or say why not."""
+        name = file.name[-80:]
+        if file.size() > MOST_UPLOADED_MB[kind] << 20:
+            self.fails(f"{name}: must be at most {MOST_UPLOADED_MB[kind]} MB")
+            return
         try:
-            taken = await asyncio.get_running_loop().run_in_executor(
-                None, self.shelf.take, kind, name, content
-            )
+            content = await file.read()
+            self.selected(kind, await asyncio.to_thread(self.catalogue.take, kind, name, content))
         except (ValueError, OSError, MemoryError) as error:
             self.fails(str(error))
-            return
-        self._side.fill()
-        self._answers.goes_on()
-        self.selected(kind, taken)
 
     # -- a run, keys, and what is copied ---------------------------------------------------------------------
 
-    def _condition(self, at: dict[str, float]) -> None:
-        """A cell of the run's map: of the picture that is seen, or of the first."""
-        run = self.shelf.run
-        if run is not None:
-            own = self.state.picture.removeprefix(f"{OF_RUN}/")
-            picture = own if own in run.pictures else run.pictures[0]
-            self._try(lambda: cell_state(self.shelf, run.cell_at(at, picture), self.state))
+    async def _condition(self, opened: Run, at: dict[str, float | None]) -> None:
+        """A cell of the run's map: of the picture that is shown, or of the first."""
+        before = self.state
+        own = before.picture.removeprefix(f"{OF_RUN}/")
+        picture = own if own in opened.pictures else opened.pictures[0]
+        try:
+            state = await asyncio.to_thread(
+                lambda: self.catalogue.of_cell(opened.cell_at(at, picture), before)
+            )
+            self.change(state)
+        except (ValueError, OSError) as error:
+            self.fails(str(error))
 
-    def _key(self, event: events.KeyEventArguments) -> None:
-        modified = event.modifiers.ctrl or event.modifiers.meta or event.modifiers.alt
-        if not event.action.keydown or modified:
+    async def _key(self, event: events.KeyEventArguments) -> None:
+        key, modifiers = event.key.name, event.modifiers
+        if modifiers.ctrl or modifiers.meta or modifiers.alt or event.action.repeat:
             return
-        key = event.key.name
-        if len(key) == 1 and key.lower() in KEYS:
+        if key == "o":
+            self._answers.hold(event.action.keydown)
+        elif not event.action.keydown:
+            return
+        elif key.lower() in KEYS:
             self._step(KEYS[key.lower()], 1 if key.isupper() else -1)
-        elif key == "n":
-            self._try(lambda: replace(self.state, seed=self.state.seed + 1, cell=""))
-        elif key == "b":
-            self._answers.js("document.body.classList.toggle('no-boxes')")
-        elif key in ("c", "p"):
-            self._copy("command" if key == "c" else "script")
-        elif key == "d":
-            self._answers.js("explorer.turn()")
-        elif key == "r":
-            self.change(self._usual)
-        elif key == "?":
-            self._keys.open()
+        elif key in (acts := {**self._acts, "b": self._answers.toggle_boxes, "n": self._reseed}):
+            done = acts[key]()
+            if isawaitable(done):
+                await done
+
+    def _reseed(self) -> None:
+        self._try(lambda: replace(self.state, seed=self.state.seed + 1, cell=""))
+
+    async def _turn(self) -> None:
+        """Light in place of dark, or dark in place of light."""
+        self._dark.set_value(not await ui.run_javascript("Quasar.Dark.isActive"))
 
     def _step(self, name: str, towards: int) -> None:
         control = self._side.control(name)
         if control is not None:
-            at = control.read(self.state, self.shelf.camera(self.state))
+            at = control.read(self.state, self.catalogue.camera(self.state))
             place = STEPS / 2 if at == AUTOMATIC else control.position(at)
-            self.slid(name, place + _KEY_STEP * towards)
+            self.moved(control, control.value(place + _KEY_STEP * towards))
 
     def _copy(self, what: str) -> None:
-        make = told.command if what == "command" else told.python
-        text = make(self.state, self.shelf.files(self.state))
-        self._answers.js(f"explorer.copy({json.dumps(text)})")
+        make = snippets.command if what == "command" else snippets.python
+        try:
+            text = make(self.catalogue, self.state)
+        except ValueError as error:
+            self.fails(str(error))
+            return
+        ui.run_javascript(f"explorerCopy({json.dumps(text)})")
         with ui.dialog(value=True) as dialog, ui.card():
             ui.label(f"Copied: the {what} that makes this picture, bit for bit")
             ui.html(escape(text), sanitize=False, tag="pre").classes("shown-code")
             ui.button("Close", on_click=dialog.close).props("flat no-caps")
         dialog.on("hide", dialog.delete)
 
-    def _turn(self, dark: bool) -> None:
-        self._dark.value = dark
-
     def _build_top(self) -> None:
+        self._acts: dict[str, Callable[[], object]] = {
+            "c": partial(self._copy, "command"),
+            "p": partial(self._copy, "script"),
+            "r": lambda: self.change(self._usual),
+            "d": self._turn,
+            "?": lambda: self._keys.open(),
+        }
         with ui.element("nav").classes("top"):
-            name = self.shelf.run.folder.name if self.shelf.run else "explorer"
+            name = self.catalogue.run.folder.name if self.catalogue.run else "explorer"
             ui.html(f"blurnoise<small>{escape(name)}</small>", sanitize=False).classes("mark")
-            for text, what in (("Command", "command"), ("Python", "script")):
-                button = ui.button(text, icon="content_copy", on_click=lambda what=what: self._copy(what))
-                button.props('flat dense no-caps size=sm padding="4px 8px"').classes(f"copy-{what}")
-                button.props(f'aria-label="Copy as {text}" title="Copy as {text}"')
-            for icon, about, kind, act in (
-                ("restart_alt", "Back to the start", "reset", lambda: self.change(self._usual)),
-                ("contrast", "Light or dark", "dark", lambda: self._answers.js("explorer.turn()")),
-                ("keyboard", "Keys", "wide", lambda: self._keys.open()),
+            for key, icon, text, about in (
+                ("c", "content_copy", "Command", "Copy as Command"),
+                ("p", "content_copy", "Python", "Copy as Python"),
+                ("r", "restart_alt", "", "Back to the start"),
+                ("d", "contrast", "", "Light or dark"),
+                ("?", "keyboard", "", "Keys"),
             ):
-                button = ui.button(icon=icon, on_click=act).classes(kind)
-                button.props(f'flat dense round aria-label="{about}" title="{about}"')
-        ui.on("turn", lambda event: self._turn(bool(event.args)))
+                button = ui.button(text, icon=icon, on_click=self._acts[key]).classes(f"act-{icon}")
+                button.props(f'flat dense no-caps size=sm aria-label="{about}" title="{about}"')

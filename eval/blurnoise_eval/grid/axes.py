@@ -12,12 +12,11 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from blurnoise_eval.grid.values import AUTOMATIC as AUTOMATIC
+from blurnoise_eval.grid.values import number, numbers
+
 if TYPE_CHECKING:
     from blurnoise.optics.camera import Camera
-
-
-AUTOMATIC = math.inf
-"""The value of an axis that is ``automatic`` where the camera sets it itself, for each picture; "auto" in tables."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +81,26 @@ class Axis:
                 return float(place)
         raise ValueError(f"{self.name} = {choice!r}: must be one of {', '.join(self.choices)}")
 
+    @property
+    def key(self) -> str:
+        """Its name in files of settings: the option's."""
+        return self.option.lstrip("-").replace("-", "_")
+
+    @property
+    def default_text(self) -> str:
+        """What a sweep tests unless told otherwise, as it is typed."""
+        return ",".join("auto" if value == AUTOMATIC else f"{self.shown(value):g}" for value in self.default)
+
+    def values(self, stated: float | str | Iterable[float | str]) -> tuple[float, ...]:
+        """What an option or a file states, in the option's unit, as values in the column's. Raises ``ValueError``."""
+        if isinstance(stated, str) and self.choices:
+            return tuple(self.place_of(part.strip()) for part in stated.split(","))
+        if isinstance(stated, str):
+            return tuple(map(self.of_option, numbers(stated, automatic=self.automatic)))
+        if isinstance(stated, (int, float)):
+            return (self.of_option(number(stated, automatic=self.automatic)),)
+        return tuple(value for each in stated for value in self.values(each))
+
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
         return value * self.per_option if self.per_option >= 1 else value / round(1 / self.per_option, 9)
@@ -144,7 +163,7 @@ AXES: tuple[Axis, ...] = (
         text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:g}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC (default: 25)",
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC",
         "Sensor temperature", "°C", 1.0, -273.15, 300.0, own=lambda camera: 25.0,
         text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:g}C", fails=True,
     ),
@@ -169,7 +188,7 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "moves", "moves", "--moves",
-        "by --dx and --dy: all, the targets alone, or the background of targets that are tracked (default: all)",
+        "by --dx and --dy: all, the targets alone, or the background of targets that are tracked",
         "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
         text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
     ),

@@ -332,18 +332,6 @@ class Cell:
         text = repr((self.image, self.repeat, self.conditions))
         return hashlib.blake2b(text.encode(), digest_size=10).hexdigest()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values, for a worker elsewhere; :meth:`from_dict` reads them."""
-        at = self.conditions
-        stated = None if at is None else at.stated
-        return {"image": self.image, "repeat": self.repeat, "conditions": stated, "seed": self.seed}
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Cell:
-        """The cell of :meth:`to_dict`."""
-        at = values["conditions"]
-        return cls(**{**values, "conditions": None if at is None else Conditions(**at)})
-
 
 def cell_seed(base_seed: int, image: str, repeat: int) -> int:
     """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""

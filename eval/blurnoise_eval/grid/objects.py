@@ -39,15 +39,15 @@ class Crossing:
     lens: Lens | None = None
 
     def __post_init__(self) -> None:
-        in_range("object-kmh", self.kmh, -_FASTEST_KMH, _FASTEST_KMH)
+        in_range("kmh", self.kmh, -_FASTEST_KMH, _FASTEST_KMH)
         if self.width_m is not None and self.away_m is None:
             if self.hfov_deg is not None or self.lens is not None:
-                raise ValueError("hfov-deg, lens: go with --object-m; --object-width-m needs neither")
-            limited("object-width-m", self.width_m, "target_width_m")
+                raise ValueError("hfov_deg, lens: go with away_m; width_m needs neither")
+            limited("width_m", self.width_m, "target_width_m")
             return
         if self.away_m is None or self.width_m is not None:
-            raise ValueError("object-kmh: needs --object-m, how far it is, or --object-width-m, how wide")
-        limited("object-m", self.away_m, "depth_m")
+            raise ValueError("kmh: needs away_m, how far it is, or width_m, how wide")
+        limited("away_m", self.away_m, "depth_m")
         _ = self._vehicle  # whose lens has limits
 
     @property
@@ -61,12 +61,12 @@ class Crossing:
         x, y = self._velocity_px_s(box_xyxy, camera, size)
         most = LIMITS["velocity_px_s"].high
         if not max(abs(x), abs(y)) <= most:
-            raise ValueError(f"object-kmh = {self}: {max(abs(x), abs(y)):g} px/s, must be <= {most:g} px/s")
+            raise ValueError(f"kmh = {self}: {max(abs(x), abs(y)):g} px/s, must be <= {most:g} px/s")
         return x, y
 
     def __str__(self) -> str:
-        far = ("m", self.away_m) if self.width_m is None else ("width-m", self.width_m)
-        return f"{self.kmh:g} with --object-{far[0]} = {far[1]:g}"
+        far = ("away_m", self.away_m) if self.width_m is None else ("width_m", self.width_m)
+        return f"{self.kmh:g} with {far[0]} = {far[1]:g}"
 
     def _velocity_px_s(
         self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
@@ -80,6 +80,14 @@ class Crossing:
         away_m = range_of_depth_m(view.rays(middle), float(self.away_m or 0))
         x, y = view.flow_px_s(middle, away_m, EgoMotion((-speed_m_s, 0.0, 0.0))).tolist()
         return x, y
+
+
+def _crossing(label: str, stated: Mapping[str, Any]) -> Crossing:
+    """Of a mapping. Raises ``ValueError`` naming the class."""
+    try:
+        return Crossing(**stated)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"crossings: {label}: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -107,17 +115,17 @@ class Objects:
         one_of("boxes", self.boxes, BOXES)
         given = self.speeds.items() if isinstance(self.speeds, Mapping) else self.speeds
         checked = {
-            str(label): in_range(f"object-speed: {label}", speed, -_FASTEST, _FASTEST)
-            for label, speed in given
+            str(label): in_range(f"speeds: {label}", speed, -_FASTEST, _FASTEST) for label, speed in given
         }
         object.__setattr__(self, "speeds", tuple(sorted(checked.items())))
         stated = self.crossings.items() if isinstance(self.crossings, Mapping) else self.crossings
         crossings = {
-            str(label): each if isinstance(each, Crossing) else Crossing(**each) for label, each in stated
+            str(label): each if isinstance(each, Crossing) else _crossing(str(label), each)
+            for label, each in stated
         }
         object.__setattr__(self, "crossings", tuple(sorted(crossings.items(), key=lambda each: each[0])))
         for label in checked.keys() & crossings:
-            raise ValueError(f"object-speed: {label}: has an object-kmh, too; must be one of them")
+            raise ValueError(f"speeds: {label}: is one of crossings, too; must be one of them")
 
     def check_used(self, cuts: bool) -> None:
         """Raise ``ValueError`` where something is stated of what moves for itself and nothing does, ``cuts``."""
@@ -142,14 +150,14 @@ class Objects:
         try:
             return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy, camera, size)
         except ValueError as error:
-            raise ValueError(f"object-kmh: {label}: {error}") from None
+            raise ValueError(f"crossings: {label}: {error}") from None
 
     def check_crossing(self, label: str, own_px_s: tuple[float, float], taken: Exposure) -> None:
         """Raise ``ValueError`` naming the class where one of that velocity moves too far during an exposure."""
         try:
             taken.of_targets(0.0, own_px_s)
         except ValueError as error:
-            raise ValueError(f"object-kmh: {label}: object-kmh = {self.by_class[label]}: {error}") from None
+            raise ValueError(f"crossings: {label}: kmh = {self.by_class[label]}: {error}") from None
 
     def stands(self, label: str) -> bool:
         """Whether what is of a class never moves."""

@@ -57,6 +57,11 @@ class TrajectorySpec:
             return kind, []
 
     @property
+    def kind(self) -> str:
+        """What of: "file", "shake" or "sine"."""
+        return "file" if self.content is not None else self._parts[0]
+
+    @property
     def identity(self) -> str:
         """Equal for equal trajectories: of a file its name without folders, and a digest of its content."""
         if self.content is None:

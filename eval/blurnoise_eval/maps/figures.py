@@ -18,14 +18,14 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from blurnoise_eval.answers.plane import STILL_PX
 from blurnoise_eval.maps.mapping import Maps, by_model
 from blurnoise_eval.maps.nodes import Array
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, increasing
 from blurnoise_eval.maps.scored import NodeScores
+from blurnoise_eval.plots.style import legend_above, plain_numbers, small_multiples, tidy
 from blurnoise_eval.quality.measure import METRICS, Metric
-from blurnoise_eval.scoring.plane import STILL_PX
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
@@ -134,7 +134,7 @@ def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
         axes.tick_params(labelsize=8)
     label = "Rank correlation with the score (right: share of nodes at which the metric is told)"
     figure.supxlabel(label, fontsize=9)
-    _legend(
+    legend_above(
         figure,
         [
             Line2D([], [], color="#2166ac", marker="o", lw=2.2, label="over light and blur, 95 %"),
@@ -142,6 +142,7 @@ def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
             Line2D([], [], color="#b35806", marker="^", mfc="none", ls="", label="along blur alone"),
         ],
         f"{plain(groups[0].model)}, {_value_name(groups[0])}",
+        columns=3,
     )
     return figure
 
@@ -157,7 +158,7 @@ def _maps(maps: Maps, scores: NodeScores, x: Array, label: str, log: Callable[[A
         _dress(axes, metric, m[told])
         axes.set_xscale("log")
         axes.set_xlim(x.min() / 1.15, x.max() * 1.15)
-        _log_ticks(axes.xaxis)
+        plain_numbers(axes.xaxis, digits=(1, 3))
         if len(np.unique(x[told])) < 2 or len(np.unique(m[told])) < 2:
             _say(axes, "cannot tell: one value of an axis", 0.02, 0.98)
             continue
@@ -202,30 +203,19 @@ def smoothed(x: Array, y: Array, value: Array, at_x: Array, at_y: Array) -> tupl
 
 
 def _panels(maps: Maps, scores: NodeScores, what: str) -> tuple[Figure, Iterator[tuple[Axes, Metric]]]:
-    rows = -(-len(METRICS) // _COLUMNS)
-    figure = Figure(figsize=(3.5 * _COLUMNS, 2.6 * rows + 1.0), layout="constrained")
+    figure, panels = small_multiples(len(METRICS), _COLUMNS, (3.5, 2.6))
     title = f"{plain(scores.model)}, {plain(scores.group)}, {plain(maps.camera.name)}: {what}"
     figure.suptitle(title, fontsize=11).set_parse_math(False)
-    panels = list(figure.subplots(rows, _COLUMNS).flat)
-    for axes in panels[len(METRICS) :]:
-        axes.set_axis_off()
-    return figure, zip(panels, METRICS, strict=False)
+    return figure, zip(panels, METRICS, strict=True)
 
 
 def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> None:
     unit = "" if metric.unit == "1" else f" / {metric.unit}"
-    axes.set_title(f"{metric.title}{unit}", fontsize=9, parse_math=False)
-    axes.tick_params(labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, title=f"{metric.title}{unit}")
+    axes.grid(visible=False)
     if metric.log and len(values) and values.min() > 0:
         (axes.set_xscale if across else axes.set_yscale)("log")
-        _log_ticks(axes.xaxis if across else axes.yaxis)
-
-
-def _log_ticks(axis: Any) -> None:
-    axis.set_major_locator(LogLocator(subs=(1, 3)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+        plain_numbers(axes.xaxis if across else axes.yaxis, digits=(1, 3))
 
 
 def _rank_text(row: Ranked) -> str:
@@ -263,13 +253,6 @@ def _colour_bar(
     if ticks is not None:
         within = [tick for tick in ticks if colour.vmin <= of(tick) <= colour.vmax]
         bar.set_ticks([of(tick) for tick in within], labels=[f"{tick:g}" for tick in within])
-
-
-def _legend(figure: Figure, handles: list[Any], title: str) -> None:
-    legend = figure.legend(
-        handles=handles, title=title, loc="outside upper center", ncols=3, fontsize=8.5, frameon=False
-    )
-    legend.get_title().set_parse_math(False)
 
 
 def _slug(text: str) -> str:

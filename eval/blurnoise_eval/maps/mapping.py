@@ -13,13 +13,13 @@ from itertools import groupby
 import numpy as np
 
 from blurnoise.optics.camera import Camera
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.grid.axes import MOVES, VELOCITY
 from blurnoise_eval.maps.nodes import Array, Plane, plane_of
 from blurnoise_eval.maps.predictor import Predictor, predictor_of
 from blurnoise_eval.maps.ranking import Ranked, ranked
 from blurnoise_eval.maps.scored import NodeScores, scores_of
-from blurnoise_eval.quality.measure import METRICS, measure_at
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.quality.measure import METRICS, measure
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 
@@ -101,7 +101,7 @@ def maps_of(
 ) -> Maps:
     """The maps of a run, its nodes as :func:`nodes_of` gives them.
 
-    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.scoring.clusters.cluster_of` takes it. repeats:
+    cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.answers.clusters.cluster_of` takes it. repeats:
     noise fields of each chart. progress: told 1 for every node, and for every condition of a model whose AP is new.
     """
     scores, withheld = scores_of(store, run.plane, criterion, cluster, progress)  # first: it may be refused
@@ -121,7 +121,7 @@ def maps_of(
 
 def _metrics(run: RunNodes, repeats: int, seed: int, threads: int, progress: Progress) -> dict[str, Array]:
     conditions = [node.conditions for node in run.plane.nodes]
-    rows = measure_at(run.camera, conditions, repeats=repeats, seed=seed, threads=threads, progress=progress)
+    rows = measure(run.camera, conditions, repeats=repeats, seed=seed, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(conditions), len(METRICS))
     return {metric.name: values[:, place] for place, metric in enumerate(METRICS)}
 

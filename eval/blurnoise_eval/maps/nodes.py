@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, photoelectrons
+from blurnoise_eval.answers.plane import STILL_PX
 from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality.measure import BRIGHT, DARK
-from blurnoise_eval.scoring.plane import STILL_PX
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
 
 Array = NDArray[np.float64]

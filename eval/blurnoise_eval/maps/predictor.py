@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from blurnoise_eval.answers.crossings import windows
 from blurnoise_eval.maps.nodes import Array, Plane
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Mask, auc, blocks, held_out_r2
 from blurnoise_eval.maps.scored import NodeScores
-from blurnoise_eval.scoring.crossings import windows
 
 NAMES = ("1", "s", "s^2", "L/size", "(L/size)^2", "log2(1 + (E/E_sat)^2)")
 PRIOR = 10.0

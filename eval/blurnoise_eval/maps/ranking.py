@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.maps.nodes import Array, Plane
 from blurnoise_eval.maps.scored import NodeScores
 from blurnoise_eval.scoring.estimates import left_out
@@ -94,7 +95,7 @@ def _with_interval(m: Array, y: Array, without: Array) -> tuple[float | None, fl
     estimate = left_out(spearman(m, every))
     if estimate.value is None:
         return None, None, None
-    low, high = estimate.interval(None)
+    low, high = interval_of(estimate, None)
     return estimate.value, None if low is None else max(low, -1.0), None if high is None else min(high, 1.0)
 
 

@@ -7,25 +7,23 @@ nothing was measured is NaN. Scores of AP belong to all targets of a size togeth
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.grid.axes import setting_of, velocity_of
+from blurnoise_eval.answers import criterion as criteria
+from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
+from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.maps.nodes import Array, Plane
-from blurnoise_eval.scoring import criterion as criteria
-from blurnoise_eval.scoring.certainty import mean_of
-from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
+from blurnoise_eval.scoring.estimates import ratio_of_sums
 from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES
-from blurnoise_eval.scoring.score_surfaces import score_surfaces
-from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.run_scores import run_scores
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, too_little
+from blurnoise_eval.sweep.score_tables import score_tables
 
 USUAL = {
     "detector": (criteria.CONFIDENCE, criteria.RATE, "ap50"),
@@ -94,45 +92,31 @@ def scores_of(
     withheld: list[str] = []
     for score in dict.fromkeys([criterion.score, *USUAL[models[0]["kind"]]]):
         enough = replace(criterion, score=score)
+        scored = None
         if score in PRECISIONS:
-            sized = run_scores(store, names, cluster, progress, by_size=score).sized
-            groups = score_surfaces(sized, enough.kept)
-        else:
-            groups = grouped_surfaces(store, enough, cluster)
-        for alike in groups:
-            first = alike[0]
-            if too_little(first):
+            scored = run_scores(store, names, cluster, progress, by_size=score)
+        for table in score_tables(store, enough, cluster, scored):
+            if table.knows_too_little:
                 withheld.append(
-                    f"{first.model}, {first.group}, {score}: its targets score {first.clean or 0.0:.2g} on "
+                    f"{table.model}, {table.group}, {score}: its targets score {table.clean or 0.0:.2g} on "
                     "average in the original pictures, too little to say what is kept of it"
                 )
                 continue
-            every.append(at_nodes(alike, plane, enough, sizes_px.get((first.model, first.group), np.nan)))
+            every.append(at_nodes(table, plane, enough, sizes_px.get((table.model, table.group), np.nan)))
     return RunScores(sorted(every, key=lambda each: names.index(each.model)), withheld)
 
 
-def at_nodes(alike: Sequence[Surface], plane: Plane, enough: Criterion, size_px: float) -> NodeScores:
-    """The surfaces of a model and group in their several settings, at the nodes; conditions of one node together."""
-    node_at = _node_at(plane)
-    clusters = tuple(dict.fromkeys(cluster for surface in alike for cluster in surface.clusters))
-    sums, counts = np.zeros((2, len(clusters), len(plane.nodes)))
-    for surface in alike:
-        own_sums, own_counts = surface.of_clusters(clusters)
-        for e, exposure_s in enumerate(surface.exposures_s):
-            for v, velocity in enumerate(surface.velocities_px_s):
-                node = node_at.get((surface.setting, exposure_s, velocity))
-                if node is not None:
-                    sums[:, node] += own_sums[:, e, v]
-                    counts[:, node] += own_counts[:, e, v]
-    fullest = max(alike, key=lambda surface: surface.n_targets)
-    own = mean_of(sums, counts), _without(sums, counts)
-    return NodeScores(fullest.model, fullest.group, enough, *own, fullest.n_targets, fullest.clean, size_px)
-
-
-def _node_at(plane: Plane) -> Mapping[tuple[object, ...], int]:
-    """The node of a condition: setting, exposure and velocity."""
-    places = ((setting_of(row), row["exposure_s"], velocity_of(row)) for row in plane.rows)
-    return dict(zip(places, plane.node_of.tolist(), strict=True))
+def at_nodes(table: ScoreTable, plane: Plane, enough: Criterion, size_px: float) -> NodeScores:
+    """A table at the nodes; conditions of one node together."""
+    conditions = (tuple(row[name] for name in ORDER) for row in plane.rows)
+    node_at = dict(zip(conditions, plane.node_of.tolist(), strict=True))
+    columns = zip(*(table.conditions[name].tolist() for name in ORDER), strict=True)
+    nodes = np.array([node_at.get(at, -1) for at in columns], np.int64)
+    sums, counts = np.zeros((2, len(table.clusters), len(plane.nodes)))
+    for total, values in ((sums, table.sums), (counts, table.counts)):
+        np.add.at(total.T, nodes[nodes >= 0], values.T[nodes >= 0])
+    own = ratio_of_sums(sums, counts), _without(sums, counts)
+    return NodeScores(table.model, table.group, enough, *own, table.n_targets, table.clean, size_px)
 
 
 def _without(sums: Array, counts: Array) -> Array:

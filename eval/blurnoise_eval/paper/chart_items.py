@@ -7,10 +7,9 @@ the chart clips; the paper reads on there, and sees MTF50 and SNR rise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from statistics import median
-from typing import Any
 
 import torch
 from scipy.optimize import brentq
@@ -36,114 +35,78 @@ _CLIPS_MS = 20.0
 """From here on the paper's lines at 50 lux rise: its chart clips."""
 _EXPOSURE = "Exposure / ms"
 _SPEED = "Speed / px/s"
+Numbers = Mapping[tuple[str, float, float], Estimate]
+"""Of a :class:`Charts`: by metric, ms and px/s."""
 
 
 def mtf50_over_exposure(measured: Measurements) -> Found:
     """Flat at rest until the chart clips, and lower with speed."""
     numbers = measured[OVER_EXPOSURE]
-    rest, told = _line(numbers, "mtf50_x", 0.0), _told(numbers, "mtf50_x", 0.0)
-    middle = median(each.value for each in told.values())
+    told = _told(numbers, "mtf50_x", 0.0)
+    values = [each.value for each in told.values()]
+    middle = median(values)
     flat = all_near(told.values(), [middle] * len(told), FLAT)
-    clipped = [ms for ms, each in rest.items() if not each.told and ms > _CLIPS_MS]
-    from_first = bool(clipped) and [ms for ms in rest if ms >= clipped[0]] == clipped
+    clipped = [ms for ms in OVER_EXPOSURE.exposures_ms if ms not in told and ms > _CLIPS_MS]
+    all_after = bool(clipped) and max(told) < clipped[0]
     last = max((ms for ms in told if ms <= 21), default=min(told))
-    at_20 = [_line(numbers, "mtf50_x", speed)[last].value for speed in SPEEDS]
-    falls = all(after < before for before, after in pairwise(at_20))
+    by_speed = [numbers["mtf50_x", last, speed].value for speed in SPEEDS]
+    at_rest = f"{middle:.3f} cycles/px, {_spread(values):.1%} from end to end, to {max(told):g} ms"
+    rule = f"within {FLAT:.0%} of the median, or it within the 95 % interval of all together"
+    beyond = f"withheld from {clipped[0]:g} ms on" if clipped else "told throughout"
+    artefact = "rises: an artefact of clipping"
+    speeds = f"MTF50 at {last:g} ms and DX {_listed(SPEEDS)}"
+    checks = [
+        Check("MTF50 at rest", "flat to 20 ms", at_rest, rule, flat and max(told) >= _CLIPS_MS),
+        Check("MTF50 beyond", artefact, beyond, "withheld once the chart clips", all_after),
+        Check(speeds, "falls with DX", _listed(by_speed, ".3f"), "falls", _falls(by_speed)),
+    ]
     return Found(
-        (
-            Check(
-                "MTF50 at rest",
-                "flat to 20 ms",
-                f"{middle:.3f} cycles/px, {_spread(each.value for each in told.values()):.1%} from end to end, "
-                f"to {max(told):g} ms",
-                f"within {FLAT:.0%} of the median, or it within the 95 % interval of all together",
-                flat and max(told) >= _CLIPS_MS,
-            ),
-            Check(
-                "MTF50 beyond",
-                "rises: an artefact of clipping",
-                f"withheld from {clipped[0]:g} ms on" if clipped else "told throughout",
-                "withheld once the chart clips",
-                from_first,
-            ),
-            Check(
-                f"MTF50 at {last:g} ms and DX {_listed(SPEEDS)}",
-                "falls with DX",
-                _listed(at_20, ".3f"),
-                "falls",
-                falls,
-            ),
-        ),
-        (_over_exposure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px"),),
+        checks, [_over_exposure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px")]
     )
 
 
 def mtf50_over_speed(measured: Measurements) -> Found:
     """As the closed form has it, in light in which nothing clips."""
-    numbers = measured[OVER_SPEED]
-    speeds = OVER_SPEED.speeds_px_s
+    numbers, speeds = measured[OVER_SPEED], OVER_SPEED.speeds_px_s
     found = {speed: numbers["mtf50_x", 30.0, speed] for speed in speeds}
     closed = {speed: mtf50(30e-3 * speed) for speed in speeds}
-    told = [speed for speed in speeds if found[speed].told]
-    off = {speed: abs(found[speed].value / closed[speed] - 1) for speed in told}
-    worst = max(off.values(), default=math.inf)
-    near = all_near([found[v] for v in told], [closed[v] for v in told], CLOSED_FORM)
-    falls = all(found[b].value < found[a].value for a, b in pairwise(told))
-    text = ", ".join(f"{found[speed].value:.4f} ({closed[speed]:.4f}) at {speed:g}" for speed in told)
-    clipped = all(not measured[AT_30_MS]["mtf50_x", 30.0, speed].told for speed in SPEEDS)
-    return Found(
-        (
-            Check("MTF50 over DX at 20 lux", "falls", text, "falls", falls and len(told) > 1),
-            Check(
-                "the same beside the closed form (in brackets)",
-                "pixel x disc x motion",
-                f"{worst:.2%} off at most, told at {len(told)} of {len(speeds)} speeds",
-                f"within {CLOSED_FORM:.0%} where told, or within the 95 % interval of all together",
-                near and len(told) > 1,
-            ),
-            Check(
-                "the same at 50 lux",
-                "told, the chart being clipped",
-                "withheld at every DX" if clipped else "told",
-                "",
-                None,
-            ),
-        ),
-        (
-            Figure(
-                "MTF50 over speed, 30 ms, 20 lux",
-                _SPEED,
-                "MTF50 / cycles/px",
-                (
-                    Line("measured", speeds, [found[speed].value for speed in speeds], colour=0),
-                    Line("closed form", speeds, [closed[speed] for speed in speeds], dashed=True, colour=1),
-                ),
-                logarithmic=False,
-            ),
-        ),
-    )
+    told = {speed: each for speed, each in found.items() if each.told}
+    values = [each.value for each in told.values()]
+    worst = max((abs(each.value / closed[speed] - 1) for speed, each in told.items()), default=math.inf)
+    near = all_near(told.values(), [closed[speed] for speed in told], CLOSED_FORM)
+    text = ", ".join(f"{each.value:.4f} ({closed[speed]:.4f}) at {speed:g}" for speed, each in told.items())
+    clipped = not any(measured[AT_30_MS]["mtf50_x", 30.0, speed].told for speed in SPEEDS)
+    beside = f"{worst:.2%} off at most, told at {len(told)} of {len(speeds)} speeds"
+    rule = f"within {CLOSED_FORM:.0%} where told, or within the 95 % interval of all together"
+    what = "the same beside the closed form (in brackets)"
+    at_50_lux = "withheld at every DX" if clipped else "told"
+    several = len(told) > 1
+    checks = [
+        Check("MTF50 over DX at 20 lux", "falls", text, "falls", _falls(values) and several),
+        Check(what, "pixel x disc x motion", beside, rule, near and several),
+        Check("the same at 50 lux", "told, the chart being clipped", at_50_lux, "", None),
+    ]
+    lines = [
+        Line("measured", speeds, [each.value for each in found.values()]),
+        Line("closed form", speeds, list(closed.values()), dashed=True),
+    ]
+    title = "MTF50 over speed, 30 ms, 20 lux"
+    return Found(checks, [Figure(title, _SPEED, "MTF50 / cycles/px", lines, logarithmic=False)])
 
 
 def patch_snr(measured: Measurements) -> Found:
     """Of an even patch: motion changes nothing."""
     numbers = measured[AT_30_MS]
-    grey = [numbers["patch_snr_dark", 30.0, speed] for speed in SPEEDS]
-    white = [numbers["patch_snr_bright", 30.0, speed] for speed in SPEEDS]
-    spread = _spread(each.value for each in grey)
-    beside = "clipped, withheld" if not any(each.told for each in white) else "told"
-    return Found(
-        (
-            Check(
-                f"patch SNR at 30 ms and DX {_listed(SPEEDS)}",
-                "constant",
-                f"grey: {_listed([each.value for each in grey], '.2f')}",
-                f"spread below {EVEN:.0%}",
-                spread < EVEN,
-            ),
-            Check("the white patch", "constant", beside, "", None),
-        ),
-        (_over_exposure(measured[OVER_EXPOSURE], "patch_snr_dark", "Patch SNR, 18 % grey, 50 lux", "SNR"),),
-    )
+    grey = [numbers["patch_snr_dark", 30.0, speed].value for speed in SPEEDS]
+    white = any(numbers["patch_snr_bright", 30.0, speed].told for speed in SPEEDS)
+    what = f"patch SNR at 30 ms and DX {_listed(SPEEDS)}"
+    text = f"grey: {_listed(grey, '.2f')}"
+    checks = [
+        Check(what, "constant", text, f"spread below {EVEN:.0%}", _spread(grey) < EVEN),
+        Check("the white patch", "constant", "told" if white else "clipped, withheld", "", None),
+    ]
+    title = "Patch SNR, 18 % grey, 50 lux"
+    return Found(checks, [_over_exposure(measured[OVER_EXPOSURE], "patch_snr_dark", title, "SNR")])
 
 
 def edge_snr(measured: Measurements) -> Found:
@@ -151,107 +114,60 @@ def edge_snr(measured: Measurements) -> Found:
     numbers = measured[OVER_EXPOSURE]
     spreads = {}
     for ms in OVER_EXPOSURE.exposures_ms:
-        told = [numbers["edge_snr_db", ms, v].value for v in SPEEDS if numbers["edge_snr_db", ms, v].told]
-        if len(told) == len(SPEEDS) and ms <= _CLIPS_MS:
-            spreads[ms] = max(told) - min(told)
+        over_speed = [numbers["edge_snr_db", ms, speed] for speed in SPEEDS]
+        if ms <= _CLIPS_MS and all(each.told for each in over_speed):
+            values = [each.value for each in over_speed]
+            spreads[ms] = max(values) - min(values)
     text = ", ".join(f"{spread:.2f} dB at {ms:g} ms" for ms, spread in spreads.items())
-    return Found(
-        (
-            Check(
-                "edge SNR over DX below 20 ms",
-                "equal",
-                text or "nothing told",
-                f"spread below {SPREAD_DB:g} dB",
-                bool(spreads) and max(spreads.values()) < SPREAD_DB,
-            ),
-        ),
-        (_over_exposure(numbers, "edge_snr_db", "Edge SNR over exposure, 50 lux", "Edge SNR / dB"),),
-    )
+    agrees = bool(spreads) and max(spreads.values()) < SPREAD_DB
+    rule = f"spread below {SPREAD_DB:g} dB"
+    check = Check("edge SNR over DX below 20 ms", "equal", text or "nothing told", rule, agrees)
+    title = "Edge SNR over exposure, 50 lux"
+    return Found([check], [_over_exposure(numbers, "edge_snr_db", title, "Edge SNR / dB")])
 
 
 def clipping(measured: Measurements) -> Found:
     """More light clips earlier, in proportion."""
     found = measured[CLIPPING]
+    lights, exposures = list(found), list(found.values())
     products = [lux * ms for lux, ms in found.items()]
-    lights = list(found)
-    return Found(
-        (
-            Check(
-                f"exposure from which the chart clips at {_listed(lights)} lux",
-                "the jump comes earlier in more light",
-                f"{_listed(list(found.values()), '.1f')} ms: {_listed(products, '.0f')} lux ms",
-                f"light times exposure within {INVERSE:.0%}",
-                _spread(products) <= INVERSE,
-            ),
-        ),
-        (
-            Figure(
-                "Exposure from which the chart clips",
-                "Light / lux",
-                _EXPOSURE,
-                (
-                    Line("measured", lights, list(found.values()), colour=0),
-                    Line(
-                        "inverse of the light",
-                        lights,
-                        [found[lights[0]] * lights[0] / lux for lux in lights],
-                        dashed=True,
-                        colour=1,
-                    ),
-                ),
-            ),
-        ),
-    )
+    what = f"exposure from which the chart clips at {_listed(lights)} lux"
+    text = f"{_listed(exposures, '.1f')} ms: {_listed(products, '.0f')} lux ms"
+    rule = f"light times exposure within {INVERSE:.0%}"
+    earlier = "the jump comes earlier in more light"
+    check = Check(what, earlier, text, rule, _spread(products) <= INVERSE)
+    inverse = [products[0] / lux for lux in lights]
+    lines = [Line("measured", lights, exposures), Line("inverse of the light", lights, inverse, dashed=True)]
+    return Found([check], [Figure("Exposure from which the chart clips", "Light / lux", _EXPOSURE, lines)])
 
 
 def capacity(measured: Measurements) -> Found:
     """Shannon information capacity, of the square of frequencies."""
-    return _peaks(measured, "sic_square", "SIC", "bits/px")
+    return _peaks(measured[OVER_EXPOSURE], "sic_square", "SIC", "bits/px")
 
 
 def quanta_of_picture(measured: Measurements) -> Found:
     """Noise equivalent quanta over the band."""
-    return _peaks(measured, "neq_integral", "NEQ", "quanta/px")
+    return _peaks(measured[OVER_EXPOSURE], "neq_integral", "NEQ", "quanta/px")
 
 
-def _peaks(measured: Measurements, metric: str, name: str, unit: str) -> Found:
+def _peaks(numbers: Numbers, metric: str, name: str, unit: str) -> Found:
     """Where a metric peaks over exposure: in a range at rest; lower, and no later, the faster it moves."""
-    numbers = measured[OVER_EXPOSURE]
-    peaks = []
-    for speed in SPEEDS:
-        told = {ms: each.value for ms, each in _told(numbers, metric, speed).items()}
-        place = max(told, key=lambda ms, of=told: of[ms])  # type: ignore[misc]
-        peaks.append((place, told[place]))
-    places, heights = zip(*peaks, strict=True)
-    lower = all(after < before for before, after in pairwise(heights))
+    peaks = [max((each.value, -ms) for ms, each in _told(numbers, metric, speed).items()) for speed in SPEEDS]
+    heights, places = [height for height, _ in peaks], [-later for _, later in peaks]
     no_later = all(after <= before for before, after in pairwise(places))
-    return Found(
-        (
-            Check(
-                f"{name} at rest",
-                "peaks at 20-30 ms",
-                f"highest told value at {places[0]:g} ms: {heights[0]:.3g} {unit}",
-                f"peak within {PEAK_MS[0]:g}-{PEAK_MS[1]:g} ms",
-                PEAK_MS[0] <= places[0] <= PEAK_MS[1],
-            ),
-            Check(
-                f"{name}'s peak at DX {_listed(SPEEDS)}",
-                "lower, and earlier, with DX",
-                f"{_listed(places)} ms; {_listed(heights, '.3g')} {unit}",
-                "height falls, place does not rise",
-                lower and no_later,
-            ),
-        ),
-        (
-            _over_exposure(
-                numbers,
-                metric,
-                f"{name} over exposure, 50 lux",
-                f"{name} / {unit}",
-                (20.0, 30.0, "peak at rest"),
-            ),
-        ),
-    )
+    at_rest = f"highest told value at {places[0]:g} ms: {heights[0]:.3g} {unit}"
+    inside = f"peak within {PEAK_MS[0]:g}-{PEAK_MS[1]:g} ms"
+    what = f"{name}'s peak at DX {_listed(SPEEDS)}"
+    moving = f"{_listed(places)} ms; {_listed(heights, '.3g')} {unit}"
+    lower = "height falls, place does not rise"
+    checks = [
+        Check(f"{name} at rest", "peaks at 20-30 ms", at_rest, inside, PEAK_MS[0] <= places[0] <= PEAK_MS[1]),
+        Check(what, "lower, and earlier, with DX", moving, lower, _falls(heights) and no_later),
+    ]
+    peak = (20.0, 30.0, "peak at rest")
+    title = f"{name} over exposure, 50 lux"
+    return Found(checks, [_over_exposure(numbers, metric, title, f"{name} / {unit}", peak)])
 
 
 def mtf50(length_px: float) -> float:
@@ -272,34 +188,37 @@ def mtf50(length_px: float) -> float:
     return float(brentq(above_half, 1e-4, min(0.4, 0.9 / max(length_px, 1e-9))))
 
 
-def _line(numbers: Any, metric: str, speed: float) -> dict[float, Estimate]:
-    return {ms: numbers[metric, ms, speed] for ms in OVER_EXPOSURE.exposures_ms}
-
-
-def _told(numbers: Any, metric: str, speed: float) -> dict[float, Estimate]:
-    """The values of a line that are not withheld, at least one; raises :class:`NotRun`."""
-    told = {ms: each for ms, each in _line(numbers, metric, speed).items() if each.told}
+def _told(numbers: Numbers, metric: str, speed: float) -> dict[float, Estimate]:
+    """The values over exposure that are not withheld, at least one; raises :class:`NotRun`."""
+    line = {ms: numbers[metric, ms, speed] for ms in OVER_EXPOSURE.exposures_ms}
+    told = {ms: each for ms, each in line.items() if each.told}
     if not told:
         raise NotRun(f"{metric} is withheld at every exposure at {speed:g} px/s")
     return told
 
 
 def _over_exposure(
-    numbers: Any, metric: str, title: str, y_label: str, *quoted: tuple[float, float, str]
+    numbers: Numbers,
+    metric: str,
+    title: str,
+    y_label: str,
+    quoted: tuple[float, float, str] = (_CLIPS_MS, _CLIPS_MS, "clips, in the paper"),
 ) -> Figure:
     exposures = OVER_EXPOSURE.exposures_ms
-    lines = tuple(
+    lines = [
         Line(f"{speed:g} px/s", exposures, [numbers[metric, ms, speed].value for ms in exposures])
         for speed in SPEEDS
-    )
-    clips = (_CLIPS_MS, _CLIPS_MS, "clips, in the paper")
-    return Figure(title, _EXPOSURE, y_label, lines, quoted or (clips,))
+    ]
+    return Figure(title, _EXPOSURE, y_label, lines, [quoted])
 
 
-def _spread(values: Iterable[float]) -> float:
+def _falls(values: Iterable[float]) -> bool:
+    return all(after < before for before, after in pairwise(values))
+
+
+def _spread(values: Sequence[float]) -> float:
     """Largest less smallest, as a share of the mean."""
-    each = list(values)
-    return (max(each) - min(each)) * len(each) / sum(each)
+    return (max(values) - min(values)) * len(values) / sum(values)
 
 
 def _listed(values: Sequence[float], how: str = "g") -> str:

@@ -6,12 +6,10 @@ import io
 import math
 
 from matplotlib.figure import Figure as Drawn
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from blurnoise_eval.paper.item import Figure
+from blurnoise_eval.plots.style import COLOURS, plain_numbers, tidy
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#8a6d00")
-"""Of Okabe and Ito, which the colour-blind tell apart."""
 _QUOTED = "#e8b000"
 
 
@@ -29,9 +27,7 @@ def png(figure: Figure) -> bytes:
     withheld = any(math.isnan(y) for line in figure.lines for y in line.y)
     if figure.logarithmic and not figure.points:
         axes.set_xscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        plain_numbers(axes.xaxis, digits=(1, 2, 5))
     for row, (low, high, what) in enumerate(figure.quoted):
         if high > low:
             axes.axvspan(low, high, color=_QUOTED, alpha=0.22, lw=0, zorder=0)
@@ -45,12 +41,7 @@ def png(figure: Figure) -> bytes:
     if figure.level is not None:
         axes.axhline(figure.level, color="0.6", lw=0.9, zorder=1)
         axes.set_ylim(-0.04, 1.04)
-    axes.set_xlabel(figure.x_label, fontsize=9)
-    axes.set_ylabel(figure.y_label, fontsize=9)
-    axes.tick_params(labelsize=8)
-    axes.grid(color="0.92", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, x=figure.x_label, y=figure.y_label)
     if len(figure.lines) > 1:
         title = "cross at the foot: withheld" if withheld else None
         axes.legend(

@@ -1,28 +1,24 @@
-"""Items of the rerun: what the paper says, what is found here, by which rule the two agree.
-
-A verdict is one of ``VERDICTS``. "not judged" stands where nothing can be held to the paper: figures to look at, and
-the chain that is not the paper's.
-"""
+"""Items of the rerun: statements of the paper, each beside what is found here and the rule by which the two agree."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from statistics import NormalDist
 
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.paper.measurement import Measurement, Measurements
+from blurnoise_eval.paper.measurement import Measurements, NotRun
 
 AGREES, DIFFERS, NOT_RUN, NOT_JUDGED = "agrees", "differs", "not run", "not judged"
-VERDICTS = (AGREES, DIFFERS, NOT_RUN, NOT_JUDGED)
+COLUMNS = ("item", "expected", "found", "rule", "verdict", "what", "chain", "place", "setting")
 
 
 @dataclass(frozen=True)
 class Check:
     """One statement of the paper beside what is found.
 
-    agrees: whether ``found`` keeps the rule; None where it is not judged. chain: the chain it was found in, where
-    pictures go to a network.
+    agrees: whether ``found`` keeps the rule; None where nothing can be held to the paper, or the chain is not the
+    paper's. chain: in which it was found, where pictures go to a network.
     """
 
     what: str
@@ -31,40 +27,44 @@ class Check:
     rule: str
     agrees: bool | None
     chain: str = ""
+    not_run: bool = False
 
     @property
     def verdict(self) -> str:
-        """What becomes of it."""
+        """In words."""
+        if self.not_run:
+            return NOT_RUN
         return NOT_JUDGED if self.agrees is None else AGREES if self.agrees else DIFFERS
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a figure; NaN where a number is withheld. dashed: a closed form, or the chain beside."""
+    """A line of a figure; y is NaN where a number is withheld. dashed: a closed form, or the chain beside.
+
+    colour: place among the figure's colours; None: the next one.
+    """
 
     label: str
     x: Sequence[float]
     y: Sequence[float]
     dashed: bool = False
     colour: int | None = None
-    """Its place among the figure's colours; None: the next one."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """What an item shows: lines, and what the paper says as ranges or places of x.
+    """Lines, and what the paper says as ranges or places of x.
 
-    quoted: (low, high, what) of x; low equals high for one place. level: what y, a share, is held to.
+    quoted: (low, high, label) of x; low equals high for one place. level: of y, a share. points: without lines.
     """
 
     title: str
     x_label: str
     y_label: str
-    lines: tuple[Line, ...]
-    quoted: tuple[tuple[float, float, str], ...] = ()
+    lines: Sequence[Line]
+    quoted: Sequence[tuple[float, float, str]] = ()
     logarithmic: bool = True
     points: bool = False
-    """Without lines from point to point."""
     level: float | None = None
 
 
@@ -72,49 +72,40 @@ class Figure:
 class Found:
     """What an item comes to."""
 
-    checks: tuple[Check, ...]
-    figures: tuple[Figure, ...] = ()
+    checks: Sequence[Check]
+    figures: Sequence[Figure] = ()
 
 
 @dataclass(frozen=True)
 class Item:
-    """An entry of the rerun. place: figure, table or equation of the paper. needs: what is measured for it."""
+    """An entry of the rerun. place: figure, table or equation of the paper."""
 
     name: str
     title: str
     place: str
     setting: str
     of: Callable[[Measurements], Found]
-    needs: tuple[Measurement, ...] = ()
+
+    def run(self, measured: Measurements) -> Outcome:
+        """What is found; where something is missing for it, a check that says so."""
+        try:
+            return Outcome(self, self.of(measured))
+        except NotRun as reason:
+            return Outcome(self, Found([Check(self.title, "", str(reason), "", None, not_run=True)]))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """An item with what was found, or why it was not run."""
+    """An item with what was found."""
 
     item: Item
-    found: Found | None
-    why_not: str = ""
+    found: Found
 
     def rows(self) -> list[dict[str, str]]:
-        """The item's rows of paper.csv."""
-        shared = {"place": self.item.place, "setting": self.item.setting}
-        if self.found is None:
-            blank = {"expected": "", "found": self.why_not, "rule": "", "verdict": NOT_RUN, "chain": ""}
-            return [{"item": self.item.name, "what": self.item.title, **blank, **shared}]
-        return [
-            {
-                "item": self.item.name,
-                "what": check.what,
-                "expected": check.expected,
-                "found": check.found,
-                "rule": check.rule,
-                "verdict": check.verdict,
-                "chain": check.chain,
-                **shared,
-            }
-            for check in self.found.checks
-        ]
+        """The item's rows of paper.csv, by ``COLUMNS``."""
+        shared = {"item": self.item.name, "place": self.item.place, "setting": self.item.setting}
+        rows = [{**asdict(check), "verdict": check.verdict, **shared} for check in self.found.checks]
+        return [{name: row[name] for name in COLUMNS} for row in rows]
 
 
 def all_near(found: Iterable[Estimate], expected: Sequence[float], share: float) -> bool:

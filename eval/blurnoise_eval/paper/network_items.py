@@ -8,14 +8,15 @@ camera's stands beside it. In the maps it is the other way round: in their light
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 from scipy.stats import spearmanr
 
 from blurnoise_eval.paper.chains import CHAINS, Chain
 from blurnoise_eval.paper.item import Check, Figure, Found, Line
-from blurnoise_eval.paper.measurement import Charts, Measurements, Signs
+from blurnoise_eval.paper.measurement import Charts, Measurements, NotRun, Signs
 
 SIZES = (100, 50, 32)
 LEVEL = 0.6
@@ -46,11 +47,9 @@ _READ_MS = {
 """Exposures about the ends that the paper gives, by size and DX; its own begin at 1 ms."""
 _READ_BESIDE_MS = (4, 20, 50, 90)
 READ_OVER_EXPOSURE = {
-    chain: {
-        (size, dx): Signs(chain, True, (size,), exposures if chain == "paper" else _READ_BESIDE_MS, (dx,))
-        for (size, dx), exposures in _READ_MS.items()
-    }
+    (chain, size, dx): Signs(chain, True, (size,), exposures if chain == "paper" else _READ_BESIDE_MS, (dx,))
     for chain in CHAINS
+    for (size, dx), exposures in _READ_MS.items()
 }
 READ_AT_30_MS = {chain: Signs(chain, True, (100, 32), (30,), _DX) for chain in CHAINS}
 MAP_CHARTS = Charts(MAP_LUX, _MAP_MS, _MAP_DX, MAP_CAMERA)
@@ -59,208 +58,152 @@ MAP_SIGNS = {chain: Signs(chain, False, (32,), _MAP_MS, _MAP_DX, MAP_LUX, MAP_CA
 FIRST_MS = {100: 1.0, 32: 5.0}
 LOST_DX = {50: 600.0, 32: 200.0}
 TOPS_MS = (75.0, 84.0)
-READ_FROM_MS = ((32, 0.0, 4.0), (50, FAST, 2.0), (100, 0.0, 1.0))
-"""Size, DX and ms of Figure 30."""
-READ_TO_MS = {0.0: {32: 40.0, 50: 75.0, 100: 80.0}, FAST: {32: 22.0, 50: 32.0, 100: 43.0}}
+READ_FROM_MS = {(32, 0.0): 4.0, (50, FAST): 2.0, (100, 0.0): 1.0}
+READ_TO_MS = {
+    (32, 0.0): 40.0, (50, 0.0): 75.0, (100, 0.0): 80.0, (32, FAST): 22.0, (50, FAST): 32.0, (100, FAST): 43.0,
+}  # fmt: skip
+"""Of Figure 30, by size and DX."""
 FROM_FACTOR, TO_FACTOR = 2.0, 1.3
 _EXPOSURE, _SPEED = "Exposure / ms", "Speed / px/s"
 _CONFIDENCE, _LEAST = "Mean confidence", "Least confidence"
+_METRICS = {"mtf50_x": "MTF50", "patch_snr_bright": "patch SNR", "sic_square": "SIC", "neq_integral": "NEQ"}
+Curve = dict[float, float]
+"""Confidence over exposure in ms, or over speed."""
 
 
 def detection(measured: Measurements) -> Found:
     """The order of sizes: a larger sign is found in shorter exposures and at higher speeds."""
-    checks, rest, fast = [], [], []
-    for chain in CHAINS:
-        at_rest, moving = measured[FOUND_AT_REST[chain]], measured[FOUND_AT_30_MS[chain]]
-        over_ms = {size: _over_ms(at_rest, size, 0.0) for size in SIZES}
-        over_dx = {size: _over_dx(moving, size) for size in SIZES}
-        first = [first_held(over_ms[size]) for size in SIZES]
-        tops = [last_held(over_ms[size]) for size in SIZES]
-        lost = [first_lost(over_dx[size]) for size in SIZES]
-        judged = chain == "paper"
-        checks += [
+
+    def checks(chain: Chain) -> list[Check]:
+        over_ms = [_curve(measured, FOUND_AT_REST[chain], size) for size in SIZES]
+        over_dx = [_curve(measured, FOUND_AT_30_MS[chain], size) for size in SIZES]
+        first, last = [first_held(each) for each in over_ms], [last_held(each) for each in over_ms]
+        lost = [first_lost(each) for each in over_dx]
+        return [
             Check(
                 "first exposure at rest that finds it",
                 _quoted(FIRST_MS, "ms"),
                 _by_size(first, "ms", "none"),
                 "falls with size",
-                ordered(first) if judged else None,
-                chain,
+                ordered(first),
             ),
             Check(
                 "DX that loses it at 30 ms",
-                "about " + _quoted(LOST_DX, "px/s"),
+                f"about {_quoted(LOST_DX, 'px/s')}",
                 _by_size(lost, "px/s", f"none to {_FAR_DX[-1]:g}"),
                 "rises with size",
-                ordered([-each for each in lost]) if judged else None,
-                chain,
+                ordered([-each for each in lost]),
             ),
             Check(
                 "last exposure at rest that finds it",
                 f"{TOPS_MS[0]:g}-{TOPS_MS[1]:g} ms",
-                _by_size(tops, "ms", "none"),
+                _by_size(last, "ms", "none"),
                 "another network's limit",
                 None,
-                chain,
             ),
         ]
-        rest += [_drawn(over_ms[size], size, chain) for size in SIZES]
-        fast += [_drawn(over_dx[size], size, chain) for size in SIZES]
+
+    rest = _lines(measured, FOUND_AT_REST.values())
+    fast = _lines(measured, FOUND_AT_30_MS.values())
+    tops = [(*TOPS_MS, "last")]
+    lost = [(dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()]
     return Found(
-        tuple(checks),
-        (
-            Figure(
-                "Signs found at rest, 50 lux",
-                _EXPOSURE,
-                _CONFIDENCE,
-                tuple(rest),
-                ((*TOPS_MS, "last"),),
-                level=LEVEL,
-            ),
-            Figure(
-                "Signs found at 30 ms, 50 lux",
-                _SPEED,
-                _CONFIDENCE,
-                tuple(fast),
-                tuple((dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()),
-                logarithmic=False,
-                level=LEVEL,
-            ),
-        ),
+        _of_chains(checks, judged="paper"),
+        [
+            Figure("Signs found at rest, 50 lux", _EXPOSURE, _CONFIDENCE, rest, tops, level=LEVEL),
+            Figure("Signs found at 30 ms, 50 lux", _SPEED, _CONFIDENCE, fast, lost, False, level=LEVEL),
+        ],
     )
 
 
 def maps(measured: Measurements) -> Found:
     """How well metrics rank the conditions of a map by the confidence in a sign of 32 px."""
     numbers = measured[MAP_CHARTS]
-    names = {"mtf50_x": "MTF50", "patch_snr_bright": "patch SNR", "sic_square": "SIC", "neq_integral": "NEQ"}
     nodes = [(ms, dx) for ms in MAP_CHARTS.exposures_ms for dx in MAP_CHARTS.speeds_px_s]
-    told = [node for node in nodes if all(numbers[name, *node].told for name in names)]
-    checks: list[Check] = []
-    figures: list[Figure] = []
-    for chain in CHAINS:
-        seen = measured[MAP_SIGNS[chain]]
-        confidence = [seen[32, *node] for node in told]
-        rank = {
-            name: float(spearmanr([numbers[metric, *node].value for node in told], confidence).statistic)
-            for metric, name in names.items()
-        }
-        better = min(rank["SIC"], rank["NEQ"]) > max(rank["MTF50"], rank["patch SNR"])
-        checks.append(
-            Check(
-                f"rank correlation with confidence, {len(told)} of {len(nodes)} conditions told",
-                "MTF50, patch SNR poor; SIC, NEQ good",
-                ", ".join(f"{name} {value:.2f}" for name, value in rank.items()),
-                "SIC and NEQ each above both others",
-                better if chain == "camera" else None,
-                chain,
-            )
-        )
-        if chain == "camera":
-            figures = [
-                Figure(
-                    f"Map of {name}: rank correlation {rank[name]:.2f}",
-                    name,
-                    _CONFIDENCE,
-                    (Line("32 px", [numbers[metric, *node].value for node in told], confidence),),
-                    points=True,
-                    level=LEVEL,
-                )
-                for metric, name in names.items()
-            ]
-    return Found(tuple(checks), tuple(figures))
+    told = [node for node in nodes if all(numbers[name, *node].told for name in _METRICS)]
+    if len(told) < 3:
+        raise NotRun(f"metrics are withheld at all but {len(told)} of {len(nodes)} conditions")
+    values = {name: [numbers[metric, *node].value for node in told] for metric, name in _METRICS.items()}
+    confidence = {chain: [measured[MAP_SIGNS[chain]][32, *node] for node in told] for chain in CHAINS}
+    ranks = {
+        chain: {name: float(spearmanr(each, confidence[chain]).statistic) for name, each in values.items()}
+        for chain in CHAINS
+    }
+
+    def checks(chain: Chain) -> list[Check]:
+        rank = ranks[chain]
+        what = f"rank correlation with confidence, {len(told)} of {len(nodes)} conditions told"
+        text = ", ".join(f"{name} {value:.2f}" for name, value in rank.items())
+        agrees = min(rank["SIC"], rank["NEQ"]) > max(rank["MTF50"], rank["patch SNR"])
+        rule = "SIC and NEQ each above both others"
+        return [Check(what, "MTF50, patch SNR poor; SIC, NEQ good", text, rule, agrees)]
+
+    figures = []
+    for name, rank in ranks["camera"].items():
+        points = [Line("32 px", values[name], confidence["camera"])]
+        title = f"Map of {name}: rank correlation {rank:.2f}"
+        figures.append(Figure(title, name, _CONFIDENCE, points, points=True, level=LEVEL))
+    return Found(_of_chains(checks, judged="camera"), figures)
 
 
 def reading(measured: Measurements) -> Found:
     """The exposures from which, and to which, STOP is read."""
-    checks, figures = [], []
-    for chain in CHAINS:
-        judged = chain == "paper"
-        for size, dx, quoted in READ_FROM_MS:
-            found = first_held(_read(measured, chain, size, dx))
-            checks.append(
-                Check(
-                    f"{size} px, DX {dx:g}: read from",
-                    f"{quoted:g} ms",
-                    _exposure(found),
-                    f"factor {FROM_FACTOR:g}",
-                    within(found, quoted, FROM_FACTOR) if judged else None,
-                    chain,
-                )
-            )
-        for dx, by_size in READ_TO_MS.items():
-            for size, quoted in by_size.items():
-                found = last_held(_read(measured, chain, size, dx))
-                checks.append(
-                    Check(
-                        f"{size} px, DX {dx:g}: read to",
-                        f"{quoted:g} ms",
-                        _exposure(found),
-                        f"factor {TO_FACTOR:g}",
-                        within(found, quoted, TO_FACTOR) if judged else None,
-                        chain,
-                    )
-                )
-    for dx, by_size in READ_TO_MS.items():
-        lines = [_drawn(_read(measured, chain, size, dx), size, chain) for chain in CHAINS for size in SIZES]
-        quoted_places = tuple((ms, ms, f"{size} px to") for size, ms in by_size.items())
-        figures.append(
-            Figure(
-                f"STOP read, DX {dx:g}, 50 lux",
-                _EXPOSURE,
-                _LEAST,
-                tuple(lines),
-                quoted_places,
-                level=LEVEL,
-            )
-        )
-    return Found(tuple(checks), tuple(figures))
+
+    def checks(chain: Chain) -> list[Check]:
+        found = []
+        for what, quoted, factor, end in (
+            ("from", READ_FROM_MS, FROM_FACTOR, first_held),
+            ("to", READ_TO_MS, TO_FACTOR, last_held),
+        ):
+            for (size, dx), ms in quoted.items():
+                seen = end(_curve(measured, READ_OVER_EXPOSURE[chain, size, dx], size))
+                text = f"{seen:g} ms" if math.isfinite(seen) else "not read"
+                agrees, rule = within(seen, ms, factor), f"factor {factor:g}"
+                found.append(Check(f"{size} px, DX {dx:g}: read {what}", f"{ms:g} ms", text, rule, agrees))
+        return found
+
+    figures = []
+    for dx in (0.0, FAST):
+        lines = _lines(measured, (of for (_, _, at), of in READ_OVER_EXPOSURE.items() if at == dx))
+        quoted = [(ms, ms, f"{size} px to") for (size, at), ms in READ_TO_MS.items() if at == dx]
+        title = f"STOP read, DX {dx:g}, 50 lux"
+        figures.append(Figure(title, _EXPOSURE, _LEAST, lines, quoted, level=LEVEL))
+    return Found(_of_chains(checks, judged="paper"), figures)
 
 
 def reading_over_speed(measured: Measurements) -> Found:
     """The speeds at which STOP is read at 30 ms."""
-    checks, lines = [], []
-    for chain in CHAINS:
-        over_dx = {size: _over_dx(measured[READ_AT_30_MS[chain]], size) for size in (100, 32)}
-        judged = chain == "paper"
-        fails, reads = first_lost(over_dx[32]), last_held(over_dx[100])
-        checks += [
-            Check(
-                "32 px: fails by",
-                "100 px/s",
-                f"{fails:g} px/s" if math.isfinite(fails) else f"not to {_DX[-1]:g} px/s",
-                "a step of the DX list",
-                one_step(fails, 100.0) if judged else None,
-                chain,
-            ),
-            Check(
-                "100 px: reads to",
-                "350 px/s",
-                f"{reads:g} px/s" if math.isfinite(reads) else "not read",
-                "a step of the DX list",
-                one_step(reads, 350.0) if judged else None,
-                chain,
-            ),
+
+    def checks(chain: Chain) -> list[Check]:
+        fails = first_lost(_curve(measured, READ_AT_30_MS[chain], 32))
+        reads = last_held(_curve(measured, READ_AT_30_MS[chain], 100))
+        failing = f"{fails:g} px/s" if math.isfinite(fails) else f"not to {_DX[-1]:g} px/s"
+        reading = f"{reads:g} px/s" if math.isfinite(reads) else "not read"
+        rule = "a step of the DX list"
+        return [
+            Check("32 px: fails by", "100 px/s", failing, rule, one_step(fails, 100.0)),
+            Check("100 px: reads to", "350 px/s", reading, rule, one_step(reads, 350.0)),
         ]
-        lines += [_drawn(curve, size, chain) for size, curve in over_dx.items()]
-    quoted = ((100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to"))
+
+    lines = _lines(measured, READ_AT_30_MS.values())
+    quoted = [(100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to")]
     return Found(
-        tuple(checks),
-        (Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, tuple(lines), quoted, False, level=LEVEL),),
+        _of_chains(checks, judged="paper"),
+        [Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, lines, quoted, False, level=LEVEL)],
     )
 
 
-def first_held(curve: Mapping[float, float]) -> float:
+def first_held(curve: Curve) -> float:
     """The first x at or above ``LEVEL``; infinite where there is none."""
     return min((x for x, y in curve.items() if y >= LEVEL), default=math.inf)
 
 
-def last_held(curve: Mapping[float, float]) -> float:
+def last_held(curve: Curve) -> float:
     """The last x at or above ``LEVEL``; minus infinite where there is none."""
     return max((x for x, y in curve.items() if y >= LEVEL), default=-math.inf)
 
 
-def first_lost(curve: Mapping[float, float]) -> float:
+def first_lost(curve: Curve) -> float:
     """The first x from which on the curve stays below ``LEVEL``; infinite where it never does."""
     last = last_held(curve)
     return min((x for x in curve if x > last), default=math.inf)
@@ -282,21 +225,30 @@ def one_step(found: float, quoted: float) -> bool:
     return found in _DX and abs(_DX.index(found) - _DX.index(quoted)) <= 1
 
 
-def _read(measured: Measurements, chain: Chain, size: int, dx: float) -> dict[float, float]:
-    return _over_ms(measured[READ_OVER_EXPOSURE[chain][size, dx]], size, dx)
+def _of_chains(checks: Callable[[Chain], list[Check]], *, judged: Chain) -> list[Check]:
+    """The checks of both chains, of which one is held to the paper."""
+    return [
+        replace(check, chain=chain, agrees=check.agrees if chain == judged else None)
+        for chain in CHAINS
+        for check in checks(chain)
+    ]
 
 
-def _over_ms(seen: Mapping[tuple[int, float, float], float], size: int, dx: float) -> dict[float, float]:
-    return {ms: y for (of, ms, at), y in sorted(seen.items()) if of == size and at == dx}
+def _curve(measured: Measurements, of: Signs, size: int) -> Curve:
+    """Confidence in signs of a size over what ``of`` varies: exposure, or else speed."""
+    over_ms = len(of.exposures_ms) > 1
+    return {ms if over_ms else dx: y for (px, ms, dx), y in sorted(measured[of].items()) if px == size}
 
 
-def _over_dx(seen: Mapping[tuple[int, float, float], float], size: int) -> dict[float, float]:
-    return {dx: y for (of, _, dx), y in sorted(seen.items()) if of == size}
-
-
-def _drawn(curve: Mapping[float, float], size: int, chain: Chain) -> Line:
-    label = f"{size} px, {chain}"
-    return Line(label, list(curve), list(curve.values()), chain == "camera", SIZES.index(size))
+def _lines(measured: Measurements, signs: Iterable[Signs]) -> list[Line]:
+    """A line per chain and size."""
+    lines = []
+    for of in signs:
+        for size in of.sizes_px:
+            curve = _curve(measured, of, size)
+            label, dashed = f"{size} px, {of.chain}", of.chain == "camera"
+            lines.append(Line(label, list(curve), list(curve.values()), dashed, SIZES.index(size)))
+    return lines
 
 
 def _quoted(by_size: Mapping[int, float], unit: str) -> str:
@@ -306,7 +258,3 @@ def _quoted(by_size: Mapping[int, float], unit: str) -> str:
 def _by_size(values: Sequence[float], unit: str, none: str) -> str:
     texts = (f"{value:g} {unit}" if math.isfinite(value) else none for value in values)
     return ", ".join(f"{text} ({size} px)" for text, size in zip(texts, SIZES, strict=True))
-
-
-def _exposure(ms: float) -> str:
-    return f"{ms:g} ms" if math.isfinite(ms) else "not read"

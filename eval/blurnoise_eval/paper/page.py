@@ -16,14 +16,13 @@ from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise_eval.paper import chains
 from blurnoise_eval.paper.drawing import png
-from blurnoise_eval.paper.item import AGREES, DIFFERS, NOT_JUDGED, NOT_RUN, Outcome
+from blurnoise_eval.paper.item import AGREES, COLUMNS, DIFFERS, NOT_JUDGED, NOT_RUN, Outcome
 from blurnoise_eval.paper.measurement import CAMERA
 from blurnoise_eval.paper.table import NOT_COMPARED, PAPER
 from blurnoise_eval.report.findings import sourced
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
-COLUMNS = ("item", "expected", "found", "rule", "verdict", "what", "chain", "place", "setting")
 _SHOWN_MS, _SHOWN_PX, _SHOWN_DX = (1, 5, 20, 45, 90), 50, 200.0
 
 
@@ -86,12 +85,8 @@ def _page(outcomes: Sequence[Outcome], facts: dict[str, str]) -> str:
 
 
 def _shown(outcome: Outcome) -> dict[str, Any]:
-    figures = outcome.found.figures if outcome.found else ()
-    return {
-        "item": outcome.item,
-        "rows": outcome.rows(),
-        "figures": [{"title": each.title, "png": _base64(png(each))} for each in figures],
-    }
+    figures = [{"title": each.title, "png": _base64(png(each))} for each in outcome.found.figures]
+    return {"item": outcome.item, "rows": outcome.rows(), "figures": figures}
 
 
 def _seen() -> list[tuple[chains.Chain, list[dict[str, str]]]]:

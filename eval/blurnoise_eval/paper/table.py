@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from blurnoise_eval.paper import chart_items, formulas, network_items
-from blurnoise_eval.paper.item import Item, Outcome
-from blurnoise_eval.paper.measurement import Measurement, Measurements, NotRun
+from blurnoise_eval.paper.item import Item
 
 PAPER = "Lin et al., Optimizing Camera Exposure Time for Automotive Applications, Sensors 2024, 24(16), 5135"
 _SIGNS = "signs of 100, 50 and 32 px, lin2024, 50 lux"
 _READER = "PP-OCR of rapidocr (the paper: v3) in known boxes; read: STOP in every noise field"
-ITEMS: tuple[Item, ...] = (
+ITEMS = (
     Item(
         "table-2", "Motion blur of road users", "Table 2, eq. 14",
         "f-theta lens, 4096 px over 99.32 degrees (printed as 99)", formulas.table_2,
@@ -23,50 +22,44 @@ ITEMS: tuple[Item, ...] = (
     ),
     Item(
         "mtf50", "MTF50 over exposure", "Figures 12, 13", "slanted edge, lin2024, 50 lux",
-        chart_items.mtf50_over_exposure, (chart_items.OVER_EXPOSURE,),
+        chart_items.mtf50_over_exposure,
     ),
     Item(
         "mtf50-dx", "MTF50 over speed", "Figure 14", "slanted edge, lin2024, 30 ms, 20 and 50 lux",
-        chart_items.mtf50_over_speed, (chart_items.OVER_SPEED, chart_items.AT_30_MS),
+        chart_items.mtf50_over_speed,
     ),
     Item(
         "patch-snr", "Patch SNR over speed", "Figure 15", "even patches, lin2024, 30 ms, 50 lux",
-        chart_items.patch_snr, (chart_items.AT_30_MS, chart_items.OVER_EXPOSURE),
+        chart_items.patch_snr,
     ),
     Item(
         "edge-snr", "Edge SNR over exposure", "Figure 16", "slanted edge, lin2024, 50 lux, DX 0 to 1000",
-        chart_items.edge_snr, (chart_items.OVER_EXPOSURE,),
+        chart_items.edge_snr,
     ),
     Item(
         "clipping", "Where edge SNR jumps", "Figure 17", "slanted edge, lin2024, 20 to 200 lux, at rest",
-        chart_items.clipping, (chart_items.CLIPPING,),
+        chart_items.clipping,
     ),
     Item(
         "sic", "Shannon information capacity", "Figure 18", "both edges, lin2024, 50 lux, DX 0 to 1000",
-        chart_items.capacity, (chart_items.OVER_EXPOSURE,),
+        chart_items.capacity,
     ),
     Item(
         "neq", "Noise equivalent quanta", "Figure 19", "both edges, lin2024, 50 lux, DX 0 to 1000",
-        chart_items.quanta_of_picture, (chart_items.OVER_EXPOSURE,),
+        chart_items.quanta_of_picture,
     ),
     Item(
         "detection", "Signs found", "Figures 22, 23", f"{_SIGNS}; another detector than YOLOv5m",
         network_items.detection,
-        (*network_items.FOUND_AT_REST.values(), *network_items.FOUND_AT_30_MS.values()),
     ),
     Item(
         "maps", "Performance maps", "Figures 24-29",
-        f"sign of 32 px, {network_items.MAP_CAMERA}, {network_items.MAP_LUX:g} lux",
-        network_items.maps, (network_items.MAP_CHARTS, *network_items.MAP_SIGNS.values()),
+        f"sign of 32 px, {network_items.MAP_CAMERA}, {network_items.MAP_LUX:g} lux", network_items.maps,
     ),
-    Item(
-        "ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; {_READER}",
-        network_items.reading,
-        tuple(each for of_chain in network_items.READ_OVER_EXPOSURE.values() for each in of_chain.values()),
-    ),
+    Item("ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; {_READER}", network_items.reading),
     Item(
         "ocr-dx", "STOP read over speed", "Figure 31", f"{_SIGNS}, 30 ms; {_READER}",
-        network_items.reading_over_speed, tuple(network_items.READ_AT_30_MS.values()),
+        network_items.reading_over_speed,
     ),
 )  # fmt: skip
 NOT_COMPARED: tuple[tuple[str, str], ...] = (
@@ -91,24 +84,3 @@ def chosen(names: Sequence[str]) -> tuple[Item, ...]:
         if name not in known:
             raise ValueError(f"only = {name!r}: must be one of {', '.join(known)}")
     return tuple(item for item in ITEMS if item.name in names or not names)
-
-
-def steps(items: Sequence[Item], measured: Measurements) -> float:
-    """Of progress: each measurement that the items need, once."""
-    every: set[Measurement] = set().union(*(item.needs for item in items))
-    return sum(each.steps(measured.means) for each in every)
-
-
-def run(
-    items: Sequence[Item], measured: Measurements, told: Callable[[Outcome], object] = lambda outcome: None
-) -> list[Outcome]:
-    """Every item's outcome, in order; ``told`` each as it comes. One that lacks something is not run."""
-    outcomes = []
-    for item in items:
-        try:
-            outcome = Outcome(item, item.of(measured))
-        except NotRun as reason:
-            outcome = Outcome(item, None, str(reason))
-        told(outcome)
-        outcomes.append(outcome)
-    return outcomes

@@ -14,15 +14,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.program import v4l2
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import Course, Program, Rival
-from blurnoise_eval.program.metering import Metering
+from blurnoise_eval.program.optimise import Baseline, Program
 from blurnoise_eval.program.stages import Stages
+from blurnoise_eval.program.text import objective_text
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -69,12 +68,12 @@ def ae_route(stages: Stages) -> list[dict[str, int]]:
     return nodes
 
 
-def rows(program: Program, lights_lux: tuple[float, ...]) -> Iterator[dict[str, Any]]:
+def rows(program: Program) -> list[dict[str, Any]]:
     """A row per light: what the program takes there, whether that is shorter than was tested, and the best without
     stages."""
-    ours, best = program.course, program.best
-    for place, light in enumerate(lights_lux):
-        yield {
+    ours, best = program.schedule, program.best
+    return [
+        {
             "illuminance_lux": light,
             "exposure_s": ours.exposures_s[place],
             "gain_db": ours.gains_db[place],
@@ -85,63 +84,63 @@ def rows(program: Program, lights_lux: tuple[float, ...]) -> Iterator[dict[str, 
             "best_gain_db": best.gains_db[place],
             "best_value": best.values[place],
         }
+        for place, light in enumerate(program.problem.lights_lux)
+    ]
 
 
-def document(program: Program, lights_lux: tuple[float, ...], about: dict[str, Any]) -> dict[str, Any]:
-    """Everything. about: what the program is for, and from what run."""
+def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:
+    """Everything. run: where it comes from; notes: what was left out or assumed."""
+    problem = program.problem
+    scenario = problem.response.scenario
     return {
-        **about,
-        "value": program.course.value,
+        "run": run,
+        "model": problem.model,
+        "criterion": problem.criterion.row(),
+        "camera": problem.metering.camera.name,
+        "mean_light": problem.metering.mean_light,
+        "scenario": {
+            "lights_lux": list(scenario.lights_lux),
+            "speeds_px_s": [
+                {"speed": speed, "share": share} for speed, share in scenario.speeds_px_s.items()
+            ],
+            "targets": dict(scenario.targets),
+            "objective": objective_text(scenario),
+        },
+        "limits": problem.limits.words,
+        "notes": list(notes),
+        "value": program.schedule.value,
         "value_low": program.low,
         "value_high": program.high,
         "regret_95": program.regret_95,
         "pictures": program.pictures,
-        "worst_speed": program.course.worst_speed,
-        "worst_light": program.course.worst_light,
+        "worst_speed": program.schedule.worst_speed,
+        "worst_light": program.schedule.worst_light,
         "stages": {"times_s": list(program.stages.times_s), "gains": list(program.stages.gains)},
         "shortest_tested_s": program.tested_s,
-        "nodes": list(rows(program, lights_lux)),
+        "nodes": rows(program),
         "without_stages": program.best.value,
         "best_fixed_s": program.best_fixed_s,
-        "rivals": [_rival(rival) for rival in program.rivals],
+        "rivals": [_baseline(each) for each in program.baselines],
     }
 
 
 def write(
-    program: Program,
-    lights_lux: tuple[float, ...],
-    about: dict[str, Any],
-    folder: Path,
-    *,
-    limits: Limits,
-    metering: Metering,
-    mode: str = "custom",
+    program: Program, folder: Path, run: str, notes: Sequence[str] = (), mode: str = "custom"
 ) -> list[Path]:
     """Write program.csv, program.json, libcamera.json, ae_route.json and v4l2.csv. Raises ``OSError``.
 
     mode: the name of libcamera's exposure mode, one of its :data:`MODES`.
     """
     how = how_to_use(mode)
-    table = list(rows(program, lights_lux))
-    line_s = limits.line_time_s or metering.camera.row_time_s
-    controls = list(v4l2.rows(program.stages, program.tested_s, limits, metering, line_s))
+    table, controls = rows(program), list(v4l2.rows(program))
+    route = ae_route(program.stages)
+    below = {"extrapolated_below_us": 1e6 * program.tested_s}
+    libcamera = {"exposure_modes": {mode: libcamera_mode(program.stages)}}
     files = {
         "program.csv": "".join(csv_lines(list(table[0]), table)),
-        "program.json": _text({**document(program, lights_lux, about), "how_to_use": how}),
-        "libcamera.json": _text(
-            {
-                "how_to_use": how["libcamera"],
-                "extrapolated_below_us": 1e6 * program.tested_s,
-                "rpi.agc": {"exposure_modes": {mode: libcamera_mode(program.stages)}},
-            }
-        ),
-        "ae_route.json": _text(
-            {
-                "total_num": len(ae_route(program.stages)),
-                "route_node": ae_route(program.stages),
-                "extrapolated_below_us": 1e6 * program.tested_s,
-            }
-        ),
+        "program.json": _text({**document(program, run, notes), "how_to_use": how}),
+        "libcamera.json": _text({"how_to_use": how["libcamera"], **below, "rpi.agc": libcamera}),
+        "ae_route.json": _text({"total_num": len(route), "route_node": route, **below}),
         "v4l2.csv": "".join(csv_lines(list(controls[0]), controls)),
     }
     for name, text in files.items():
@@ -149,17 +148,17 @@ def write(
     return [folder / name for name in files]
 
 
-def _rival(rival: Rival) -> dict[str, Any]:
-    there: Course | None = rival.course
+def _baseline(baseline: Baseline) -> dict[str, Any]:
+    there = baseline.schedule
     return {
-        "name": rival.name,
+        "name": baseline.name,
         "value": there and there.value,
         "worst_speed": there and there.worst_speed,
         "worst_light": there and there.worst_light,
         "exposures_s": there and list(there.exposures_s),
         "gains_db": there and list(there.gains_db),
         "values": there and list(there.values),
-        "reason": rival.reason,
+        "reason": baseline.reason,
     }
 
 

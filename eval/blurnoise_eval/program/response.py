@@ -18,7 +18,7 @@ from blurnoise_eval.deciding.nodes import Line, places_of
 from blurnoise_eval.deciding.predicted import At, Predicted
 from blurnoise_eval.deciding.search import CAUTION
 from blurnoise_eval.program.scenario import Scenario
-from blurnoise_eval.scoring import certainty
+from blurnoise_eval.scoring.estimates import influence, ratio_of_sums
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Response:
     def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> Values:
         """Values at pairs of light and exposure, (M,) each."""
         there = [self._case(case, lights_lux, exposures_s) for case in self.scenario.cases]
-        cases = np.array([certainty.mean_of(each.sums, each.counts) for each in there])
+        cases = np.array([ratio_of_sums(each.sums, each.counts) for each in there])
         return Values(cases, self._objective(cases))
 
     def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> Uncertain:
@@ -72,7 +72,7 @@ class Response:
         departures = np.zeros((len(place), len(objective)))
         for weight, case in zip(weights, self.scenario.cases, strict=True):
             there = self._case(case, lights_lux, exposures_s)
-            left_out = certainty.departures(there.sums, there.counts)
+            left_out = influence(there.sums, there.counts)
             known = np.maximum(np.isfinite(left_out).sum(axis=0), 1)
             rows = [place[cluster] for cluster in self.planes[case[1]].clusters]
             departures[rows] += weight * np.nan_to_num(left_out) * len(place) / known

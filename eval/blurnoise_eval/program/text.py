@@ -4,44 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.grid.axes import milliseconds
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import Course, Program, Rival
-from blurnoise_eval.program.metering import Metering
+from blurnoise_eval.program.optimise import Baseline, Program, Schedule
 from blurnoise_eval.program.scenario import Scenario
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.system.layout import PROSE, paragraph, table_lines
+from blurnoise_eval.system.terminal import PROSE, paragraph, table_lines
 
 _SHOWN = 12  # lights of the table
 _EXTRAPOLATED = "extrapolated: shorter than tested"
 
 
-def lines(
-    program: Program,
-    scenario: Scenario,
-    limits: Limits,
-    metering: Metering,
-    criterion: Criterion,
-    model: str,
-    width: int | None = None,
-) -> Iterator[str]:
+def lines(program: Program, width: int | None = None) -> Iterator[str]:
     """What the terminal shows, line by line, in so many columns."""
     prose = width and min(width, PROSE)
-    yield from paragraph(sentence(program, scenario, criterion, model), prose)
+    yield from paragraph(sentence(program), prose)
     yield ""
-    course = program.course
-    heads = ["light, lux", "exposure, ms", "gain, dB", unit(criterion), ""]
+    schedule, metering, limits = program.schedule, program.problem.metering, program.problem.limits
+    lights = program.problem.lights_lux
+    kept = "keeps" if program.problem.criterion.kept else "reaches"
+    heads = ["light, lux", "exposure, ms", "gain, dB", kept, ""]
     rows = [
         [
-            _lux(scenario.lights_lux[place]),
-            milliseconds(course.exposures_s[place]),
-            f"{course.gains_db[place]:.1f}",
-            _told(course.values[place]),
+            _lux(lights[place]),
+            milliseconds(schedule.exposures_s[place]),
+            f"{schedule.gains_db[place]:.1f}",
+            _told(schedule.values[place]),
             "most gain: darker than metered"
-            if course.lacks_gain[place]
-            else _EXTRAPOLATED * program.extrapolates(course.exposures_s[place]),
+            if schedule.lacks_gain[place]
+            else _EXTRAPOLATED * program.extrapolates(schedule.exposures_s[place]),
         ]
-        for place in shown_places(len(scenario.lights_lux))
+        for place in shown_places(len(lights))
     ]
     least_s, unity = program.stages.times_s[0], metering.total_s(1.0)
     if program.extrapolates(least_s):
@@ -59,7 +51,9 @@ def lines(
             f"for more than {_lux(unity / program.tested_s)} lux, and keep daylight from being overexposed.",
             prose,
         )
-    yield from paragraph(f"For {scenario_text(scenario)}. Limits: {', '.join(limits.words)}.", prose)
+    yield from paragraph(
+        f"For {scenario_text(program.problem.response.scenario)}. Limits: {', '.join(limits.words)}.", prose
+    )
     yield from paragraph(
         f"Gain by metering to 18 % of full scale, {metering.camera.name}, pictures of "
         f"{100 * metering.mean_light:.1f} % of white on average.",
@@ -67,27 +61,27 @@ def lines(
     )
     yield ""
     compared = [
-        _row("this program", course),
+        _row("this program", schedule),
         _row("the best, without stages", program.best),
-        *(_row(named(rival, program), rival.course, rival.reason or "") for rival in program.rivals),
+        *(_row(named(each, program), each.schedule, each.reason) for each in program.baselines),
     ]
-    heads = ["", unit(criterion), "worst speed", "worst light", ""]
+    heads = ["", kept, "worst speed", "worst light", ""]
     yield from table_lines(heads, compared, (False, True, True, True, False), width)
 
 
-def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: str) -> str:
+def sentence(program: Program) -> str:
     """What the program gives, what a fixed time and a stock program give, and what it may lose."""
-    lights = scenario.lights_lux
+    model, criterion, lights = program.problem.model, program.problem.criterion, program.problem.lights_lux
     interval = (
         "" if program.low is None or program.high is None else f" ({program.low:.3f}-{program.high:.3f})"
     )
-    does = f"keeps {_told(program.course.value)}{interval} of {model}'s {_score(criterion)}"
+    does = f"keeps {_told(program.schedule.value)}{interval} of {model}'s {_score(criterion)}"
     if not criterion.kept:
-        does = f"gives {model} a {criterion.title} of {_told(program.course.value)}{interval}"
+        does = f"gives {model} a {criterion.title} of {_told(program.schedule.value)}{interval}"
     others = [
-        f"{named(rival, program)} {_told(rival.course.value)}"
-        for rival in program.rivals
-        if rival.course is not None and rival.course.value is not None
+        f"{named(baseline, program)} {_told(baseline.schedule.value)}"
+        for baseline in program.baselines
+        if baseline.schedule is not None and baseline.schedule.value is not None
     ]
     beside = f"; {', '.join(others)}" if others else ""
     told = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}{beside}."
@@ -97,19 +91,24 @@ def sentence(program: Program, scenario: Scenario, criterion: Criterion, model: 
     return f"{told} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
 
 
-def named(rival: Rival, program: Program) -> str:
-    """A rival with the time that it stands for."""
-    if rival.name == "best fixed time" and program.best_fixed_s is not None:
-        return f"{rival.name}, {milliseconds(program.best_fixed_s)} ms"
-    return rival.name
+def named(baseline: Baseline, program: Program) -> str:
+    """A baseline with the time that it stands for."""
+    if baseline.name == "best fixed time" and program.best_fixed_s is not None:
+        return f"{baseline.name}, {milliseconds(program.best_fixed_s)} ms"
+    return baseline.name
 
 
 def scenario_text(scenario: Scenario) -> str:
     """'0 px/s (0.3), 200 px/s (0.7); large, medium; expected'."""
     speeds = ", ".join(f"{speed:.4g} px/s ({share:.2g})" for speed, share in scenario.speeds_px_s.items())
     targets = "; ".join(f"{target} ({share:.2g})" for target, share in scenario.targets.items())
-    objective = {"worst": "the worst of them", "tail": f"the worst {scenario.tail:g} of them on average"}
-    return f"{speeds}; {targets}; {objective.get(scenario.objective, 'expected')}"
+    return f"{speeds}; {targets}; {objective_text(scenario)}"
+
+
+def objective_text(scenario: Scenario) -> str:
+    """'expected', or 'the worst of them'."""
+    words = {"worst": "the worst of them", "tail": f"the worst {scenario.tail:g} of them on average"}
+    return words.get(scenario.objective, "expected")
 
 
 def unit(criterion: Criterion) -> str:
@@ -137,7 +136,7 @@ def _told(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _row(name: str, course: Course | None, reason: str = "") -> list[str]:
-    if course is None or course.value is None:
+def _row(name: str, schedule: Schedule | None, reason: str = "") -> list[str]:
+    if schedule is None or schedule.value is None:
         return [name, "-", "", "", reason]
-    return [name, *map(_told, (course.value, course.worst_speed, course.worst_light)), ""]
+    return [name, *map(_told, (schedule.value, schedule.worst_speed, schedule.worst_light)), ""]

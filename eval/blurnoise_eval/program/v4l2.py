@@ -11,9 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.metering import Metering
-from blurnoise_eval.program.stages import Stages
+from blurnoise_eval.program.optimise import Program
 
 UNIT_S = 100e-6
 STEPS_PER_STOP = 2
@@ -27,14 +25,14 @@ GAIN_CODES: dict[str, tuple[Callable[[float], float], float]] = {
 """Sensor -> its code for a gain, and the largest gain."""
 
 
-def rows(
-    stages: Stages, tested_s: float, limits: Limits, metering: Metering, line_s: float
-) -> Iterator[dict[str, Any]]:
+def rows(program: Program) -> Iterator[dict[str, Any]]:
     """A row per half stop of total exposure, from the most light to the least.
 
-    line_s: of the sensor; 0: not known, then nothing is said in lines. ``gain`` goes with the column of exposure
-    before it, so that neither unit of time changes the total.
+    Lines are of the limits or the camera; of neither: nothing is said in lines. ``gain`` goes with the column of
+    exposure before it, so that neither unit of time changes the total.
     """
+    stages, limits, metering = program.stages, program.problem.limits, program.problem.metering
+    line_s = limits.line_time_s or metering.camera.row_time_s
     low_s, high_s = (time * gain for time, gain in (stages.corners[0], stages.corners[-1]))
     steps = math.ceil(STEPS_PER_STOP * math.log2(high_s / low_s) - 1e-9)
     unity = metering.total_s(1.0)
@@ -52,7 +50,7 @@ def rows(
             "exposure_lines": lines,
             "gain_with_lines": for_codes,
             **{f"analogue_gain_{name}": gain_code(name, for_codes) for name in GAIN_CODES},
-            "extrapolated": int(time_s < tested_s * (1 - 1e-9)),
+            "extrapolated": int(program.extrapolates(time_s)),
         }
 
 

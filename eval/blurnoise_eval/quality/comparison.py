@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from statistics import NormalDist
 from typing import Any
 
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise.metrics import Flag
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE
@@ -34,15 +34,6 @@ _CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noi
 _EVEN = 2.5  # times the variance of cells that noise alone explains
 _COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
 _Z = 1.96
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two pictures, (H, W), shares of full scale above black, and as they were made linear."""
-
-    simulated: Floats
-    real: Floats
-    linear: tuple[Linear, Linear]
 
 
 @dataclass(frozen=True)
@@ -100,7 +91,7 @@ def pair_of(
     *,
     black_level: float | None = None,
     full_scale: float | None = None,
-) -> Pair:
+) -> tuple[Linear, Linear]:
     """Make both pictures linear in the same way.
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
@@ -117,67 +108,60 @@ def pair_of(
         raise ValueError(
             f"simulated and real are {sizes[0]} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}"
         )
-    first, second = (
-        measuring.linear(each, coding, black_level=black_level, full_scale=full_scale)
-        for each in (simulated, real)
-    )
-    return Pair(_share(first), _share(second), (first, second))
+    made_linear = partial(measuring.linear, coding=coding, black_level=black_level, full_scale=full_scale)
+    return made_linear(simulated), made_linear(real)
 
 
-def compare(pair: Pair) -> Compared:
+def compare(pair: tuple[Linear, Linear]) -> Compared:
     """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures."""
-    notes = list(dict.fromkeys(note for light in pair.linear for note in light.notes))
-    levels, noise = _noise(pair)
+    notes = list(dict.fromkeys(note for light in pair for note in light.notes))
+    shares = np.stack([_share(light) for light in pair])
+    levels, noise = _noise(shares)
     if not noise:
         notes.append("no squares that are even in both pictures: noise is not compared")
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
-    octaves, spectrum = _spectrum(pair, levels)
-    quantities = [_mean(pair, levels), *noise, *sharpness, *octaves]
+    octaves, spectrum = _spectrum(shares, levels)
+    quantities = [_mean(shares, levels), *noise, *sharpness, *octaves]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
     together = tuple(replace(each, chance=wider * each.chance) for each in quantities)
     return Compared(together, tuple(notes), levels, spectrum)
 
 
 def _share(light: Linear) -> Floats:
+    """(H, W), shares of full scale above black."""
     planes = light.picture.numpy()
     grey = np.tensordot(np.array(LUMINANCE), planes, 1) if len(planes) == 3 else planes[0]
     return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 
-def _mean(pair: Pair, levels: Floats) -> Quantity:
+def _mean(shares: Floats, levels: Floats) -> Quantity:
     """Chance by the noise of the levels alone, the same in every pixel."""
     noise = math.sqrt(float((levels[:, 1:] ** 2).mean())) if len(levels) else 0.0
-    simulated, real = float(pair.simulated.mean()), float(pair.real.mean())
-    chance = _Z * noise * math.sqrt(2 / pair.real.size) / abs(simulated) if simulated else math.nan
+    simulated, real = shares.mean((1, 2)).tolist()
+    chance = _Z * noise * math.sqrt(2 / shares[0].size) / abs(simulated) if simulated else math.nan
     return Quantity("mean", "of full scale", simulated, real, chance)
 
 
-def _noise(pair: Pair) -> tuple[Floats, list[Quantity]]:
+def _noise(shares: Floats) -> tuple[Floats, list[Quantity]]:
     """Noise of the squares that are even in both pictures, by level."""
-    simulated, real = (_blocks(each) for each in (pair.simulated, pair.real))
-    even = _even(simulated) & _even(real)
-    level = (simulated.level + real.level)[even] / 2
-    variances = np.stack([simulated.variance[even], real.variance[even]], 1)
-    unclipped = (variances > 0).all(1)
-    level, variances = level[unclipped], variances[unclipped]
-    if len(level) < FEWEST_BLOCKS:
-        return np.empty((0, 3)), []
+    levels, variances, structure = zip(*(_squares(each) for each in shares), strict=True)
+    even = np.logical_and(*(_even(each) for each in structure)) & (np.minimum(*variances) > 0)
+    level, variance = np.mean(levels, 0)[even], np.stack(variances, 1)[even]
     rows, quantities = [], []
     for members in _by_level(level):
-        deviations = np.sqrt(variances[members].mean(0))
+        deviations = np.sqrt(variance[members].mean(0))
         # chi-square of all squares' pixels, or the scatter between the squares, whichever is more: of variances
         count = len(members)
-        scatter = variances[members].std(0, ddof=1) / variances[members].mean(0) / math.sqrt(count)
+        scatter = variance[members].std(0, ddof=1) / variance[members].mean(0) / math.sqrt(count)
         error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
         at = float(level[members].mean())
-        rows.append((at, float(deviations[0]), float(deviations[1])))
+        simulated, real = deviations.tolist()
+        rows.append((at, simulated, real))
         chance = _Z * math.hypot(*error.tolist())
-        quantities.append(
-            Quantity(f"noise at {100 * at:.3g} %", "of full scale", rows[-1][1], rows[-1][2], chance)
-        )
-    return np.array(rows), quantities
+        quantities.append(Quantity(f"noise at {100 * at:.3g} %", "of full scale", simulated, real, chance))
+    return np.array(rows).reshape(-1, 3), quantities
 
 
 def _by_level(level: Floats) -> list[NDArray[np.intp]]:
@@ -189,21 +173,11 @@ def _by_level(level: Floats) -> list[NDArray[np.intp]]:
     return [part for part in np.split(order, cuts) if len(part) >= FEWEST_BLOCKS]
 
 
-@dataclass(frozen=True)
-class _Blocks:
+def _squares(picture: Floats) -> tuple[Floats, Floats, Floats]:
     """Of each square: mean, variance about its plane, and variance of cells' means over what noise makes of it."""
-
-    level: Floats
-    variance: Floats
-    structure: Floats
-
-
-def _blocks(picture: Floats) -> _Blocks:
     rows, columns = (side // BLOCK_PX for side in picture.shape)
-    squares = picture[: rows * BLOCK_PX, : columns * BLOCK_PX]
-    squares = (
-        squares.reshape(rows, BLOCK_PX, columns, BLOCK_PX).swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
-    )
+    cut = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
+    squares = cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
     level = squares.mean((1, 2))
     place = np.arange(BLOCK_PX) - (BLOCK_PX - 1) / 2
     power = BLOCK_PX * float(place @ place)
@@ -216,60 +190,51 @@ def _blocks(picture: Floats) -> _Blocks:
     means = rest.reshape(-1, cells, _CELL_PX, cells, _CELL_PX).mean((2, 4))
     expected = variance / _CELL_PX**2
     structure = (means * means).sum((1, 2)) / (cells**2 - 3)
-    return _Blocks(
-        level, variance, np.divide(structure, expected, out=np.zeros_like(level), where=expected > 0)
-    )
+    return (
+        level, variance, np.divide(structure, expected, out=np.zeros_like(level), where=expected > 0),
+    )  # fmt: skip
 
 
-def _even(blocks: _Blocks) -> NDArray[np.bool_]:
+def _even(structure: Floats) -> NDArray[np.bool_]:
     """Where cells vary by no more than noise explains, which may itself be coarse: then as in most even squares."""
-    usual = min(max(1.0, float(np.percentile(blocks.structure, 25))), _COARSEST)
-    return np.asarray(blocks.structure < _EVEN * usual)
+    usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
+    return np.asarray(structure < _EVEN * usual)
 
 
-def _sharpness(pair: Pair) -> list[Quantity]:
+def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
     """MTF50 at edges of the simulated picture that the real one shows at the same place.
 
     A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.
     """
     try:
-        regions, _ = measuring.found_regions(pair.linear[0])
+        regions, _ = measuring.found_regions(pair[0])
     except ValueError:  # there is none
         return []
-    both = [measuring.measure(light, regions) for light in pair.linear]
     found = []
-    for first, second in zip(*both, strict=True):
-        told = first.estimates["mtf50"], second.estimates["mtf50"]
-        if any(_unusable(each.edge.flags) for each in (first, second)) or not all(each.told for each in told):
+    for both in zip(*(measuring.measure(light, regions) for light in pair), strict=True):
+        usable = all(each.estimates["mtf50"].told and not UNUSABLE & each.edge.flags for each in both)
+        if not usable or both[0].edge.bright_side != both[1].edge.bright_side:
             continue
-        if first.edge.bright_side != second.edge.bright_side:
-            continue
-        ranges = [each.edge.noise_intervals["mtf50"] for each in (first, second)]
-        errors = [(high - low) / 2 / each.value for (low, high), each in zip(ranges, told, strict=True)]
-        at = ",".join(map(str, first.roi[:2]))
-        found.append(
-            Quantity(f"MTF50 at {at}", "cycles/px", told[0].value, told[1].value, math.hypot(*errors))
-        )
+        simulated, real = (each.estimates["mtf50"].value for each in both)
+        ranges = [each.edge.noise_intervals["mtf50"] for each in both]
+        errors = [(high - low) / 2 / of for (low, high), of in zip(ranges, (simulated, real), strict=True)]
+        at = ",".join(map(str, both[0].roi[:2]))
+        found.append(Quantity(f"MTF50 at {at}", "cycles/px", simulated, real, math.hypot(*errors)))
     return found[:MOST_EDGES]
 
 
-def _unusable(flags: frozenset[Flag]) -> bool:
-    return bool(UNUSABLE & flags)
-
-
-def _spectrum(pair: Pair, levels: Floats) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
+def _spectrum(shares: Floats, levels: Floats) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
     """Power relative to the mean squared, by octave below half a cycle per px.
 
     A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
     octave's values independent. N is that of white noise as the levels have it, or all of P without them.
     """
-    height, width = pair.real.shape
+    height, width = shares[0].shape
     window = np.outer(np.hanning(height), np.hanning(width))
     norm = float((window * window).sum())
-    fy, fx = np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
-    radius = np.hypot(fx, fy)
+    radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
     powers, noise = [], []
-    for column, each in enumerate((pair.simulated, pair.real), start=1):
+    for column, each in enumerate(shares, start=1):
         mean = float((window * each).sum() / window.sum())
         noise.append(float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) and mean else math.inf)
         powers.append(
@@ -285,12 +250,11 @@ def _spectrum(pair: Pair, levels: Floats) -> tuple[list[Quantity], tuple[Floats,
         high /= 2
     steps = min(height, width) // 2
     rings = np.round(radius * 2 * steps).astype(int)
-    inside = (rings >= 1) & (rings <= steps)
-    counts = np.bincount(rings[inside], minlength=steps + 1)[1:]
-    told = [
-        np.bincount(rings[inside], power[inside], steps + 1)[1:] / np.maximum(counts, 1) for power in powers
-    ]
-    return found, (np.arange(1, steps + 1) / (2 * steps), told[0], told[1])
+    counts = np.maximum(np.bincount(rings.ravel())[1 : steps + 1], 1)
+    simulated_power, real_power = (
+        np.bincount(rings.ravel(), power.ravel())[1 : steps + 1] / counts for power in powers
+    )
+    return found, (np.arange(1, steps + 1) / (2 * steps), simulated_power, real_power)
 
 
 def _power_error(powers: Floats, noise: float) -> float:

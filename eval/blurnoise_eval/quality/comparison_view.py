@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from blurnoise_eval.quality.comparison import Compared
-from blurnoise_eval.system.files import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,9 +37,11 @@ def draw(found: Compared) -> Figure:
     """Noise over level, and the relative power spectra, of both pictures."""
     from matplotlib.figure import Figure
 
+    from blurnoise_eval.plots.style import COLOURS, tidy
+
     figure = Figure(figsize=(11.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for column, label, mark, colour in ((1, "simulated", "o-", "#0072b2"), (2, "real", "s--", "#d55e00")):
+    for column, label, mark, colour in ((1, "simulated", "o-", COLOURS[0]), (2, "real", "s--", COLOURS[1])):
         left.plot(
             100 * found.levels[:, 0],
             100 * found.levels[:, column],
@@ -51,16 +51,8 @@ def draw(found: Compared) -> Figure:
             label=label,
         )
         right.loglog(found.spectrum[0], found.spectrum[column], mark[1:], color=colour, lw=1.2, label=label)
-    left.set_xlabel("Level / % of full scale", fontsize=9)
-    left.set_ylabel("Noise / % of full scale", fontsize=9)
-    right.set_xlabel("Frequency / cycles per px", fontsize=9)
-    right.set_ylabel("Power relative to mean² / px²", fontsize=9)
+    tidy(left, x="Level / % of full scale", y="Noise / % of full scale")
+    tidy(right, x="Frequency / cycles per px", y="Power relative to mean² / px²")
     for axes in (left, right):
-        axes.grid(color="0.92", lw=0.6)
         axes.legend(fontsize=8.5, frameon=False)
     return figure
-
-
-def write(found: Compared, path: Path) -> None:
-    """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``OSError``."""
-    write_figure(path, draw(found), dpi=150)

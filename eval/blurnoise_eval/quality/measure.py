@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import cache, cached_property
 from typing import Any
 
 import torch
@@ -54,40 +54,46 @@ _CLIPPED_SHARE = 0.005
 
 
 class Charts:
-    """The charts under one condition as the camera has them, a frame per repeat, measured where a metric asks.
+    """The charts under one condition as the camera has them, a frame per repeat, measured where a metric asks."""
 
-    frames: digital numbers (n, 1, H, W) of a chart by its name in :class:`_Scenes`. white_dn: that white would give.
-    moved_px: the motion along x and y. scene: the stop sign, (1, 1, H, W).
-    """
+    def __init__(self, camera: Camera, conditions: Conditions, repeats: int, seed: int) -> None:
+        self._at = conditions.exposure(camera)
+        self._taker, self._digital_db = self._at.amplified
+        self._camera = _with_gain(self._taker, self._digital_db)
+        self._moved_px = [abs(moved) for moved in conditions.displacement_px]
+        self._repeats, self._seed = repeats, seed
 
-    def __init__(
-        self,
-        frames: Callable[[str], Tensor],
-        camera: Camera,
-        white_dn: float,
-        moved_px: tuple[float, float],
-        scene: Tensor,
-    ) -> None:
-        self._frames, self._camera, self._white_dn = frames, camera, white_dn
-        self._moved_px, self._scene = moved_px, scene
+    def frames(self, name: str) -> Tensor:
+        """Digital numbers (n, 1, H, W) of a chart by its name in :func:`_scenes`."""
+        dn = simulate(
+            _scenes()[name].expand(self._repeats, -1, -1, -1),
+            self._taker,
+            exposure_s=self._at.exposure_s,
+            illuminance_lux=self._at.illuminance_lux,
+            velocity_px_s=self._at.velocity_px_s,
+            temperature_c=self._at.temperature_c,
+            encoding="linear",
+            generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
+        )
+        return _amplified(dn, self._camera, self._digital_db)
 
     @cached_property
     def across_x(self) -> list[SlantedEdge]:
         """The edge that motion along x blurs."""
-        dn = self._frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :]
+        dn = self.frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :]
         return _edges(dn, self._camera, along_px=self._moved_px[1], seed=0)
 
     @cached_property
     def across_y(self) -> list[SlantedEdge]:
         """The edge that motion along y blurs."""
-        dn = self._frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX]
+        dn = self.frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX]
         return _edges(dn, self._camera, along_px=self._moved_px[0], seed=1)
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
         """The bright and the dark patch above black, (n, H, W)."""
         black = self._camera.black_level_dn
-        return self._frames("bright").double()[:, 0] - black, self._frames("dark").double()[:, 0] - black
+        return self.frames("bright").double()[:, 0] - black, self.frames("dark").double()[:, 0] - black
 
     @cached_property
     def snr(self) -> tuple[BatchEstimate, BatchEstimate]:
@@ -107,19 +113,23 @@ class Charts:
         bright, dark = self.snr
         return _estimates(batch, clipped=bright.flags[CLIPPED] | dark.flags[CLIPPED])
 
+    @cached_property
+    def _sign(self) -> Tensor:
+        return self.frames("sign").double()
+
     def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
-        """A comparison of the stop sign with its scene, of which clipping is a part."""
-        frame, camera = self._frames("sign").double(), self._camera
-        white = self._white_dn or math.nan
-        seen = ((frame - camera.black_level_dn) / white).clamp(0, 1)
-        value = compare(seen, self._scene.double().expand_as(seen), data_range=1.0)
-        none = torch.full((len(seen),), math.nan)
-        share = ((frame >= camera.saturated_dn) | (frame <= 0)).double().mean((1, 2, 3))
-        dark = torch.full((len(seen),), self._white_dn == 0)
+        """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
+        frame, camera = self._sign, self._camera
+        light_e = photoelectrons(camera, self._at.illuminance_lux, self._at.exposure_s)
+        seen = (frame - camera.black_level_dn) / (camera.system_gain_dn_per_e * light_e or math.nan)
+        value = compare(seen.clamp(0, 1), _scenes()["sign"].double().expand_as(seen), data_range=1.0)
+        none = torch.full_like(value, math.nan)
+        dark = torch.full_like(value, light_e == 0, dtype=torch.bool)
         found = _estimates(BatchEstimate(value, none, none, {"no_light": dark}))
+        cut = ((frame >= camera.saturated_dn) | (frame <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE
         return [
-            Estimate(each.value, flags=each.flags | ({CLIPPED} if cut > _CLIPPED_SHARE else set()))
-            for each, cut in zip(found, share.tolist(), strict=True)
+            replace(each, flags=each.flags | {CLIPPED}) if clipped else each
+            for each, clipped in zip(found, cut.tolist(), strict=True)
         ]
 
 
@@ -137,10 +147,6 @@ class Metric:
     of: Callable[[Charts], list[Estimate]]
     log: bool = False
     share: bool = False
-
-    def facts(self) -> dict[str, str]:
-        """As documents have it."""
-        return {"name": self.name, "title": self.title, "unit": self.unit, "about": self.about}
 
 
 def _across_x(name: str) -> Callable[[Charts], list[Estimate]]:
@@ -264,23 +270,6 @@ class Row:
 
 def measure(
     camera: Camera,
-    plan: SweepPlan,
-    *,
-    threads: int = 1,
-    progress: Callable[[float], object] = lambda count: None,
-) -> list[Row]:
-    """Every metric under every condition of ``plan``, in its order; the same rows whatever the threads.
-
-    Of a camera with a mosaic the pixels behind its strongest filter, as if all were.
-    ``progress`` is told 1 for every condition. Raises what :func:`blurnoise.simulate` and :func:`check` do.
-    """
-    check(camera, plan)
-    options: Any = {"repeats": plan.repeats, "seed": plan.seed, "threads": threads, "progress": progress}
-    return measure_at(camera, plan.conditions(), **options)
-
-
-def measure_at(
-    camera: Camera,
     conditions: Sequence[Conditions],
     *,
     repeats: int = 1,
@@ -288,13 +277,25 @@ def measure_at(
     threads: int = 1,
     progress: Callable[[float], object] = lambda count: None,
 ) -> list[Row]:
-    """:func:`measure` under conditions that need not make a grid, their gain a number."""
-    work = partial(_condition, _Scenes(), behind_one_filter(camera), repeats, seed)
+    """Every metric under every condition, in their order; the same rows whatever the threads.
+
+    Of a camera with a mosaic the pixels behind its strongest filter, as if all were. ``progress`` receives 1 for
+    every condition. Raises what :func:`blurnoise.simulate` does; :func:`check` finds the same before any work.
+    """
+    camera = behind_one_filter(camera)
+
+    def at(condition: Conditions) -> list[Row]:
+        taken, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
+        found = [(metric.name, metric.of(taken)) for metric in METRICS]
+        return [
+            Row(numbers, name, together(each), sum(one.told for one in each), repeats) for name, each in found
+        ]
+
     rows: list[Row] = []
     pool = ThreadPoolExecutor(threads)
     with limited_threads(1):  # conditions are worked on side by side, each on one core
         try:
-            for found in pool.map(work, conditions):
+            for found in pool.map(at, conditions):
                 rows += found
                 progress(1)
         finally:
@@ -320,50 +321,18 @@ def check(camera: Camera, plan: SweepPlan) -> None:
         conditions.exposure(camera)
 
 
-class _Scenes:
+@cache
+def _scenes() -> dict[str, Tensor]:
     """The charts, (1, C, H, W) linear reflectance."""
-
-    def __init__(self) -> None:
-        edge = {"dark": DARK, "bright": BRIGHT}
-        along = ALONG_PX + 2 * SPARE_PX
-        self.across_x = charts.slanted_edge(along, ACROSS_PX, angle_deg=TILT_DEG, **edge)
-        self.across_y = charts.slanted_edge(ACROSS_PX, along, angle_deg=90 + TILT_DEG, **edge)
-        self.bright, self.dark = (
-            charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=level) for level in (BRIGHT, DARK)
-        )
-        self.sign = charts.stop_sign(
-            SIGN_PX, height_px=SIGN_PICTURE_PX, width_px=SIGN_PICTURE_PX, background=DARK
-        )
-
-
-def _condition(scenes: _Scenes, camera: Camera, repeats: int, seed: int, conditions: Conditions) -> list[Row]:
-    at = conditions.exposure(camera)
-    taker, digital_db = at.amplified
-    seen = _with_gain(taker, digital_db)
-
-    @lru_cache(maxsize=1)  # the sign is compared twice
-    def frames(name: str) -> Tensor:
-        scene: Tensor = getattr(scenes, name)
-        dn = simulate(
-            scene.expand(repeats, -1, -1, -1),
-            taker,
-            exposure_s=at.exposure_s,
-            illuminance_lux=at.illuminance_lux,
-            velocity_px_s=at.velocity_px_s,
-            temperature_c=at.temperature_c,
-            encoding="linear",
-            generator=[cell_seed(seed, name, repeat) for repeat in range(repeats)],
-        )
-        return dn if digital_db == 0 else _amplified(dn, seen, digital_db)
-
-    moved_x, moved_y = (abs(moved) for moved in conditions.displacement_px)
-    white_dn = seen.system_gain_dn_per_e * photoelectrons(seen, at.illuminance_lux, at.exposure_s)
-    taken = Charts(frames, seen, white_dn, (moved_x, moved_y), scenes.sign)
-    numbers, rows = conditions.on(camera), []
-    for metric in METRICS:
-        found = metric.of(taken)
-        rows.append(Row(numbers, metric.name, together(found), sum(each.told for each in found), repeats))
-    return rows
+    edge = {"dark": DARK, "bright": BRIGHT}
+    along, side = ALONG_PX + 2 * SPARE_PX, SIGN_PICTURE_PX
+    return {
+        "across_x": charts.slanted_edge(along, ACROSS_PX, angle_deg=TILT_DEG, **edge),
+        "across_y": charts.slanted_edge(ACROSS_PX, along, angle_deg=90 + TILT_DEG, **edge),
+        "bright": charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=BRIGHT),
+        "dark": charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=DARK),
+        "sign": charts.stop_sign(SIGN_PX, height_px=side, width_px=side, background=DARK),
+    }
 
 
 def _with_gain(camera: Camera, gain_db: float) -> Camera:
@@ -380,6 +349,8 @@ def _with_gain(camera: Camera, gain_db: float) -> Camera:
 
 def _amplified(dn: Tensor, seen: Camera, gain_db: float) -> Tensor:
     """Digital numbers after a digital gain, as light that is yet to be developed: not rounded again."""
+    if gain_db == 0:
+        return dn
     black = seen.black_level_dn
     return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.full_scale_dn)
 

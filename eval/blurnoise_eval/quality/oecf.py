@@ -40,16 +40,15 @@ class Oecf:
         Raises ``OSError``, and ``ValueError`` for other content.
         """
         fields = []
-        for index, line in enumerate(read_text(path).split("\n")):
+        for number, line in enumerate(read_text(path).split("\n"), 1):
             try:
-                number, light = (float(cell) for cell in line.split(","))
+                at, light = (float(cell) for cell in line.split(","))
+                fields.append((at, light))
             except ValueError:
-                if index and line.strip():
+                if number > 1 and line.strip():
                     raise ValueError(
-                        f"oecf: line {index + 1} of {path} must be two numbers with a comma, got {line!r}"
+                        f"oecf: line {number} of {path} must be two numbers with a comma, got {line!r}"
                     ) from None
-                continue
-            fields.append((number, light))
         if not fields:
             raise ValueError(f"oecf: {path} holds no line of two numbers with a comma")
         numbers, light_of = zip(*sorted(fields), strict=True)

@@ -52,10 +52,11 @@ TITLES = {
 }
 """The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
-_NOISELESS = "no noise: what is measured against it has no bound"
-_NOT_WHITE = (
-    "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white"
-)
+_DOUBTS = {
+    "noiseless": "no noise: what is measured against it has no bound",
+    NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white",
+}
+"""Flags of numbers, in words."""
 _UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
 _RESAMPLES = 200
 _FEWEST_LEVELS = 255  # of a converter
@@ -129,51 +130,45 @@ def linear(
     camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
     coding, and for numbers that do not fit.
     """
-    if oecf is not None:
-        return _by_oecf(picture, oecf, coding, black_level, full_scale)
     bits = 8 * picture.itemsize
     planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
-    notes: tuple[str, ...] = ("colour: measured as luminance (ITU-R BT.709)",) if len(planes) == 3 else ()
+    levels = {"black_level": black_level, "full_scale": full_scale}
+    given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
+    if oecf is not None:
+        if given or coding != "auto":
+            raise ValueError(
+                f"{[*given, 'coding'][0]}: goes without --oecf, which says what every number means"
+            )
+        note = f"made linear by a grey scale of {len(oecf.light)} fields"
+        return Linear(torch.from_numpy(oecf.light_of(planes.numpy())), 1.0, 0.0, "of white", (note,))
+    notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     if coding == "srgb" or (coding == "auto" and bits == 8):
-        for name, given in (("black_level", black_level), ("full_scale", full_scale)):
-            if given is not None:
-                raise ValueError(
-                    f"{name} = {given:g}: belongs to linear digital numbers, but {bits} bits are taken as "
-                    "sRGB-coded; add --linear if they are linear"
-                )
+        if given:
+            raise ValueError(
+                f"{given[0]}: belongs to linear digital numbers, but {bits} bits are taken as sRGB-coded; add "
+                "--linear if they are linear"
+            )
         if coding == "auto":
-            notes += ("8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are",)
+            notes.append(
+                "8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are"
+            )
         return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
     if full_scale is None and _piled_up(planes, largest):
         full_scale = largest
-        notes += (f"full scale taken as {largest:g}: many pixels stand exactly there",)
+        notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
     top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
     if largest > top:
         raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
     black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
     if coding == "auto":
-        notes += (f"{bits} bits: taken as linear; --srgb if the picture is sRGB-coded",)
+        notes.append(f"{bits} bits: taken as linear; --srgb if the picture is sRGB-coded")
     if full_scale is None and largest <= most / 4:
-        notes += (
+        notes.append(
             f"full scale taken as {most:g}, the largest number is {largest:g}: clipping at fewer bits goes unseen "
-            "without --full-scale",
+            "without --full-scale"
         )
     return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
-
-
-def _by_oecf(
-    picture: Image, oecf: Oecf, coding: Coding, black_level: float | None, full_scale: float | None
-) -> Linear:
-    for name, given in (
-        ("coding", coding != "auto"),
-        ("black_level", black_level),
-        ("full_scale", full_scale),
-    ):
-        if given:
-            raise ValueError(f"{name}: goes without --oecf, which says what every number means")
-    planes = torch.from_numpy(oecf.light_of(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64)))
-    return Linear(planes, 1.0, 0.0, "of white", (f"made linear by a grey scale of {len(oecf.light)} fields",))
 
 
 def _piled_up(planes: Tensor, largest: float) -> bool:
@@ -209,17 +204,15 @@ def measure(
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    seen = target or Square(10, 0.1)
     edges = [_edge(light, roi, mode) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
-        estimates = _estimates(edge, edge if second is None else edges[second], seen)
+        other = edge if second is None else edges[second]
+        estimates = _estimates(edge, other, target or Square(10, 0.1))
+        flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
         doubts = [flag.value for flag in Flag if flag in edge.flags]
-        if any("noiseless" in estimate.flags for estimate in estimates.values()):
-            doubts.append(_NOISELESS)
-        if any(NOT_WHITE in estimate.flags for estimate in estimates.values()):
-            doubts.append(_NOT_WHITE)
+        doubts += [text for flag, text in _DOUBTS.items() if flag in flags]
         number = None if second is None else second + 1
         measured.append(Measured(index + 1, roi, edge, number, estimates, tuple(doubts)))
     return measured
@@ -257,21 +250,18 @@ def _centre(roi: Roi) -> tuple[float, float]:
 
 def _estimates(edge: SlantedEdge, second: SlantedEdge, target: Square) -> dict[str, Estimate]:
     """Every number of ``edge``; ``second`` crosses the other axis, or is ``edge`` itself."""
-    told = {name: edge.estimate(name) for name in TITLES if hasattr(edge, name)}
     both = edge, second  # in either order: a square is the same seen from the side
-    told["sic_radial"] = capacity_radial(edge)
-    told["sic_square"] = capacity_square(*both)
-    told["neq_0"] = neq_0(edge)
-    told["neq_integral"] = neq_integral(*both)
-    # square_snr's target is as high as the mean step of both.
-    level, step = (
-        sum(values)
-        for values in zip(*((each.bright + each.dark, each.bright - each.dark) for each in both), strict=True)
-    )
-    scale = target.contrast * level / 2 / step
-    snr = square_snr(*both, side_px=target.size_px)
-    told["snri"] = Estimate(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags)
-    return {name: told[name] for name in TITLES}
+    # square_snr's target is as high as the mean step of both
+    level, step = (sum(each.bright + sign * each.dark for each in both) for sign in (1, -1))
+    snr, scale = square_snr(*both, side_px=target.size_px), target.contrast * level / 2 / step
+    found = {name: edge.estimate(name) for name in TITLES if hasattr(edge, name)} | {
+        "sic_radial": capacity_radial(edge),
+        "sic_square": capacity_square(*both),
+        "neq_0": neq_0(edge),
+        "neq_integral": neq_integral(*both),
+        "snri": Estimate(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags),
+    }
+    return {name: found[name] for name in TITLES}
 
 
 def _finite(value: float) -> float | None:

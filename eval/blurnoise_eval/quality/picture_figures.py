@@ -7,21 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from blurnoise.optics.colour import srgb_from_linear
+from blurnoise_eval.plots.style import tidy
 from blurnoise_eval.quality.picture import Linear, Measured
-from blurnoise_eval.system.files import write_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MOST_EDGES = 4
 _USABLE, _WITHHELD, _LINE, _GREY = "#1b9e4b", "#d1495b", "#1f5fa8", "0.55"
@@ -49,11 +45,6 @@ def draw(light: Linear, measured: Sequence[Measured]) -> Figure:
     notes = [f"{each.number}: {doubt}" for each in doubted for doubt in each.doubts]
     figure.supxlabel("\n".join(notes), fontsize=9)
     return figure
-
-
-def write(light: Linear, measured: Sequence[Measured], path: Path) -> None:
-    """Write :func:`draw`'s figure, whole or not at all, in the format of the suffix. Raises ``OSError``."""
-    write_figure(path, draw(light, measured), dpi=110)
 
 
 def _shown(light: Linear) -> NDArray[np.float32]:
@@ -102,8 +93,7 @@ def _draw_shape(esf: Axes, lsf: Axes, region: Measured, unit: str) -> None:
         (lsf, edge.lsf, "line spread, 1/px"),
     ):
         axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
-        axes.set_xlabel("distance from the edge, px", fontsize=8)
-        _tidy(axes, title)
+        tidy(axes, title=title, x="distance from the edge, px")
     esf.axhline(edge.dark, color=_GREY, lw=0.8, ls=":")
     esf.axhline(edge.bright, color=_GREY, lw=0.8, ls=":")
 
@@ -123,13 +113,4 @@ def _draw_response(axes: Axes, region: Measured) -> None:
         axes.plot([0, edge.mtf50, edge.mtf50], [0.5, 0.5, 0], color=_GREY, lw=0.8, ls="--")
         title += f"; MTF50 {edge.mtf50:.4g}"
     axes.set(xlim=(0, 1), ylim=(0, max(1.05, 1.05 * float(edge.sfr.max()))))
-    axes.set_xlabel("frequency, cycles/px", fontsize=8)
-    _tidy(axes, title + (" (flagged)" if region.doubts else ""))
-
-
-def _tidy(axes: Axes, title: str) -> None:
-    axes.set_title(title, fontsize=9, parse_math=False)
-    axes.grid(color="0.92", lw=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
-    axes.spines[["top", "right"]].set_visible(False)
+    tidy(axes, title=title + (" (flagged)" if region.doubts else ""), x="frequency, cycles/px")

@@ -1,26 +1,43 @@
-"""The measured quality of charts on disk, and the exposure at which the picture tells most."""
+"""The measured quality of charts on disk, and the exposure with the most information."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from rich.table import Table
+
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.axes import NAMES, SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.quality.measure import (
-    ACROSS_PX,
-    ALONG_PX,
-    BRIGHT,
-    DARK,
-    METRICS,
-    PATCH_PX,
-    SIGN_PX,
-    TILT_DEG,
-    Row,
-)
+from blurnoise_eval.quality import measure
+from blurnoise_eval.quality.measure import METRICS, Row
 from blurnoise_eval.system.files import write_records
+
+
+def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
+    """Write quality.csv, a row per condition and metric, and quality.json, that and its meaning; ``OSError``."""
+    records = [row.record() for row in rows]
+    document = {
+        "camera": camera.to_dict(),
+        "plan": plan.to_dict(),
+        "charts": {
+            "dark": measure.DARK,
+            "bright": measure.BRIGHT,
+            "edge_tilt_deg": measure.TILT_DEG,
+            "edge_region_px": [measure.ACROSS_PX, measure.ALONG_PX],
+            "patch_px": measure.PATCH_PX,
+            "sign_px": measure.SIGN_PX,
+        },
+        "metrics": {
+            metric.name: {name: getattr(metric, name) for name in ("name", "title", "unit", "about")}
+            for metric in METRICS
+        },
+        "most_information": most_information(rows),
+        "rows": records,
+    }
+    write_records("quality", records, document, folder)
 
 
 def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
@@ -38,22 +55,32 @@ def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
     return [best[key] for key in sorted(best)]
 
 
-def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
-    """Write quality.csv, a row per condition and metric, and quality.json, that and what it means; ``OSError``."""
-    records = [row.record() for row in rows]
-    document = {
-        "camera": camera.to_dict(),
-        "plan": plan.to_dict(),
-        "charts": {
-            "dark": DARK,
-            "bright": BRIGHT,
-            "edge_tilt_deg": TILT_DEG,
-            "edge_region_px": [ACROSS_PX, ALONG_PX],
-            "patch_px": PATCH_PX,
-            "sign_px": SIGN_PX,
-        },
-        "metrics": {metric.name: metric.facts() for metric in METRICS},
-        "most_information": most_information(rows),
-        "rows": records,
-    }
-    write_records("quality", records, document, folder)
+def as_table(best: Sequence[dict[str, Any]]) -> Table:
+    """The rows of :func:`most_information` for the terminal."""
+    table = Table(title="Exposure with the highest information capacity (square)", title_justify="left")
+    named = varying(best)
+    for name in named:
+        unit = axis(name).unit
+        head = "lux" if name == "illuminance_lux" else f"{axis(name).title}{unit and f', {unit}'}"
+        table.add_column(head, justify="right")
+    table.add_column("motion")
+    for head in ("exposure, ms", "blur, px", "bits/px (95 %)"):
+        table.add_column(head, justify="right")
+    for row in best:
+        told = ["none told", "-", "-"]
+        if row["value"] is not None:
+            bits = f"{row['value']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
+            told = [f"{1e3 * row['exposure_s']:g}", f"{row['blur_px']:.3g}", bits]
+        setting = [f"{axis(name).shown(row[name]):g}" for name in named]
+        table.add_row(*setting, velocity_text(velocity_of(row)), *told)
+    return table
+
+
+def varying(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The light, and the other axes of a setting on which the rows differ."""
+    columns = zip(*{setting_of(row) for row in rows}, strict=True)
+    return [
+        name
+        for name, column in zip(SETTING, columns, strict=False)
+        if len(set(column)) > 1 or name == "illuminance_lux"
+    ]

@@ -5,16 +5,15 @@ Domain: confidences in [0, 1], exposures in s (written in ms). Texts are plain, 
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping
 from typing import Any
 
-from blurnoise.motion.ego import Vehicle
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.reflectance import reflectance_text
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import clean_confidence, largest_groups, model_names
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.words import counted
 
 MAX_LISTED = 8  # lines of one kind of warning
 MAX_VALUE_CHARACTERS = 240
@@ -25,7 +24,7 @@ SWEPT_DIFFERENCE = 0.1  # of a detection rate, from which on the page says what 
 def swept(data: RunData) -> list[str]:
     """Where it matters most whether a target's box is that at mid-exposure or all that its motion sweeps."""
     lines = []
-    for name in model_names(data):
+    for name in data.model_names:
         rates = [
             (row["detection_rate_swept"] - row["detection_rate"], row)
             for row in data.scores
@@ -80,51 +79,51 @@ def alarms(data: RunData) -> list[str]:
         alarms += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
     if same := data.manifest.get("repeated"):
         alarms.append(same)
-    errors = data.manifest["errors"]
-    alarms += [
-        f"{row['model']}: {_cells(row['cells'])} failed: {row['error']}" for row in errors[:MAX_LISTED]
-    ]
-    if len(errors) > MAX_LISTED:
-        alarms.append(f"… and {len(errors) - MAX_LISTED} further kinds of error; see results.csv.")
-    return alarms
+    failed = (
+        f"{row['model']}: {counted(row['cells'], 'cell')} failed: {row['error']}"
+        for row in data.manifest["errors"]
+    )
+    return alarms + _first(failed, "further kinds of error; see results.csv")
+
+
+def _first(lines: Iterable[str], more: str) -> list[str]:
+    """At most ``MAX_LISTED`` of the lines, and how many more there are."""
+    every = list(lines)
+    left = len(every) - MAX_LISTED
+    return every if left <= 0 else [*every[:MAX_LISTED], f"… and {left} {more}."]
 
 
 def missing_text(cells: int) -> str | None:
     """That a run is not finished; None for one that is."""
     if not cells:
         return None
-    return f"The run is not finished: {_cells(cells)} missing. The sweep's command, given again, computes the rest."
+    missing = f"The run is not finished: {counted(cells, 'cell')} missing."
+    return f"{missing} The sweep's command, given again, computes the rest."
 
 
 def warnings(data: RunData) -> list[str]:
     """What limits the answers: the run's own warnings, weak groups, skipped pictures."""
-    threshold = data.manifest["threshold"]
+    threshold = data.criterion.level
     warnings = list(data.manifest["warnings"])
     warnings += [told] if (told := invented(data)) else []
-    names = model_names(data)
+    names = data.model_names
     if len(names) > 1 and not data.manifest["images"].get("labelled", True):
         warnings.append(
             "The pictures have no labels: each model is held to what it found itself in the untouched pictures, "
             "so the models answer for different targets."
         )
-    weak = [
-        (name, group, clean)
-        for name in names
-        for group in largest_groups(data, MAX_LISTED)
-        if not data.manifest["criterion"]["kept"]
-        and (clean := clean_confidence(data, name, group)) is not None
-        and clean < threshold
-    ]
-    warnings += [
+    weak = (
         f"{name}, {group}: {clean:.2f} on the untouched pictures, below the threshold {threshold:g}. "
         "The model, not the exposure, sets the limit."
-        for name, group, clean in weak[:MAX_LISTED]
-    ]
-    if len(weak) > MAX_LISTED:
-        warnings.append(f"… and {len(weak) - MAX_LISTED} more targets below the threshold when untouched.")
-    warnings += [f"Skipped {row['image']}: {row['reason']}" for row in data.skipped[:MAX_LISTED]]
-    if len(data.skipped) > MAX_LISTED:
-        warnings.append(f"… and {len(data.skipped) - MAX_LISTED} more skipped pictures.")
+        for name in names
+        for group in data.largest_groups(MAX_LISTED)
+        if not data.criterion.kept
+        and (clean := data.clean_confidence(name, group)) is not None
+        and clean < threshold
+    )
+    warnings += _first(weak, "more targets below the threshold when untouched")
+    skipped = (f"Skipped {row['image']}: {row['reason']}" for row in data.skipped)
+    warnings += _first(skipped, "more skipped pictures")
     return warnings
 
 
@@ -163,36 +162,6 @@ def reflectance(data: RunData) -> str | None:
     return None if rendered and anchor is None else reflectance_text(anchor)
 
 
-def path_text(path: TrajectorySpec, longest_s: float) -> str:
-    """What pictures do beside their velocity, as the manifest keeps it."""
-    of_each = (
-        f", another in every picture, so far in {1e3 * longest_s:g} ms"
-        if path.text.startswith("shake:")
-        else ""
-    )
-    return f"{path.identity}{of_each}; blur and speeds are of the uniform motion beside it"
-
-
-def ego_text(vehicle: Vehicle) -> str:
-    """Which vehicle drives, as the manifest keeps it."""
-    told = {name: value for name, value in asdict(vehicle).items() if value is not None}
-    figures = ", ".join(f"{name} {value}" for name, value in told.items())
-    return (
-        f"{figures}; over a flat road: what stands on it moves as the road behind it does, and not above the "
-        "horizon; blur_px of a target is that of its middle"
-    )
-
-
-def crossings_text(objects: Objects) -> str | None:
-    """How fast which classes cross the view, as the manifest keeps it; None: none does."""
-    told = [
-        f"{label} {each.kmh:g} km/h, "
-        + (f"{each.width_m:g} m wide" if each.width_m is not None else f"{each.away_m:g} m away")
-        for label, each in objects.by_class.items()
-    ]
-    return f"{'; '.join(told)}; blur_px of such a target is its own" if told else None
-
-
 def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
     sources = fields.get("sources", {})
@@ -224,12 +193,7 @@ def run_facts(data: RunData) -> dict[str, str]:
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
-    if manifest.get("trajectory"):
-        facts["trajectory"] = manifest["trajectory"]
-    if manifest.get("ego"):
-        facts["ego"] = manifest["ego"]
-    if manifest.get("crossings"):
-        facts["crossings"] = manifest["crossings"]
+    facts |= _motions(manifest)
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": pictures,
@@ -246,5 +210,25 @@ def run_facts(data: RunData) -> dict[str, str]:
     return {name: shown(value) for name, value in facts.items()}
 
 
-def _cells(count: int) -> str:
-    return f"{count} cell" if count == 1 else f"{count} cells"
+def _motions(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """What moves beside the velocity of a picture, of what there is."""
+    found, plan = dict[str, str](), manifest.get("plan", {})
+    if held := manifest.get("trajectory"):
+        spec = TrajectorySpec(held["text"], held["content"])
+        longest_ms = 1e3 * held["longest_s"]
+        each = f", another in every picture, so far in {longest_ms:g} ms" if spec.kind == "shake" else ""
+        found["trajectory"] = f"{spec.identity}{each}; blur and speeds are of the uniform motion beside it"
+    if plan.get("ego"):
+        figures = (f"{name} {value}" for name, value in plan["ego"].items() if value is not None)
+        found["ego"] = (
+            f"{', '.join(figures)}; over a flat road: what stands on it moves as the road behind it does, and not "
+            "above the horizon; blur_px of a target is that of its middle"
+        )
+    crossings = [
+        f"{label} {each.kmh:g} km/h, "
+        + (f"{each.width_m:g} m wide" if each.width_m is not None else f"{each.away_m:g} m away")
+        for label, each in Objects(**plan.get("objects", {})).by_class.items()
+    ]
+    if crossings:
+        found["crossings"] = f"{'; '.join(crossings)}; blur_px of such a target is its own"
+    return found

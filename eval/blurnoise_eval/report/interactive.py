@@ -1,29 +1,25 @@
-"""The numbers behind the page's interactive curves, heat maps and chart of latency: indexes, never names.
+"""The numbers behind the page's interactive curves and heat maps: indexes, never names.
 
-Domain: confidences in [0, 1], exposures in s and ms, speeds in px/s, blur in px, latency in ms; values of other
-axes in the units that figures have.
+Domain: confidences in [0, 1], exposures in s and ms, speeds in px/s, blur in px; values of other axes in the units
+that figures have.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, SPEED, Axis, Coordinate, velocity_of, velocity_text
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import (
-    clean_confidence,
-    finite,
-    line_colours,
-    model_names,
-    one_velocity_per_speed,
-    points,
-)
-from blurnoise_eval.report.scores import CHOICES
-from blurnoise_eval.report.settings import axis_label, word
-from blurnoise_eval.report.tradeoff import ROBUSTNESS, comparable, trades
+from blurnoise_eval.plots.style import line_colours
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.settings import Setting, axis_label, word
 from blurnoise_eval.report.words import WORKS, title_text
-from blurnoise_eval.scoring.registry import Score
+from blurnoise_eval.scoring.scores import Score, of_conditions
+from blurnoise_eval.system.tables import finite
+
+Row = dict[str, Any]
+_ENDS = ("", "_low", "_high")  # of a score's columns
 
 
 def choices(data: RunData) -> list[Score]:
@@ -31,34 +27,34 @@ def choices(data: RunData) -> list[Score]:
     kinds = {model["kind"] for model in data.manifest["models"]}
     return [
         score
-        for score in CHOICES
-        if kinds & score.kinds and any(finite(row[score.name]) is not None for row in data.scores)
+        for score in of_conditions()
+        if score.charted
+        and kinds & score.kinds
+        and any(finite(row.get(score.name)) is not None for row in data.scores)
     ]
 
 
-def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
-    """All that the page's script draws. Models, groups, settings, velocities, exposures are given by index.
+def numbers(data: RunData, groups: list[str]) -> Row:
+    """All that the page's script draws. Models and groups are given by index, a row's place by ``at``: its index on
+    each of the axes, exposure, velocity, then light and what else varies; None where it has no place.
 
-    axes: exposure, speed, then light and what else varies: their words, texts and colours, and the numbers of
-    those beyond speed. settings: the place of each setting on the axes beyond speed.
-    points: model, group, setting, velocity, exposure, mean confidence, low, high, number of targets.
-    scores: model, setting, velocity, exposure, number of pictures, a value per score, low and
-    high of each. clean: per model,
-    the same values when untouched. clean_confidence: per model and group. windows: model, group, setting,
-    velocity, ends in s, whether it is sure to be there, and the intervals of both ends. failures, over blur:
-    model, group, setting, exposure, px (None: never, or throughout), low, high, whether the curve had come back,
-    last px tested.
+    points: mean confidence y with its interval, over n targets. scores: a value per measure, with intervals, over n
+    pictures. windows: both ends in s, whether it is sure, and the intervals of the ends. failures, over blur: px
+    (None: never, or throughout), interval, whether the curve had come back, last px tested. clean: per model the same
+    measures in the untouched pictures; clean_confidence: per model and group.
     """
-    models, settings, chosen = model_names(data), data.settings, choices(data)
-    shown_s = set(data.exposures_s)
-    measured = [each for each in points(data) if each.group in groups and each.exposure_s in shown_s]
+    models, settings, chosen = data.model_names, data.settings, choices(data)
     velocities, exposures = data.velocities_px_s, data.exposures_s
-    m_of, g_of, s_of, v_of, e_of = (
-        {key: place for place, key in enumerate(keys)}
-        for keys in (models, groups, settings.every, velocities, exposures)
-    )
-    untouched = {row["model"]: row for row in data.scores if row["clean"]}
     values = [settings.values(axis) for axis in settings.axes]
+    m_of, g_of = ({key: place for place, key in enumerate(keys)} for keys in (models, groups))
+    e_of: dict[float | None, int] = {exposure_s: place for place, exposure_s in enumerate(exposures)}
+    v_of: dict[tuple[float, float] | None, int] = {each: place for place, each in enumerate(velocities)}
+    untouched = {row["model"]: row for row in data.scores if row["clean"]}
+
+    def at(exposure_s: float | None, velocity: tuple[float, float] | None, setting: Setting) -> list[Any]:
+        on_axes = [tested.index(value) for tested, value in zip(values, setting, strict=True)]
+        return [e_of.get(exposure_s), v_of.get(velocity), *on_axes]
+
     return {
         "threshold": data.criterion.level,
         "shown": title_text(data.criterion),
@@ -74,65 +70,58 @@ def numbers(data: RunData, groups: list[str]) -> dict[str, Any]:
                 if tested
             ),
         ],
-        "settings": [
-            [tested.index(value) for tested, value in zip(values, setting, strict=True)]
-            for setting in settings.every
-        ],
         "speeds_px_s": [math.hypot(*velocity) for velocity in velocities],
         "exposures_ms": [1e3 * exposure_s for exposure_s in exposures],
-        "joined": one_velocity_per_speed(velocities),
+        "joined": data.one_velocity_per_speed,
         "predicted": bool(data.searched),
         "measures": [{"name": score.title, "more": score.better == "higher"} for score in chosen],
-        "points": [
-            [m_of[p.model], g_of[p.group], s_of[p.setting], v_of[p.velocity_px_s], e_of[p.exposure_s]]
-            + [_short(value) for value in (p.confidence, p.low, p.high)]
-            + [p.n_targets]
-            for p in measured
-        ],
-        "scores": [
-            [m_of[row["model"]], s_of[settings.of(row)], v_of[velocity_of(row)], e_of[row["exposure_s"]]]
-            + [row["n_images"]]
-            + [_short(row[score.name]) for score in chosen]
-            + [_short(row.get(f"{score.name}_{end}")) for score in chosen for end in ("low", "high")]
+        "points": _records(
+            {"model": m_of[p.model], "group": g_of[p.group]}
+            | {"at": at(p.exposure_s, p.velocity_px_s, p.setting)}
+            | {"y": _short(p.confidence), "low": _short(p.low), "high": _short(p.high), "n": p.n_targets}
+            for p in data.points
+            if p.group in g_of and p.exposure_s in e_of
+        ),
+        "scores": _records(
+            {"model": m_of[row["model"]], "at": at(row["exposure_s"], velocity_of(row), settings.of(row))}
+            | {"n": row["n_images"]}
+            | {f"y{end}": [_short(row.get(f"{score.name}{end}")) for score in chosen] for end in _ENDS}
             for row in data.scores
-            if not row["clean"] and row["exposure_s"] in shown_s
-        ],
+            if not row["clean"] and row["exposure_s"] in e_of
+        ),
         "clean": [[_short(untouched.get(model, {}).get(score.name)) for score in chosen] for model in models],
         "clean_confidence": [
             [_short(_untouched(data, model, group)) for group in groups] for model in models
         ],
-        "windows": [
-            [
-                *(m_of[a["model"]], g_of[a["group"]], s_of[settings.of(a)], v_of[velocity_of(a)]),
-                *(*window, a["verdict"] == WORKS, low, high),
-            ]
+        "windows": _records(
+            {"model": m_of[a["model"]], "group": g_of[a["group"]]}
+            | {"at": at(None, velocity_of(a), settings.of(a)), "low": low, "high": high}
+            | {"sure": a["verdict"] == WORKS, "bounds": bounds}
             for a in data.answers
             if a["group"] in g_of
-            for window, low, high in zip(a["windows_s"], a["windows_low_s"], a["windows_high_s"], strict=True)
-        ],
-        "failures": [
-            [
-                *(m_of[c["model"]], g_of[c["group"]], s_of[settings.of(c)], e_of[c["exposure_s"]]),
-                None if c["fails_at"] == c["x"][0] else _short(c["fails_at"]),
-                *(_short(c["fails_low"]), _short(c["fails_high"]), c["non_monotonic"], _short(c["x"][-1])),
-            ]
+            for (low, high), *bounds in zip(
+                a["windows_s"], a["windows_low_s"], a["windows_high_s"], strict=True
+            )
+        ),
+        "failures": _records(
+            {"model": m_of[c["model"]], "group": g_of[c["group"]]}
+            | {"at": at(c["exposure_s"], None, settings.of(c))}
+            | {"x": None if c["fails_at"] == c["x"][0] else _short(c["fails_at"])}
+            | {"low": _short(c["fails_low"]), "high": _short(c["fails_high"])}
+            | {"returned": c["non_monotonic"], "last": _short(c["x"][-1])}
             for c in data.endurances
             if c["axis"] == "blur_px" and c["group"] in g_of
-        ],
-        "trades": [
-            {
-                "name": ROBUSTNESS[measure],
-                "points": [
-                    [m_of[t.model], *map(_short, (t.latency_ms, t.p95_ms, t.robustness)), t.best]
-                    for t in trades(data, measure)
-                ],
-            }
-            for measure in comparable(data)
-        ],
+        ),
     }
 
 
-def _axis(axis: Axis | Coordinate, texts: list[str], colours: str) -> dict[str, Any]:
+def _records(rows: Iterable[Row]) -> Row:
+    """Rows of the same columns, whose names are written once."""
+    every = list(rows)
+    return {"columns": list(every[0]) if every else [], "rows": [list(row.values()) for row in every]}
+
+
+def _axis(axis: Axis | Coordinate, texts: list[str], colours: str) -> Row:
     return {"word": word(axis), "title": axis_label(axis), "unit": axis.unit, "texts": texts} | {
         "colours": line_colours(colours, len(texts))
     }
@@ -155,4 +144,4 @@ def _untouched(data: RunData, model: str, group: str) -> float | None:
     known = [each for each in data.answers if (each["model"], each["group"]) == (model, group)]
     if data.criterion.kept:
         return 1.0 if known else None
-    return finite(known[0]["clean_value"]) if known else clean_confidence(data, model, group)
+    return finite(known[0]["clean_value"]) if known else data.clean_confidence(model, group)

@@ -7,21 +7,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
+from blurnoise_eval.answers.crossings import windows
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import spread
+from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import title_text
-from blurnoise_eval.scoring.crossings import windows
 
 MAX_LINES, MAX_TICKS = 4, 9
 WIDTH, HEIGHT = 560, 340
-Row = dict[str, Any]
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44, 14, 40, 46
+LEFT, RIGHT, TOP, BASE = 44, WIDTH - 14, 40, HEIGHT - 46  # the axes' frame
 _ROOM = 0.06  # of the log range, on either side
 
 
@@ -36,89 +36,81 @@ def kept_curve(data: RunData, model: str) -> Markup | None:
     x = [] if whole is None else whole["exposures_s"]
     if whole is None or len(x) < 2 or not all(map(math.isfinite, x)):
         return None
-    lines = spread_rows([row for row in rows if row["speed"] is not None])
-    top = max(1.0, *(max(row["values"]) for row in lines)) * 1.04
-    first, last = math.log(x[0]), math.log(x[-1])
-    room = _ROOM * (last - first)
-
-    def across(exposure_s: float) -> float:
-        share = (math.log(exposure_s) - first + room) / (last - first + 2 * room)
-        return _LEFT + share * (WIDTH - _LEFT - _RIGHT)
-
-    def up(value: float) -> float:
-        return float(HEIGHT - _BOTTOM - value / top * (HEIGHT - _TOP - _BOTTOM))
-
-    def points(exposures: Sequence[float], values: Sequence[float]) -> str:
-        return " ".join(f"{across(e):.1f},{up(v):.1f}" for e, v in zip(exposures, values, strict=True))
-
-    level, base = data.criterion.level, HEIGHT - _BOTTOM
-    parts = []
-    for low, high in windows(x, whole["values"], level):
-        width = max(across(high) - across(low), 2.0)
-        parts.append(
-            f'<rect class="window" x="{across(low):.1f}" y="{_TOP}" width="{width:.1f}" height="{base - _TOP}"/>'
-        )
-    for value in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
-        parts.append(
-            f'<line class="grid" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{up(value):.1f}" y2="{up(value):.1f}"/>'
-            f'<text x="{_LEFT - 6}" y="{up(value) + 4:.1f}" text-anchor="end">{value:g}</text>'
-        )
-    for exposure in _ticks(x):
-        parts.append(
-            f'<text x="{across(exposure):.1f}" y="{base + 18}" text-anchor="middle">{milliseconds(exposure)}</text>'
-        )
-    parts.append(
-        f'<line class="level" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{up(level):.1f}" y2="{up(level):.1f}"/>'
+    of_speeds = [row for row in rows if row["speed"] is not None]
+    lines = [of_speeds[place] for place in spread(range(len(of_speeds)), MAX_LINES)]
+    room = _ROOM * math.log(x[-1] / x[0])
+    frame = _Frame(
+        math.log(x[0]) - room,
+        math.log(x[-1]) + room,
+        1.04 * max(1.0, *(max(row["values"]) for row in lines)),
     )
-    for place, row in enumerate(lines):
-        known = [all(map(math.isfinite, ends)) for ends in zip(row["low"], row["high"], strict=True)]
-        if all(known):
-            there = points(row["exposures_s"], row["low"])
-            back = points(row["exposures_s"][::-1], row["high"][::-1])
-            parts.append(f'<polygon class="band c{place}" points="{there} {back}"/>')
-    for place, row in enumerate(lines):
-        parts.append(
-            f'<polyline class="line c{place}" points="{points(row["exposures_s"], row["values"])}"/>'
-        )
-        parts += [
-            f'<circle class="dot c{place}" cx="{across(e):.1f}" cy="{up(v):.1f}" r="2.6"/>'
-            for e, v in zip(row["exposures_s"], row["values"], strict=True)
-        ]
+    title, level = title_text(data.criterion), frame.up(data.criterion.level)
     chosen = next(
         (r["exposure_s"] for r in data.recommendations if (r["model"], r["scope"]) == (model, "all")), None
     )
-    if chosen is not None:
-        at = across(chosen)
-        anchor = "end" if at > WIDTH / 2 else "start"
-        beside = at - 5 if anchor == "end" else at + 5
-        parts.append(
-            f'<line class="chosen" x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP}" y2="{base}"/>'
-            f'<text class="strong" x="{beside:.1f}" y="{base - 8}" text-anchor="{anchor}">'
-            f"{EXPOSURE.text(chosen)}</text>"
-        )
-    parts.append(
-        f'<text x="{(_LEFT + WIDTH - _RIGHT) / 2:.0f}" y="{HEIGHT - 8}" text-anchor="middle">Exposure / ms</text>'
-    )
-    return Markup(
-        f'<svg class="kept" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{{}} against exposure">'
-        f'<text class="strong" x="{_LEFT - 30}" y="14">{{}}, mean over lights and targets</text>'
-        f"{_legend(data, lines)}{''.join(parts)}</svg>"
-    ).format(title_text(data.criterion), title_text(data.criterion))
-
-
-def spread_rows(rows: Sequence[Row]) -> list[Row]:
-    """At most ``MAX_LINES`` of them, evenly spread."""
-    return [rows[place] for place in spread(range(len(rows)), MAX_LINES)]
-
-
-def _legend(data: RunData, lines: Sequence[Row]) -> str:
-    parts = []
+    parts = [_text(LEFT - 30, 14, f"{title}, mean over lights and targets", "start", "strong")]
     for place, row in enumerate(lines):
-        x = _LEFT + place * (WIDTH - _LEFT - _RIGHT) / MAX_LINES
-        name = data.speed.text(row["speed"]) if row["speed"] else "at rest"
-        parts.append(f'<line class="line c{place}" x1="{x:.0f}" x2="{x + 18:.0f}" y1="28" y2="28"/>')
-        parts.append(f'<text x="{x + 24:.0f}" y="32">{name}</text>')
-    return "".join(parts)
+        at = LEFT + place * (RIGHT - LEFT) / MAX_LINES
+        parts.append(_line(f"line c{place}", at, 28, at + 18, 28))
+        parts.append(
+            _text(at + 24, 32, data.speed.text(row["speed"]) if row["speed"] else "at rest", "start")
+        )
+    for low, high in windows(x, whole["values"], data.criterion.level):
+        start, width = frame.across(low), max(frame.across(high) - frame.across(low), 2.0)
+        parts.append(
+            f'<rect class="window" x="{start:.1f}" y="{TOP}" width="{width:.1f}" height="{BASE - TOP}"/>'
+        )
+    for value in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0):
+        parts.append(_line("grid", LEFT, frame.up(value), RIGHT, frame.up(value)))
+        parts.append(_text(LEFT - 6, frame.up(value) + 4, f"{value:g}", "end"))
+    parts += [_text(frame.across(each), BASE + 18, milliseconds(each), "middle") for each in _ticks(x)]
+    parts.append(_line("level", LEFT, level, RIGHT, level))
+    for place, row in enumerate(lines):
+        if all(map(math.isfinite, (*row["low"], *row["high"]))):
+            there, back = frame.places(row, "low"), frame.places(row, "high")[::-1]
+            parts.append(f'<polygon class="band c{place}" points="{_points(there + back)}"/>')
+    for place, row in enumerate(lines):
+        there = frame.places(row, "values")
+        parts.append(f'<polyline class="line c{place}" points="{_points(there)}"/>')
+        parts += [f'<circle class="dot c{place}" cx="{a:.1f}" cy="{b:.1f}" r="2.6"/>' for a, b in there]
+    if chosen is not None:
+        at, right = frame.across(chosen), frame.across(chosen) > WIDTH / 2
+        parts.append(_line("chosen", at, TOP, at, BASE))
+        beside, anchor = (at - 5, "end") if right else (at + 5, "start")
+        parts.append(_text(beside, BASE - 8, EXPOSURE.text(chosen), anchor, "strong"))
+    parts.append(_text((LEFT + RIGHT) / 2, HEIGHT - 8, "Exposure / ms", "middle"))
+    head = f'<svg class="kept" viewBox="0 0 {WIDTH} {HEIGHT}" role="img"'
+    return Markup(f"""{head} aria-label="{escape(title)} against exposure">{"".join(parts)}</svg>""")
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """The axes: logarithms of s from ``first`` to ``last`` across, values from 0 to ``top`` upwards."""
+
+    first: float
+    last: float
+    top: float
+
+    def across(self, exposure_s: float) -> float:
+        return LEFT + (math.log(exposure_s) - self.first) / (self.last - self.first) * (RIGHT - LEFT)
+
+    def up(self, value: float) -> float:
+        return BASE - value / self.top * (BASE - TOP)
+
+    def places(self, row: dict[str, Any], name: str) -> list[tuple[float, float]]:
+        return [(self.across(e), self.up(v)) for e, v in zip(row["exposures_s"], row[name], strict=True)]
+
+
+def _points(places: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
+
+
+def _line(kind: str, x1: float, y1: float, x2: float, y2: float) -> str:
+    return f'<line class="{kind}" x1="{x1:.1f}" x2="{x2:.1f}" y1="{y1:.1f}" y2="{y2:.1f}"/>'
+
+
+def _text(x: float, y: float, text: str, anchor: str, kind: str = "") -> str:
+    return f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(text)}</text>'
 
 
 def _ticks(exposures_s: Sequence[float]) -> list[float]:

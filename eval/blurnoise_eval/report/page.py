@@ -23,13 +23,13 @@ from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.detectors.baked import baked_text
-from blurnoise_eval.drawing import annotate as pictures
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, MOVES, SPEED, velocity_text
-from blurnoise_eval.report import captions, figures, findings, interactive, tables, words
-from blurnoise_eval.report.data import RunData
+from blurnoise_eval.plots import annotate as pictures
+from blurnoise_eval.report import figures, findings, interactive, tables, words
 from blurnoise_eval.report.kept_curve import kept_curve
-from blurnoise_eval.report.measured import largest_groups, model_names, spread_examples
+from blurnoise_eval.report.latency import ROBUSTNESS, comparable, latency_robustness
 from blurnoise_eval.report.opening import opening
+from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.system.files import path_within, write_whole
 
@@ -43,8 +43,8 @@ PICTURES_BYTES = 600_000  # of all: with plotly, packed, the page stays below 3 
 Figures = dict[str, Callable[[RunData], Figure]]  # by file name
 FIGURES: Figures = {
     "confidence_exposure.png": figures.confidence_exposure,
-    "confidence_blur.png": figures.confidence_blur,
-    "confidence_speed.png": figures.confidence_speed,
+    "confidence_blur.png": partial(figures.confidence_over, x=BLUR),
+    "confidence_speed.png": partial(figures.confidence_over, x=SPEED),
     "gain_snr_brightness.png": figures.gain_snr_brightness,
     "examples.png": figures.contact_sheet,
 }
@@ -57,13 +57,13 @@ TABLES = (
     "results.csv",
     "targets.csv",
 )
-COMPARISONS: Figures = {"latency_robustness.png": figures.latency_robustness}  # of runs of several models
+COMPARISONS: Figures = {"latency_robustness.png": latency_robustness}  # of runs of several models
 
 
 def figures_of(data: RunData) -> Figures:
     """The figures of this run by file name: one more for each axis that varies besides the usual."""
     further: Figures = {
-        f"confidence_{axis.name}.png": partial(figures.confidence_axis, axis=axis)
+        f"confidence_{axis.name}.png": partial(figures.confidence_over, x=axis)
         for axis in data.settings.further
         if data.answers and not axis.choices and all(map(math.isfinite, data.settings.values(axis)))
     }
@@ -80,11 +80,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
     path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn = figures_of(data)
     for name, draw in drawn.items():
-        with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
-            warnings.filterwarnings("ignore", "Glyph .* missing from font")
-            drawing = io.BytesIO()
-            draw(data).savefig(drawing, format="png", dpi=150, pil_kwargs={"compress_level": 1})
-        write_whole(folder / "figures" / name, drawing.getvalue())
+        write_whole(folder / "figures" / name, _png(draw(data), 150))
         progress(1)
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -101,8 +97,8 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
 
 def _page(data: RunData, folder: Path) -> dict[str, Any]:
     manifest, camera = data.manifest, data.manifest["camera"]
-    groups = largest_groups(data, MAX_GROUPS)
-    names = model_names(data)
+    groups = data.largest_groups(MAX_GROUPS)
+    names = data.model_names
     told = opening(data)
     varied = [axis for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
     return {
@@ -133,6 +129,7 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "assumptions": findings.assumptions(data),
         "numbers": interactive.numbers(data, groups),
         "examples": _examples(data, folder),
+        "trades": _trades(data),
         "tables": list(TABLES),
         "n_examples": len(data.examples),
         "other_score": pictures.OTHER_SCORE,
@@ -144,6 +141,22 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "plotly_packed": base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9)).decode("ascii"),
         "kept_curve": None if told.model is None else kept_curve(data, told.model),
     }
+
+
+def _png(figure: Figure, dpi: int) -> bytes:
+    drawing = io.BytesIO()
+    with warnings.catch_warnings():  # a text in a script that the font lacks is drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        figure.savefig(drawing, format="png", dpi=dpi, pil_kwargs={"compress_level": 1})
+    return drawing.getvalue()
+
+
+def _trades(data: RunData) -> list[tuple[str, str]]:
+    """Charts of latency against what several models differ in: (name, PNG in base64)."""
+    return [
+        (ROBUSTNESS[name], base64.b64encode(_png(latency_robustness(data, [name]), 120)).decode("ascii"))
+        for name in comparable(data)
+    ]
 
 
 def _versions(manifest: dict[str, Any]) -> dict[str, str]:
@@ -167,9 +180,9 @@ def _contract(model: dict[str, Any]) -> dict[str, Any]:
 def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
     """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
     threshold = data.found_from
-    names = model_names(data)
+    names = data.model_names
     shown = []
-    chosen = spread_examples(data, MAX_PICTURES)
+    chosen = data.spread_examples(MAX_PICTURES)
     most = min(PICTURE_BYTES, PICTURES_BYTES // max(len(chosen), 1))
     for example in chosen:
         picture = pictures.drawn_example(example, PICTURE_PX, threshold)
@@ -183,8 +196,8 @@ def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
                 if picture is None
                 else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), most),
                 "condition": data.settings.condition_text(example),
-                "outcome": captions.outcome_text(example, threshold),
-                "found": "missed" if captions.missed(example, threshold) else "found",
+                "outcome": words.outcome_text(example, threshold),
+                "found": "missed" if words.missed(example, threshold) else "found",
                 "file": quote(path.relative_to(folder.absolute()).as_posix(), errors="surrogateescape")
                 if near
                 else None,

@@ -6,7 +6,7 @@ what is held at one value is said once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -49,20 +49,6 @@ class Settings:
     def text(self, setting: Setting) -> str:
         """'50 lux · 85 °C · f/2.8'."""
         return " · ".join(axis.text(value) for axis, value in zip(self.axes, setting, strict=True))
-
-    def together(self, some: Sequence[Setting]) -> str:
-        """Neighbours as one: '50 lux · f/4 to 200 lux · f/4'; where names differ, all of each."""
-        if any(
-            axis.choices and len({setting[place] for setting in some}) > 1
-            for place, axis in enumerate(self.axes)
-        ):
-            parts = [
-                dict.fromkeys(map(axis.text, of))
-                for axis, of in zip(self.axes, zip(*some, strict=True), strict=True)
-            ]
-            return " · ".join(", ".join(part) for part in parts)
-        first, last = self.text(some[0]), self.text(some[-1])
-        return first if first == last else f"{first} to {last}"
 
     def without(self, axis: Axis) -> Settings:
         """The settings as they are where ``axis`` is drawn against."""

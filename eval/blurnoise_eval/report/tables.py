@@ -9,11 +9,12 @@ import math
 from typing import Any
 
 from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
+from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report import words
-from blurnoise_eval.report.data import RunData
-from blurnoise_eval.report.measured import finite, model_names, spread
-from blurnoise_eval.report.scores import MODEL_SCORES
+from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Setting
+from blurnoise_eval.scoring.scores import of_models
+from blurnoise_eval.system.tables import finite
 
 MAX_SETTINGS = 24  # rows of one target group
 MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
@@ -25,9 +26,7 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
     models = [{**untouched.get(row["model"], {}), **row} for row in data.models]
     kind = "reader" if models and all(row["kind"] == "reader" for row in models) else "detector"
     rows = []
-    for score in MODEL_SCORES:
-        if kind not in score.kinds:
-            continue
+    for score in of_models(kind):
         values = [finite(row.get(score.name)) for row in models]
         known = [value for value in values if value is not None]
         pick = max if score.better == "higher" else min
@@ -43,7 +42,8 @@ def model_rows(data: RunData) -> list[dict[str, Any]]:
             }
             for value, row in zip(values, models, strict=True)
         ]
-        rows.append({"name": score.title, "meaning": score.meaning, "cells": cells})
+        title = score.title if score.of is None else f"{score.title}, untouched"
+        rows.append({"name": title, "meaning": score.meaning, "cells": cells})
     return rows
 
 
@@ -55,7 +55,7 @@ def shown_settings(data: RunData) -> list[Setting]:
 def model_answers(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
     """The answer tables, one per model that has answers: its name, in how many an exposure works, its groups."""
     tables = []
-    for model in model_names(data):
+    for model in data.model_names:
         own = [answer for answer in data.answers if answer["model"] == model]
         parts = [
             _group_answers(data, [answer for answer in own if answer["group"] == group]) | {"group": group}
@@ -80,7 +80,7 @@ def failures(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
     curves = [curve for curve in data.endurances if curve["axis"] == "blur_px"]
     exposures = sorted({curve["exposure_s"] for curve in curves})
     tables = []
-    for model in model_names(data):
+    for model in data.model_names:
         for group in groups:
             own = {
                 (settings.of(curve), curve["exposure_s"]): _failure_cell(curve)

@@ -11,9 +11,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.uncertainty import FEW, FEWEST
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
-from blurnoise_eval.scoring.certainty import FEW, FEWEST
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.plots.annotate import OTHER_SCORE
 
 SAID_SATURATED = 0.01
 """Of the picture's values: so many at a limit of the sensor are worth a word."""
@@ -21,18 +24,9 @@ CANNOT_TELL, WORKS, NONE_WORKS = "cannot tell", "works", "no exposure works"
 Answer = dict[str, Any]
 
 
-def enough_text(asked: str) -> str:
-    """What is asked, after an exposure: 'keeps 0.9 of its confidence', 'reaches mean confidence 0.6'.
-
-    asked: the criterion, as the answers have it.
-    """
-    return asked if " of its " in asked else f"reaches {asked}"
-
-
-def reached_text(value: str, asked: str) -> str:
-    """The same of a value, with or without its interval: 'keeps 0.68 (0.61–0.74) of its confidence'."""
-    kept, _, score = asked.rpartition(" of its ")
-    return f"keeps {value} of its {score}" if kept else f"reaches {asked.rpartition(' ')[0]} {value}"
+def reached_text(value: str, criterion: Criterion) -> str:
+    """What is reached, with or without its interval: 'keeps 0.68 (0.61–0.74) of its confidence'."""
+    return f"keeps {value} of its {criterion.noun}" if criterion.kept else f"reaches {criterion.noun} {value}"
 
 
 def title_text(criterion: Criterion) -> str:
@@ -52,20 +46,9 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def gain_text(gain_db: float) -> str:
-    """'12 dB'."""
-    return f"{round(gain_db) + 0:d} dB"
-
-
 def limit_text(limit: str) -> str:
     """What limits, as the rows have it: 'motion blur and noise'."""
     return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
-
-
-def limits_text(answer: Answer) -> str:
-    """What ends the windows: 'noise below, motion blur above'; empty where both ends are open."""
-    named = [(answer["limited_low"], "below"), (answer["limited_high"], "above")]
-    return ", ".join(f"{limit_text(limit)} {side}" for limit, side in named if limit)
 
 
 def joined(names: Sequence[str], last: str = "and") -> str:
@@ -214,3 +197,34 @@ def interval_text(curve: dict[str, Any]) -> str | None:
     if low is None or low == high:
         return None
     return f"95 %: {low:.3g} to {high:.3g} px" if high is not None else f"95 %: from {low:.3g} px"
+
+
+def outcome_text(example: dict[str, Any], threshold: float) -> str:
+    """How many of the example's targets were found, and their mean confidence; or what was read in them."""
+    if example["error"] is not None:
+        return f"the model failed: {example['error']}"
+    targets = example["targets"]
+    confidences = [target["confidence"] for target in targets]
+    if not targets:
+        count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
+        return f"no target in the picture, {count} detections"
+    if any(target["text"] is not None for target in targets):
+        return "; ".join(map(_reading_text, targets))
+    found = sum(confidence >= threshold for confidence in confidences)
+    if len(confidences) == 1:
+        return f"{'found' if found else 'missed'}, confidence {confidences[0]:.2f}"
+    return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
+
+
+def missed(example: dict[str, Any], threshold: float) -> bool:
+    """Whether any of the example's targets was missed, or read wrongly."""
+    return any(
+        target["confidence"] <= 0 if target["text"] is not None else target["confidence"] < threshold
+        for target in example["targets"]
+    )
+
+
+def _reading_text(target: dict[str, Any]) -> str:
+    right = target["confidence"] > 0
+    verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"
+    return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"

@@ -1,6 +1,7 @@
 """Estimates with what each cluster of pictures contributes, so that whatever is made of them has an interval.
 
-Domain: clusters are numbered over a whole run, alike in every estimate; NaN: a cluster has no say in it.
+Domain: clusters are numbered over a whole run, alike in every estimate, and stand on the first axis of every array;
+NaN: a cluster has no say in it. Their influence is what leaving each out makes of a value (the jackknife).
 """
 
 from __future__ import annotations
@@ -12,53 +13,57 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.scoring import certainty
-
 Array = NDArray[np.float64]
 MOST_CLUSTERS = 128
 """Further clusters are joined to these: leaving out a hundred groups in turn tells as much as leaving out each."""
 
 
 class Estimate(NamedTuple):
-    """A value, None where it is undefined, and the clusters' departures (n,), None where none are known.
+    """A value, None where it is undefined, and the clusters' influence on it (n,), None where it is not known.
 
     cautious: a lower one, where the value is known to lie above what many pictures would give: the interval
     reaches down to its own.
     """
 
     value: float | None
-    departures: Array | None = None
+    influence: Array | None = None
     cautious: Estimate | None = None
 
-    def interval(self, within: tuple[float, float | None] | None) -> tuple[float | None, float | None]:
-        """Its 95 % interval, None below :data:`~blurnoise_eval.scoring.certainty.FEWEST` clusters.
 
-        within: the least and the greatest value it can have; None for one without both. Without a greatest a
-        cluster nobody has seen counts as the worst that was seen, or as 1: no alarm in ten pictures is not none.
-        """
-        if self.value is None or self.departures is None or not math.isfinite(self.value):
-            return None, None
-        bounds = None
-        if within is not None:
-            most = self.value + float(np.nanmax(self.departures, initial=0.0))
-            bounds = within[0], max(1.0, most) if within[1] is None else within[1]
-        low, high = (float(end) for end in certainty.interval(self.value, self.departures, within=bounds))
-        if not (math.isfinite(low) and math.isfinite(high)):
-            return None, None
-        least = None if self.cautious is None else self.cautious.interval(within)[0]
-        return low if least is None else min(low, least), high
+def ratio_of_sums(sums: ArrayLike, counts: ArrayLike) -> Array:
+    """Sum over clusters of ``sums`` (n, ...) by that of ``counts`` (n, ...), NaN where nothing was measured."""
+    total, count = np.nansum(sums, axis=0), np.nansum(counts, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(count > 0, total / count, np.nan))
 
-    def columns(self, name: str, within: tuple[float, float | None] | None) -> dict[str, float | None]:
-        """As columns of a table: NAME, NAME_low, NAME_high; nothing here lies below 0."""
-        low, high = self.interval(within)
-        low = low if low is None else max(low, 0.0)
-        return {name: self.value, f"{name}_low": low, f"{name}_high": high}
+
+def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
+    """What each cluster contributes to a ratio of sums, (n, ...), by leaving it out.
+
+    NaN for clusters in which nothing is counted nor found: they say nothing of this ratio.
+    """
+    total, count = np.asarray(sums, float), np.asarray(counts, float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        here = np.where((count > 0) | (total > 0), count, np.nan)
+        others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
+        found = (total - ratio_of_sums(total, count) * here) / others
+        return np.asarray(np.where(others > 0, found, np.nan))
+
+
+def influence_of(whole: ArrayLike, without: ArrayLike) -> Array:
+    """Of each cluster (n, ...) on any measure, from its value (...) and those with each left out (n, ...).
+
+    NaN where the measure is not defined without the cluster.
+    """
+    left = np.asarray(without, float)
+    n = np.isfinite(left).sum(axis=0)
+    return np.asarray((n - 1) * (np.asarray(whole, float) - left))
 
 
 def mean(sums: ArrayLike, counts: ArrayLike) -> Estimate:
     """Sum over clusters of ``sums`` (n,) by that of ``counts`` (n,)."""
-    value = float(certainty.mean_of(sums, counts))
-    return Estimate(None) if math.isnan(value) else Estimate(value, certainty.departures(sums, counts))
+    value = float(ratio_of_sums(sums, counts))
+    return Estimate(None) if math.isnan(value) else Estimate(value, influence(sums, counts))
 
 
 def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
@@ -69,7 +74,7 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
     lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
     if lower is not None and not (lower.value is not None and lower.value < every[0]):
         lower = None
-    return Estimate(float(every[0]), certainty.jackknife(every[0], every[1:]), lower)
+    return Estimate(float(every[0]), influence_of(every[0], every[1:]), lower)
 
 
 def all_and_without(counts: ArrayLike) -> Array:
@@ -85,7 +90,7 @@ def through(estimates: Sequence[Estimate], of: Callable[[Sequence[float]], float
     lower = None
     if any(each.cautious for each in estimates):
         lower = through([each.cautious or each for each in estimates], of)
-    known = [each.departures for each in estimates if each.departures is not None]
+    known = [each.influence for each in estimates if each.influence is not None]
     if value is None or len(known) < len(estimates) or not known:
         return Estimate(value)
     table = np.array(known)
@@ -107,6 +112,6 @@ def ratio(one: Estimate, other: Estimate) -> Estimate:
     if one.value is None or not other.value:
         return Estimate(None)
     value = one.value / other.value
-    if one.departures is None or other.departures is None:
+    if one.influence is None or other.influence is None:
         return Estimate(value)
-    return Estimate(value, (one.departures - value * other.departures) / other.value)
+    return Estimate(value, (one.influence - value * other.influence) / other.value)

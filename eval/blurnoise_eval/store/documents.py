@@ -44,6 +44,7 @@ class _Manifest(BaseModel):
     models: list[_Model] = Field(min_length=1)
     camera: dict[str, Any]
     images: _Images
+    trajectory: dict[str, Any] | None = None
 
 
 class _Plan(BaseModel):

@@ -5,7 +5,6 @@ Rows come as the store gives them: a dictionary each, keyed by column, one at a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -28,7 +27,7 @@ _IN_ORDER = {  # an index has the cells of a picture together: sorted picture by
     ),
 }
 OF = {"cells": "c", "targets": "t"}
-"""By what the columns of a table are called in questions to :func:`every_row` and :func:`rows_of_pictures`."""
+"""By what the columns of a table are called in questions to :func:`every_row`."""
 
 
 def _mean(column: str) -> str:
@@ -87,6 +86,12 @@ def pictures_seen(store: Store) -> list[str]:
     return [row["image"] for row in store.rows("SELECT DISTINCT image FROM cells ORDER BY image")]
 
 
+def cells_with(store: Store, **columns: Any) -> Iterator[Row]:
+    """The rows of cells that hold these values in these columns."""
+    where = " AND ".join(f"{name} IS ?" for name in columns)
+    return store.rows(f"SELECT * FROM cells WHERE {where} ORDER BY {ROWS}", *columns.values())
+
+
 def conditions(store: Store, model: str) -> list[Row]:
     """Every condition and repeat of a model: the columns ``CONDITIONS`` and ``repeat``, in their order."""
     shared = f"{_SHARED}, repeat"
@@ -129,11 +134,6 @@ def exposed_targets(store: Store) -> Iterator[Row]:
     )
 
 
-def untouched_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in untouched pictures."""
-    return store.rows("SELECT * FROM targets WHERE clean = 1")
-
-
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
     """Image, label and box of each target in a model's untouched pictures."""
     query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
@@ -172,32 +172,10 @@ def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[t
     return store.tuples(f"SELECT {', '.join(asked)} FROM {tables} ORDER BY {order}")
 
 
-def infinite_somewhere(store: Store, table: str, columns: Sequence[str]) -> list[str]:
-    """Those of the columns of numbers, some, in which any row of "cells" or "targets" has infinity."""
-    (found,) = store.rows(f"SELECT {', '.join(f'MAX({name}) AS {name}' for name in columns)} FROM {table}")
-    return [name for name in columns if found[name] == math.inf]
-
-
-def rows_of_pictures(
-    store: Store, table: str, asked: Sequence[str], model: str, pictures: Sequence[str]
-) -> Iterator[list[tuple[Any, ...]]]:
-    """:func:`every_row` of one model and some pictures."""
-    tables, order = _IN_ORDER[table]
-    where = f"c.model = ? AND c.image IN ({', '.join('?' * len(pictures))})"
-    return store.tuples(
-        f"SELECT {', '.join(asked)} FROM {tables} WHERE {where} ORDER BY {order}", model, *pictures
-    )
-
-
 def count_rows(store: Store) -> int:
     """Rows of cells: one per cell and model."""
     (counted,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
     return int(counted["cells"])
-
-
-def count_conditions(store: Store, *others: str) -> int:
-    """In how many ways the cells differ in their conditions and the columns ``others``."""
-    return store.count_different(*CONDITIONS, *others)
 
 
 def count_cells_of_read(store: Store) -> int:

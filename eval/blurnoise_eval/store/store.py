@@ -207,7 +207,7 @@ class Store:
         """Forget everything: the store is as new."""
         self.revision += 1
         with self._transaction() as db:
-            for table in ("about", "cells", "targets", "skipped", "software"):
+            for table in ("about", "cells", "targets", "pictures", "skipped", "software"):
                 db.execute(f"DELETE FROM {table}")
 
     def skip(self, image: str, reason: str) -> None:
@@ -298,11 +298,6 @@ class Store:
                 if "clean" in found:
                     found["clean"] = bool(found["clean"])
                 yield found
-
-    def copy_to(self, file: Path) -> None:
-        """Write what is committed to a file of its own, which this store does not use."""
-        with self._explained(), closing(sqlite3.connect(file)) as copy:
-            self._db.backup(copy)
 
     def tuples(self, query: str, *values: object) -> Iterator[list[tuple[Any, ...]]]:
         """The answer to a question in SQL, some thousands of rows at a time, as SQLite has them."""

@@ -22,6 +22,12 @@ class Block:
     cells: tuple[Cell, ...]
     examples: frozenset[str] = frozenset()
 
+    @classmethod
+    def joined(cls, blocks: Sequence[Block]) -> Block:
+        """One block with the cells of all, which are of one picture."""
+        cells = tuple(cell for block in blocks for cell in block.cells)
+        return cls(blocks[0].picture, cells, frozenset().union(*(block.examples for block in blocks)))
+
     def without(self, done: Collection[str]) -> Block:
         """Those cells whose ids are not ``done``."""
         todo = tuple(cell for cell in self.cells if cell.cell_id not in done)

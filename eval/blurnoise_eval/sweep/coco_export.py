@@ -8,39 +8,39 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.judged import Truth, coco_results, moved
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover
+from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.files import path_within, read_within, write_whole
 from blurnoise_eval.system.tables import json_lines
 
 INSTANCES = Path("coco") / "instances.json"
 
 
-def write_truth(pictures: PictureSet, run: Path) -> None:
+def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None) -> None:
     """Write what is in the pictures to ``run``/coco/instances.json; without labels it lists the pictures only.
 
-    ids, areas, segmentations and crowds are those of the data set where it has them. Raises ``OSError``.
+    ids, areas, segmentations and crowds are those of the data set where it has them. whole: the set that the pictures
+    are a part of, whose ids they have. Raises ``OSError``.
     """
     annotations: list[dict[str, Any]] = []
-    used = {target.annotation.get("id") for picture in pictures for target in picture.targets or ()}
+    whole, own = whole or pictures, {picture.name for picture in pictures}
+    used = {target.annotation.get("id") for picture in whole for target in picture.targets or ()}
     fresh = (number for number in count(1) if number not in used)
-    for picture in pictures:
+    for picture in whole:
         for target in picture.targets or ():
             x0, y0, x1, y1 = target.box_xyxy
             area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
-            own = {"id": next(fresh)} if "id" not in target.annotation else {}
+            new = {"id": next(fresh)} if "id" not in target.annotation else {}
             stated = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
             box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
-            annotations.append({**target.annotation, **own, **stated, **box})
+            if picture.name in own:
+                annotations.append({**target.annotation, **new, **stated, **box})
     truth = {
         "images": [{"id": picture.image_id, "file_name": picture.name} for picture in pictures],
         "annotations": annotations,
@@ -67,14 +67,14 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
         raise StoreError(
             f"{path}: cannot be read ({error}); repeat the sweep's command to restore it"
         ) from None
-    models = {model["name"]: model for model in store.about("manifest")["models"]}
-    labelled = store.about("manifest")["images"]["labelled"]
+    run = Run(store)
+    models = run.models
 
     def truth_of(name: str) -> Truth | None:
         if models[name]["kind"] != "detector":
             return None
         classes = models[name]["contract"]["classes"]
-        if labelled:
+        if run.labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
             return Truth(coco, image_ids, known, sizes_px)
@@ -110,52 +110,26 @@ def write_detections(
     written = []
     truth_of = truths(store)
     labels = json.loads(read_within(store.folder, INSTANCES))
-    manifest = store.about("manifest")
-    camera, objects, vehicle = Camera.from_dict(manifest["camera"]), objects_of(store), vehicle_of(store)
-    for model in manifest["models"]:
-        truth = truth_of(model["name"])
+    run = Run(store)
+    for model in run.models:
+        truth = truth_of(model)
         if truth is None:
             continue
-        place = path_within(folder, model["name"])
+        place = path_within(folder, model)
         place.mkdir(parents=True, exist_ok=True)
         whole = {**labels, **truth.coco, "images": labels["images"]}
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
-        for name, at in _named(queries.conditions(store, model["name"]), camera):
-            rows = _results(store, model["name"], at, truth)
+        for name, at in _named(queries.conditions(store, model), run.camera):
+            rows = _results(store, model, at, truth)
             path = place / f"{name}.json"
             write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
             written.append(path)
-            if mover := _mover(at, camera, objects, vehicle):
+            mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
+            if mover is not None:
                 own = json.dumps({**whole, "annotations": moved(truth, mover)})
                 write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
     return written
-
-
-def objects_of(store: Store) -> Objects:
-    """What the run's plan says of objects."""
-    return Objects(**_planned(store).get("objects", {}))
-
-
-def vehicle_of(store: Store) -> Vehicle | None:
-    """Which drives, by the run's plan."""
-    stated = _planned(store).get("ego")
-    return None if stated is None else Vehicle(**stated)
-
-
-def _planned(store: Store) -> dict[str, Any]:
-    plan: dict[str, Any] = (store.about("identity") or {}).get("plan", {})
-    return plan
-
-
-def _mover(
-    at: Mapping[str, Any], camera: Camera, objects: Objects, vehicle: Vehicle | None
-) -> MoveBoxes | None:
-    """Where a row's conditions take the boxes of the scene; None: they stay."""
-    if at["clean"]:
-        return None
-    conditions = Conditions(**{axis: at[axis] for axis in NAMES})
-    return box_mover(conditions.exposure(camera, vehicle=vehicle), objects)
 
 
 def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:

@@ -9,9 +9,9 @@ import numpy as np
 from blurnoise_eval.datasets import PictureSet, sample
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.contract_checks import MOST_PICTURES, Comparison, compared
-from blurnoise_eval.scoring.input_variants import Known
 from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.sweep.contract_checks import MOST_PICTURES, Comparison, compared
+from blurnoise_eval.sweep.input_variants import Known
 from blurnoise_eval.system.terminal import say_wrapped
 
 

@@ -25,6 +25,7 @@ from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.scene.cutting import CutScene
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
+from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
@@ -96,6 +97,11 @@ class Scene:
             else:
                 still = (each if each.moves == "all" else replace(each, moves="all") for each in some)
                 yield from self.light.frames(list(still))
+
+    def plan(self, taken: Exposure) -> Plan:
+        """What the simulator keeps and leaves out of an exposure, and why."""
+        scene = self._cut_scene(taken.camera)[0] if self._apart(taken) else self.light
+        return scene.plan(taken if self._apart(taken) else replace(taken, moves="all"))
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""

@@ -22,7 +22,7 @@ def met_conditions(
 ) -> dict[str, Any]:
     """What conditions.json holds, of a run's scores, rows of axes for each model, and its manifest with its plan.
 
-    recommendations: as :func:`~blurnoise_eval.scoring.recommendation.recommendations` has them; the exposures to use
+    recommendations: as :func:`~blurnoise_eval.answers.recommendation.recommendations` has them; the exposures to use
     under each light at each speed are recommended.
     """
     recommended = {
@@ -48,7 +48,7 @@ def met_conditions(
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
         "speeds": plan.get("objects", {}).get("speeds") or plan.get("objects", {}).get("crossings"),
-        **{name: manifest.get(name) for name in ("trajectory", "ego", "grey_anchor")},
+        **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor")},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],
     }
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from blurnoise_eval.datasets import PictureSet, sample
 from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.contract_checks import Comparison
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
+from blurnoise_eval.sweep.contract_checks import Comparison
 
 _BAKED_PICTURES = 8  # by which limits baked into a graph are measured
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.scoring import certainty
-from blurnoise_eval.scoring.curves import Endurance, mean_auc
+from blurnoise_eval.answers.curves import Endurance, mean_auc
+from blurnoise_eval.answers.plane import mean_over_plane
+from blurnoise_eval.answers.uncertainty import behind_best, columns
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
-from blurnoise_eval.scoring.plane import mean_over_plane
+from blurnoise_eval.scoring.scores import of_models
 
 _ENDS = "", "_low", "_high"
-_UNTOUCHED = ("target_confidence", "ap50", "ar100", "false_positives_per_image", "calibration_error")
 
 
 def model_rows(
@@ -55,10 +56,10 @@ def _behind(mpc: Mapping[str, Estimate]) -> dict[str, tuple[float | None, float 
     if not values:
         return found
     first = max(values, key=lambda name: values[name])
-    away = {name: own for name in values if (own := mpc[name].departures) is not None}
+    away = {name: own for name in values if (own := mpc[name].influence) is not None}
     ends: dict[str, tuple[float | None, float | None]] = dict.fromkeys(values, (None, None))
     if first in away:
-        together = certainty.behind_best([values[name] for name in away], np.array(list(away.values())).T)
+        together = behind_best([values[name] for name in away], np.array(list(away.values())).T)
         for name, *both in zip(away, *together, strict=True):
             if np.isfinite(both).all():
                 low, high = np.clip(both, -1.0, 1.0).tolist()  # of a difference of shares
@@ -88,17 +89,18 @@ def _summary(
     held = [each for each in curves if each.model == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
+    original = [score.name for score in of_models("detector") if score.of is not None]
     return {
         "model": model["name"],
         "kind": model["kind"],
         "measure": "AP" if model["kind"] == "detector" else "exact match",
-        **(Estimate(None) if against_itself else p).columns("p", (0.0, 1.0)),
-        **mpc.columns("mpc", (0.0, 1.0)),
-        **rpc.columns("rpc", (0.0, None)),
-        **uniform.columns("mpc_uniform", (0.0, 1.0)),
+        **columns(Estimate(None) if against_itself else p, "p", 1.0),
+        **columns(mpc, "mpc", 1.0),
+        **columns(rpc, "rpc", 1 / p.value if p.value else math.inf),
+        **columns(uniform, "mpc_uniform", 1.0),
         "auc_exposure": mean_auc(held, "exposure_s"),
         "auc_blur": mean_auc(held, "blur_px"),
-        **{f"{name}{end}": untouched.get(f"{name}{end}") for name in _UNTOUCHED for end in _ENDS},
+        **{f"{name}{end}": untouched.get(f"{name}{end}") for name in original for end in _ENDS},
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),

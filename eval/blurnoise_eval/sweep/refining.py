@@ -17,15 +17,14 @@ from itertools import product
 
 import numpy as np
 
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.exposure_window import Answer, answers
+from blurnoise_eval.answers.recommendation import MOST_COMMON, Averages
 from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.scoring.criterion import PRECISIONS, Criterion
-from blurnoise_eval.scoring.exposure_window import Answer, answers
-from blurnoise_eval.scoring.recommendation import MOST_COMMON, Averages
-from blurnoise_eval.scoring.score_surfaces import score_surfaces
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.run_scores import run_scores, withheld_models
-from blurnoise_eval.sweep.run_surfaces import grouped_surfaces, run_averages, too_little
+from blurnoise_eval.sweep.run_scores import withheld_models
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables
 
 STOPS, STOPS_OF_INTERVAL = 0.25, 0.5
 """The gap about a window's end, and those in which its interval ends, are halved until none is wider."""
@@ -56,19 +55,12 @@ class Refinement:
 def left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion, cluster: str | None) -> Refinement:
     """What a run of this plan leaves to refine, by all that its store holds."""
     manifest = store.about("manifest")
-    models = [model["name"] for model in manifest["models"]]
-    if criterion.score in PRECISIONS:
-        scored = run_scores(store, models, cluster, by_size=criterion.score)
-        every = score_surfaces(scored.sized, criterion.kept)
-    else:
-        every = grouped_surfaces(store, criterion, cluster)
     monotone = manifest.get("trajectory") is None
     unfit = withheld_models(store, cluster)
     told = [
-        surface
-        for alike in every
-        if alike[0].model not in unfit and not too_little(alike[0])
-        for surface in alike
+        table
+        for table in score_tables(store, criterion, cluster)
+        if table.model not in unfit and not table.knows_too_little
     ]
     left = refinement(plan, [each for one in told for each in answers(one, criterion, monotone=monotone)])
     return _with_common(left, plan, run_averages(store, told, criterion.level))

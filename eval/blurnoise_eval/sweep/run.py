@@ -16,8 +16,7 @@ from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks
-from blurnoise_eval.sweep.engines import Engine, ThreadEngine
-from blurnoise_eval.sweep.flight import WorkerDied
+from blurnoise_eval.sweep.engines import Engine, ThreadEngine, WorkerDied
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.files import write_whole
 

@@ -5,18 +5,14 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.scoring.estimates import Estimate
-from blurnoise_eval.scoring.per_condition import (
+from blurnoise_eval.answers.per_condition import (
     Asked,
     Moves,
     Scored,
@@ -25,16 +21,19 @@ from blurnoise_eval.scoring.per_condition import (
     performance,
     scored,
 )
-from blurnoise_eval.scoring.registry import SCORES
-from blurnoise_eval.scoring.score_surfaces import Sized
+from blurnoise_eval.answers.table import Sized
+from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.coco_export import objects_of, truths, vehicle_of
+from blurnoise_eval.sweep.coco_export import truths
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
-from blurnoise_eval.sweep.run_surfaces import models_withheld
+from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.machine import usable_cores
 
-_VERSION = 4  # of what is kept
+LEAST_AP50 = 0.05
+"""Of the labelled original pictures: below, a detector has no answers."""
+_VERSION = 5  # of what is kept
 _KEPT = {None: ("scores", "scores, ap", "scores, ap50"), "ap": ("scores, ap",), "ap50": ("scores, ap50",)}
 """Where the store keeps the scores, by what is asked for by size; without it any will do."""
 _ALONE_UP_TO = 100_000  # rows of cells; another process takes seconds to begin
@@ -57,7 +56,7 @@ def run_scores(
     by_size: str | None = None,
 ) -> RunScores:
     """The scores of the models. by_size: "ap" or "ap50" by the size of targets, too."""
-    names = [score.name for score in SCORES]
+    names = [score.name for score in of_conditions()]
     made_of = {"of": queries.count_rows(store), "cluster": cluster, "version": _VERSION, "scores": names}
     every = (kept for kept in map(store.about, _KEPT[by_size]) if kept is not None)
     kept = next((kept for kept in every if made_of == {name: kept.get(name) for name in made_of}), None)
@@ -84,8 +83,25 @@ def run_scores(
     return RunScores(rows, performances, sized)
 
 
+def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Why there is no answer, by detector: where its AP50 in the labelled original pictures is below ``LEAST_AP50``.
+
+    What such a one keeps is no measure of an exposure: its contract is wrong, or it knows other classes.
+    """
+    if not manifest["images"]["labelled"]:
+        return {}
+    detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
+    clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    return {
+        name: f"no exposure is recommended, because its AP50 in the original pictures is {ap50:.3f}, below "
+        f"{LEAST_AP50:g}. Is its contract right (blurnoise inspect --probe), and does it know these classes?"
+        for name, ap50 in clean.items()
+        if ap50 is not None and ap50 < LEAST_AP50
+    }
+
+
 def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
-    """As :func:`~.run_surfaces.models_withheld`, by what is scored here of the untouched pictures alone."""
+    """As :func:`models_withheld`, by what is scored here of the untouched pictures alone."""
     manifest = store.about("manifest")
     clusters = numbered(queries.pictures_seen(store), cluster)
     every = asked(store, [model["name"] for model in manifest["models"]], clusters)
@@ -146,7 +162,7 @@ def answer() -> None:
 
 def _packed(estimate: Estimate) -> list[Any]:
     """As JSON has it."""
-    away = estimate.departures
+    away = estimate.influence
     return [
         estimate.value,
         None if away is None else [None if np.isnan(each) else float(each) for each in away],
@@ -165,11 +181,10 @@ def _unpacked(packed: Sequence[Any]) -> Estimate:
 
 def _moves(store: Store) -> Moves:
     """Where a row's conditions take the boxes of the scene, and what these sweep."""
-    camera = Camera.from_dict(store.about("manifest")["camera"])
-    objects, vehicle = objects_of(store), vehicle_of(store)
+    run = Run(store)
 
     def mover(row: Mapping[str, Any]) -> tuple[Any, Any]:
-        exposure = Conditions(**{name: row[name] for name in NAMES}).exposure(camera, vehicle=vehicle)
-        return box_mover(exposure, objects), box_sweeper(exposure, objects)
+        exposure = run.exposure(row)
+        return box_mover(exposure, run.objects), box_sweeper(exposure, run.objects)
 
     return mover

@@ -116,8 +116,10 @@ class Worker:
             mine = prepared is None
             if prepared is None:
                 prepared = self._prepared[picture.name] = Future()
-                while len(self._prepared) > self._held:
-                    self._prepared.popitem(last=False)
+            self._prepared.move_to_end(picture.name)  # those that were used longest ago come first
+            for name in [name for name, each in self._prepared.items() if each.done()]:
+                if len(self._prepared) > self._held:
+                    del self._prepared[name]
         if mine:
             try:
                 made = PreparedPicture(picture, self._work.models, self._work.grey_anchor, self._work.objects)

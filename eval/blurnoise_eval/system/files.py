@@ -74,6 +74,13 @@ def check_regular(path: Path) -> None:
     files.check_regular(path)
 
 
+def plot_suffix(path: Path) -> str:
+    """The suffix of a plot's file in lower case. Raises ``ValueError`` unless it can be written."""
+    from blurnoise._core.checks import one_of  # with blurnoise comes torch
+
+    return one_of(f"suffix of {path}", path.suffix.lower(), (".png", ".svg", ".pdf"))
+
+
 def write_figure(path: Path, figure: Any, *, dpi: int) -> None:
     """Write a figure of matplotlib's in the format of ``path``'s suffix, as :func:`write_whole` does."""
     picture = io.BytesIO()

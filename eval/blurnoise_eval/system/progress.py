@@ -1,23 +1,14 @@
-"""Progress of long work: what is done, how far it is, how fast, when it will end.
-
-On a terminal it is a line that changes. Elsewhere it is a line of standard error after 10 s and then ever more
-rarely, down to one a minute, so that a log says how a night's work goes on; what takes less than 10 s says nothing,
-unless with what went right before it takes longer.
-"""
+"""Progress of long work: rich's bar on a terminal; elsewhere a line after 10 s, then one a minute."""
 
 from __future__ import annotations
 
 import sys
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from blurnoise_eval.system.terminal import plain, plain_console, say
 
-if TYPE_CHECKING:
-    from rich.text import Text
-
-FIRST_S, RAREST_S = 10.0, 60.0  # between lines
-BAR, WITH_BAR = 20, 100  # cells of the bar, and of a terminal that has room for it
+FIRST_S, PAUSE_S = 10.0, 60.0  # until the first line of a log, and between lines
+_WITH_BAR = 100  # columns of a terminal that has room for the bar
 
 
 class Advance:
@@ -36,87 +27,70 @@ class Advance:
 class ProgressBar(Advance):
     """Progress of ``total`` steps, on standard error. Inside: what advances it."""
 
-    _spoken, _ended = (
-        0.0,
-        float("-inf"),
-    )  # of any: the last line, or the beginning of those without one; the end
-
     def __init__(self, label: str, total: float) -> None:
-        from rich.live import Live
+        from rich.progress import BarColumn, Progress, TextColumn
+        from rich.table import Column
 
-        self._label, self._total, self._note = plain(label), total, ""
-        self._done = self._before = 0.0
+        console = plain_console(stderr=True)
+        self._label, self._note = plain(label), ""
+        self._shown = console.is_terminal
+        self._progress = Progress(
+            *([BarColumn(20)] if console.width >= _WITH_BAR else []),
+            TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
+            console=console,
+            disable=not self._shown,
+            speed_estimate_period=86_400.0,  # steps may take minutes
+            get_time=monotonic,
+        )
+        self._number = self._progress.add_task(f"{self._label}: 0 of {total:.0f}", total=total)
+        self._task = self._progress.tasks[0]
         self._began = monotonic()
-        console = plain_console(error=True)
-        self._bar = console.width >= WITH_BAR
-        live = Live(get_renderable=self._drawn, console=console, refresh_per_second=5)
-        self._live = live if console.is_terminal else None
+        self._next_line_s = self._began + FIRST_S
 
     def __enter__(self) -> Advance:
-        self._began = monotonic()
-        if abs(self._began - ProgressBar._ended) > FIRST_S:
-            ProgressBar._spoken = self._began
-        if self._live:
-            self._live.start()
+        self._progress.start()
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
-        ProgressBar._ended = monotonic()
-        took = ProgressBar._ended - self._began
-        if self._live:
-            self._live.stop()
-        elif took >= FIRST_S:
+        self._progress.stop()
+        took = monotonic() - self._began
+        if not self._shown and took >= FIRST_S:
             self._say(f"{'took' if kind is None else 'stopped after'} {duration_text(took)}")
 
     def __call__(self, done: float) -> None:
         """So much more is done."""
-        self._done += done
-        self._total = max(self._total, self._done)  # where more was to do than it seemed
-        now = monotonic()
-        pause = min(max(FIRST_S, (now - self._began) / 5), RAREST_S)
-        if not self._live and now - ProgressBar._spoken >= pause and self._done < self._total:
+        most = max(self._task.total or 0.0, self._task.completed + done)  # more was to do than it seemed
+        self._progress.update(self._number, advance=done, total=most)
+        self._show()
+        if not self._shown and monotonic() >= self._next_line_s and self._task.completed < most:
             self._say(self._how())
 
     def already(self, done: float) -> None:
         """So much was done before."""
-        self._before += done
-        self(done)
-
-    @classmethod
-    def command_begins(cls) -> None:
-        """What was worked on before has nothing to do with what comes."""
-        cls._ended = float("-inf")
+        self._progress.reset(self._number, completed=int(self._task.completed + done))
 
     def note(self, text: str) -> None:
         """Say this at the end of the line."""
         self._note = f"; {plain(text)}"
+        self._show()
+
+    def _show(self) -> None:
+        self._progress.update(self._number, description=self._line(self._how()))
 
     def _how(self) -> str:
         """'13 %, 12/s, 20 s left', by what was done since it began."""
-        took, now = monotonic() - self._began, self._done - self._before
-        share = f"{100 * self._done / self._total:.0f} %" if self._done else "0 %"
-        if now <= 0 or not took:
-            return share
-        rate = now / took
-        left_s = (self._total - self._done) / rate
-        speed = f"{rate:.3g}" if rate < 100 else f"{rate:.0f}"
-        left = f", {duration_text(left_s)} left" if left_s > 0 else ""
-        return f"{share}, {speed}/s{left}"
+        speed, left_s = self._task.speed, self._task.time_remaining
+        rate = f", {speed:.3g}/s" if speed else ""
+        left = f", {duration_text(left_s)} left" if left_s else ""
+        return f"{self._task.percentage:.0f} %{rate}{left}"
 
-    def _far(self) -> str:
-        return f"{self._label}: {self._done:.0f} of {self._total:.0f}"
+    def _line(self, how: str) -> str:
+        return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}{self._note}"
 
     def _say(self, how: str) -> None:
-        ProgressBar._spoken = monotonic()
-        say(f"{self._far()}, {how}{self._note}", error=True)
+        self._next_line_s = monotonic() + PAUSE_S
+        say(self._line(how), error=True)
         sys.stderr.flush()
-
-    def _drawn(self) -> Text:
-        from rich.text import Text
-
-        filled = int(BAR * min(self._done / self._total, 1.0)) if self._total else BAR
-        bar = f"[{'=' * filled}{' ' * (BAR - filled)}] " if self._bar else ""
-        return Text(f"{bar}{self._far()}, {self._how()}{self._note}")
 
 
 def duration_text(seconds: float) -> str:

@@ -15,6 +15,11 @@ def plain(value: Any) -> Any:
     return "auto" if value == math.inf else value
 
 
+def finite(value: float | None) -> float | None:
+    """The value, or None for what is none, infinite or not a number."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
 def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
     """A table as lines of CSV, its header first."""
     line = io.StringIO()

@@ -10,20 +10,21 @@ import json
 import os
 import shutil
 import sys
+import textwrap
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
-
-from blurnoise_eval.system.layout import PROSE, paragraph, rule
-from blurnoise_eval.system.layout import table as laid_out
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+PROSE = 79
+"""Columns of a paragraph."""
 LEAST_WIDTH = 20
+_PIPE_WIDTH = 10_000  # of tables, whose rows are a line each there
 
 
 def plain(text: object) -> str:
@@ -56,6 +57,21 @@ def width() -> int | None:
     return max(shutil.get_terminal_size().columns, LEAST_WIDTH)
 
 
+def paragraph(text: str, width: int | None = None, indent: int = 0, hanging: int = 0) -> list[str]:
+    """The text in lines of at most ``width`` columns; without a terminal (None) of 79, no word broken.
+
+    indent, hanging: spaces before the first line and before the others.
+    """
+    return textwrap.wrap(
+        text,
+        width or PROSE,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * hanging,
+        break_long_words=width is not None,
+        break_on_hyphens=False,
+    ) or [""]
+
+
 def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = False) -> None:
     """Print a paragraph, of 79 columns where there is room."""
     wide = width()
@@ -65,28 +81,55 @@ def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = F
 def show(*tables: Table) -> None:
     """Print tables of rich as they fit into the terminal: their titles, headings, cells and captions, plain."""
     for table in tables:
-        if table.title:
-            say_wrapped(str(table.title))
-        columns = [[_lines(cell) for cell in (column.header, *column.cells)] for column in table.columns]
-        right = [column.justify == "right" for column in table.columns]
-        heads, *rows = zip(*columns, strict=True)
-        top, *bodies = laid_out(heads, rows, right, width())
-        if top:
-            say(*top, rule([top, *bodies]))
-        for row, body in zip(table.rows, bodies, strict=True):
-            say(*body, *([""] if row.end_section and body is not bodies[-1] else []))
-        if table.caption:
-            say_wrapped(str(table.caption))
+        title, table.title = table.title, None
+        caption, table.caption = table.caption, None
+        if title:
+            say_wrapped(str(title))
+        say(*_lines_of(table, width()))
+        if caption:
+            say_wrapped(str(caption))
         say("")
 
 
-def _lines(text: object) -> str:
-    return "\n".join(map(plain, str(text).split("\n")))
+def table_lines(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    right: Sequence[bool],
+    width: int | None = None,
+    *,
+    rule: bool = True,
+) -> list[str]:
+    """A table in lines of at most ``width`` columns; None: as wide as it is.
+
+    right: which columns hold numbers. rule: a line below the headings.
+    """
+    from rich.table import Table
+
+    table = Table()
+    for head, numbers in zip(heads, right, strict=True):
+        table.add_column(head, justify="right" if numbers else "left")
+    for row in rows:
+        table.add_row(*row)
+    return _lines_of(table, width, rule=rule)
 
 
-def plain_console(*, error: bool = False) -> Console:
-    """A console of rich that takes every text in what it prints, table or line, as it stands."""
-    return _plain_console_class()(stderr=error, markup=False, emoji=False)
+def _lines_of(table: Table, width: int | None, *, rule: bool = True) -> list[str]:
+    """Two spaces between columns; words wider than their column are broken, nothing is left out."""
+    from rich.box import Box
+
+    ruled = Box("\n".join(["    ", "    ", " -- ", *["    "] * 5, ""]), ascii=True)
+    table.box, table.padding = (ruled, (0, 1, 0, 0)) if rule else (None, (0, 2, 0, 0))
+    table.show_edge = table.pad_edge = False
+    for column in table.columns:
+        column.overflow = "fold"
+    written = io.StringIO()
+    plain_console(file=written, width=width or _PIPE_WIDTH, color_system=None).print(table)
+    return [line.rstrip() for line in written.getvalue().splitlines()]
+
+
+def plain_console(**options: Any) -> Console:
+    """A console of rich that takes every text in what it prints, table or line, as it stands. options: rich's own."""
+    return _plain_console_class()(markup=False, emoji=False, highlight=False, **options)
 
 
 @cache

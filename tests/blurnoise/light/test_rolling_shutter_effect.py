@@ -140,8 +140,9 @@ def test_boxes_follow() -> None:
     torch.testing.assert_close(moved, torch.tensor([[10 + x, top, 20 + x, bottom]], dtype=torch.float64))
     swept = taken.sweep_boxes(box, SIZE)
     widths = (swept - moved)[0] * torch.tensor([-1, -1, 1, 1])
-    torch.testing.assert_close(widths[0::2], torch.tensor([2.5, 2.5], dtype=torch.float64))
-    torch.testing.assert_close(widths[1::2], torch.tensor([1.5, 1.5], dtype=torch.float64) * factor)
+    apart = 500 * 3e-4 * (10 / 2 + 1.5) * factor  # of the rows that see the box first and last
+    torch.testing.assert_close(widths[0::2], torch.full((2,), 2.5 + apart).double(), rtol=0, atol=0.02)
+    torch.testing.assert_close(widths[1::2], torch.full((2,), 1.5).double() * factor, rtol=0, atol=0.02)
     assert torch.equal(replace(taken, camera=GLOBAL).move_boxes(box, SIZE), box)
 
 
@@ -287,3 +288,35 @@ def test_rows_read_within_a_pixel_see_what_was_beyond_a_black_border(velocity: t
     brute = sum(spot(read + moment) for moment in moments) / 400
     assert brute[0].max() > 0.05
     assert np.abs(effects.through(light, at, border="constant")[0, 0].numpy() - brute).max() < 1e-3
+
+
+@pytest.mark.parametrize("camera", [ROLLING, replace(ROLLING, scan="up"), RESET], ids=["down", "up", "reset"])
+@pytest.mark.parametrize("way", ["right and down", "right and up", "shake", "shake and left"])
+def test_swept_boxes_hold_what_tall_boxes_cover_and_no_more(camera: Camera, way: str) -> None:
+    """Against every row of a tall box at 4000 times: where it is exposed, the box is between two sides."""
+    shake = Trajectory.sinusoid(3.0, 40.0, 0.3, direction_deg=35.0, phase_rad=0.8) if "shake" in way else None
+    velocity = {"right and down": (500.0, 300.0), "right and up": (500.0, -300.0)}.get(way, (0.0, 0.0))
+    velocity = (-300.0, 100.0) if "left" in way else velocity
+    left, top, right, bottom = box = (20.0, 4.0, 30.0, 36.0)
+    starts, stops = windows(reset=camera is RESET)
+    if camera.scan == "up":
+        starts, stops = starts[::-1], stops[::-1]
+    times = np.linspace(starts.min(), stops.max(), 4001)
+    x, y = np.outer(velocity, times)
+    if shake is not None:
+        path, durations = shake.window(times[0], times[-1])
+        known = times[0] + np.concatenate([[0.0], np.cumsum(durations)])
+        origin = shake.origin_px(0.01)
+        x, y = (
+            along + np.interp(times, known, path[axis]) - origin[axis] for axis, along in enumerate((x, y))
+        )
+    exposed = (times >= starts[:, None]) & (times <= stops[:, None])
+    row = np.arange(40)[:, None] + 0.5
+    there = exposed & (row >= top + y) & (row <= bottom + y)
+    seen_x, seen_y = np.broadcast_to(x, there.shape)[there], np.broadcast_to(row, there.shape)[there]
+    taken = Exposure(camera, 0.01, 100.0, velocity_px_s=velocity, trajectory=shake)
+    swept = taken.sweep_boxes(torch.tensor([box], dtype=torch.float64), SIZE)[0].numpy()
+    # Rows are seen whole, half a pixel beyond their middles: at up to 1100 px/s in half a row's time, 0.16 px.
+    assert swept[[0, 2]] == pytest.approx((left + seen_x.min(), right + seen_x.max()), abs=0.2)
+    assert swept[1] == pytest.approx(seen_y.min() - 0.5, abs=0.55)
+    assert swept[3] == pytest.approx(seen_y.max() + 0.5, abs=0.55)

@@ -14,8 +14,8 @@ import pytest
 import torch
 from blurnoise_eval.bench import contest, motion, noise, scenes, timing
 from blurnoise_eval.bench.contest import Case, Contender, Contest
-from blurnoise_eval.cli import main
 from blurnoise_models.detector import STOP_SIGN
+from commands import main
 
 from blurnoise import motion_blur
 
@@ -175,7 +175,7 @@ def test_command_decides_on_a_dense_sweep(tmp_path: Path, capsys: Output) -> Non
 
 def test_a_model_goes_with_contests_of_models(tmp_path: Path, capsys: Output) -> None:
     assert main(["bench", "blur", "--model", "m.onnx", "-o", str(tmp_path / "b")]) == 2
-    assert "model: goes with 'bench decide and sweep'" in capsys.readouterr().err
+    assert "--model: goes with 'decide and sweep'" in capsys.readouterr().err
     assert not (tmp_path / "b").exists()
 
 

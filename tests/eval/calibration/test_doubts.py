@@ -7,8 +7,8 @@ from pathlib import Path
 import made_frames
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.as_camera import camera_of
-from blurnoise_eval.calibration.measurement import Measurement, measure
+from blurnoise_eval.calibration.fit import Measurement, measure
+from blurnoise_eval.calibration.to_camera import camera_of
 
 SIZE = (120, 162)
 GAIN, READ_E, DARK_E_S, DSNU_E, BLACK_DN, WELL_E = 0.4, 3.0, 400.0, 3.0, 40.0, 9000.0

@@ -9,7 +9,7 @@ from pathlib import Path
 import made_frames
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
+from commands import main
 
 from blurnoise import Camera
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import read_picture, write_picture
-from commands import Output, pixels
+from commands import Output, main, pixels
 
 
 def test_without_the_extra_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
@@ -31,18 +30,9 @@ def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Outp
     at = ["--exposure-ms", "12", "--lux", "30", "--dx", "400", "--camera", "imx249", "--seed", "3"]
     assert main(["simulate", str(tmp_path / "a.png"), "-o", str(tmp_path / "s.png"), *at]) == 0
     capsys.readouterr()
-    words = [
-        "explore",
-        str(tmp_path / "a.png"),
-        "-o",
-        str(tmp_path / "e.png"),
-        "--model",
-        "none",
-        "--gain",
-        "0",
-        *at,
-    ]
-    assert main([*words, "--json"]) == 0
+    query = "exposure-ms=12&lux=30&dx=400&gain=0&seed=3&camera=imx249"
+    words = ["explore", str(tmp_path / "a.png"), "-o", str(tmp_path / "e.png"), "--model", "none"]
+    assert main([*words, "--at", query, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["blur_px"] == pytest.approx(4.8)
     assert "confidence" not in told
@@ -52,17 +42,17 @@ def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Outp
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--lux", "1,2"], "--lux: must be one value"),
-        (["--sign", "99"], "signs are sign-1 to sign-20"),
+        (["--at", "lux=1,2"], "lux = '1,2': must be >= 0"),
+        (["--at", "picture=sign-99"], "picture = 'sign-99': is not here"),
         (["--cell", "abc"], "cell: goes with a run"),
         (["--camera", "nikon"], "nikon"),
-        (["--figure", "prnu"], "NAME=NUMBER"),
-        (["--figure", "colour=3"], "figure = 'colour': must be one of"),
-        (["--figure", "f_number=-1"], "f-number = -1"),
+        (["--at", "prnu=much"], "prnu = 'much': must be a number"),
+        (["--at", "colour=3"], "colour = '3': must be one of"),
+        (["--at", "f_number=-1"], "f_number = -1"),
         (["nowhere.png"], "nowhere.png"),
         (["."], "results.sqlite"),
-        (["--seed", "-1"], "seed"),
-        (["--dx", "100", "--ego-kmh", "50"], "--ego-kmh = 50"),
+        (["--at", "seed=-1"], "seed"),
+        (["--at", "dx=100&ego-kmh=50"], "ego_speed_m_s = 13.8"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(
@@ -74,3 +64,10 @@ def test_what_is_wrong_is_said_in_a_line(
     assert told in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("option", "now"), [("--lux", "lux=..."), ("--sign", "picture=sign-N")])
+def test_options_of_before_are_named(option: str, now: str, capsys: Output) -> None:
+    with pytest.raises(SystemExit):
+        main(["explore", option, "5"])
+    assert f"{option} is now --at '{now}'" in capsys.readouterr().err

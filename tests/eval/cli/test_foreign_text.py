@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import probe
 from blurnoise_models import matched_filter
+from commands import main
 
 Output = pytest.CaptureFixture[str]
 FEW = ("--exposure-ms", "2,10", "--lux", "50", "--dx", "0", "--repeats", "1", "--threads", "1")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
+from commands import main
 
 ROAD = [
-    "--speed-kmh", "50", "--yaw-deg-s", "10", "--hfov-deg", "60", "--lens", "rectilinear", "--pitch-deg", "2",
+    "--speed-kmh", "50", "--yaw-deg-s", "10", "--hfov-deg", "60", "--lens", "rectilinear", "--mount", "1.5,2",
 ]  # fmt: skip
 CROSSING = ["--speed-kmh", "50", "--distance-m", "20", "--target-width-m", "1", "--exposure-ms", "10"]
 
@@ -20,7 +20,7 @@ CROSSING = ["--speed-kmh", "50", "--distance-m", "20", "--target-width-m", "1", 
 def test_a_map_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The sky moves by f w (1 + x^2), most at the ends of the horizon; at the bottom the map's values say it."""
     picture, values = tmp_path / "map.png", tmp_path / "map.npy"
-    size = ["--width-px", "240", "--values", str(values), "--exposure-ms", "20"]
+    size = ["--width-px", "240", "--map", str(values), "--exposure-ms", "20"]
     assert main(["motion", "--map", str(picture), *ROAD, *size]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines[:-1])) <= 80
@@ -77,13 +77,12 @@ def test_a_cameras_size_and_view(capsys: pytest.CaptureFixture[str]) -> None:
     [
         ([*CROSSING, "--width-px", "100"], "--hfov-deg: needed"),
         (["--speed-kmh", "50"], "--distance-m, --target-width-m, --exposure-ms, --width-px, --hfov-deg: needed"),
-        ([*CROSSING, "--camera", "imx250", "--yaw-deg-s", "1"], "yaw-deg-s: goes with --map"),
-        ([*CROSSING, "--map", "a.png"], "distance-m: goes without --map"),
+        ([*CROSSING, "--map", "a.png"], "--distance-m, --target-width-m: go without --map"),
         (["--map", "a.png", *ROAD, "--max-blur-px", "0"], "--max-blur-px = 0.0: must be finite and > 0"),
-        (["--map", "a.png", *ROAD, "--height-m", "-1"], "--height-m = -1.0"),
+        (["--map", "a.png", *ROAD, "--mount", "-1"], "height_m = -1.0"),
         (["--map", "a.png", *ROAD, "--planes-m", "0"], "--planes-m = 0.0"),
         (["--map", "a.png", *ROAD, "--planes-m", "1:9:1"], "planes-m: at most 7"),
-        (["--map", "a.png", *ROAD, "--values", "a.txt"], "must end in .csv or .npy"),
+        (["--map", "a.png", *ROAD, "--mount", "1,2,3,4"], "mount = '1,2,3,4': must be M[,DEG[,DEG]]"),
         (["--map", "a.png", *ROAD, "--hfov-deg", "190"], "--hfov-deg = 190"),
         (["--map", "a.png", *ROAD, "--exposure-ms", "-1"], "--exposure-ms = -1.0"),
         (["--map", "a.png", *ROAD, "--width-px", "1"], "a map needs 2 px each way"),

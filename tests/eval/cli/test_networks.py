@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pandas
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import coco
 from blurnoise_eval.detectors.detector import Detector
+from commands import main
 
 from blurnoise import charts
 

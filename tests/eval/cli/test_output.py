@@ -27,11 +27,6 @@ def test_output_that_cannot_be_written_is_a_line(output: str, code: int, told: s
     assert done.stderr.count("\n") <= 1
 
 
-def test_errors_after_two_dashes_name_their_option(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--", "sweep", "--limit", "0", "-o", "run"]) == 2
-    assert capsys.readouterr().err == "blurnoise: error: --limit = 0: must be >= 1\n"
-
-
 def test_a_speed_next_to_nothing_has_an_exposure() -> None:
     place = (3.0, 5.0)
     found = _nearest(place, Line(5.0, (1e-320, 0.0)), 0.001, 0.09)
@@ -51,3 +46,8 @@ def test_equal_names_get_numbers_that_nobody_has() -> None:
 def test_a_training_has_an_end() -> None:
     with pytest.raises(ValueError, match="pictures = 1000000000000: must be >= 320 and <= 1000000000"):
         training.check(10**12, 0)
+
+
+def test_errors_after_two_dashes_name_their_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--", "sweep", "--limit", "0", "-o", "run"]) == 2
+    assert capsys.readouterr().err == "blurnoise: error: --limit = 0: must be >= 1\n"

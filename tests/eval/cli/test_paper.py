@@ -7,8 +7,9 @@ from pathlib import Path
 
 import commands
 import pytest
-from blurnoise_eval.cli import main, paper
+from blurnoise_eval.paper import __main__ as paper
 from blurnoise_eval.paper import formulas, table
+from commands import main
 
 
 def verdicts(folder: Path) -> list[str]:

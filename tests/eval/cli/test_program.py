@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.program.stages import Stages
+from commands import main
 
 pytestmark = pytest.mark.slow
 GRID = ["--exposure-ms", "0.5,4,32", "--lux", "2,40", "--dx", "0,800", "--limit", "1"]
@@ -54,24 +54,12 @@ def test_the_best_fixed_time_is_what_the_report_recommends(
     assert told["best_fixed_s"] == float(whole["exposure_s"])
 
 
-def test_speeds_on_the_road(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A pinhole of 8 mm over pixels of 3.45 um: 36 km/h at 50 m are 10 m/s * 8 mm / 50 m / 3.45 um = 463.8 px/s."""
-    road = ["--speeds", "0,36", "--speed-unit", "kmh", "--distance-m", "50", "--focal-mm", "8", "--json"]
-    capsys.readouterr()
-    assert main(["program", str(run), "-o", str(tmp_path), *road]) == 0
-    told = json.loads(capsys.readouterr().out)
-    speeds = [each["speed"] for each in told["scenario"]["speeds_px_s"]]
-    assert speeds == pytest.approx([0.0, 463.77], rel=1e-3)
-
-
 @pytest.mark.parametrize(
     ("options", "named"),
     [
         (["--anti-flicker", "50", "--fps", "125"], "anti-flicker 50 Hz: leaves no exposure at any light"),
         (["--lux", "2:100000000"], "the run tells of light x exposure"),
         (["--stages", "8"], "stages = 8: must be 1 to 7"),
-        (["--speed-unit", "kmh"], "needs --speeds and --distance-m"),
-        (["--distance-m", "3"], "--distance-m = 3: goes with --speed-unit kmh"),
         (["--model", "other"], "model = 'other': must be one of stop_sign"),
         (["--targets", "cat"], "targets = 'cat'"),
         (["--speeds", "0:0.5,800:0.2,800.0:0.3"], "speeds: 800.0 is given twice"),

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
-from commands import Output, pixels, told
+from commands import Output, main, pixels, told
 
 from blurnoise import Camera, simulate
 from blurnoise.optics.colour import srgb_from_linear
@@ -131,4 +130,4 @@ def test_simulate_explains_what_it_models(tmp_path: Path, capsys: pytest.Capture
     assert stages["motion"]["kept"]
     assert not stages["PRNU"]["kept"]
     assert main([*command, "--tolerance-dn", "0"]) == 2
-    assert "--tolerance-dn = 0.0" in capsys.readouterr().err
+    assert "tolerance_dn = 0.0" in capsys.readouterr().err

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.cli import main, vehicle
 from blurnoise_eval.datasets import write_picture
-from commands import Output, pixels, told
+from commands import Output, main, pixels, told
 
 from blurnoise import Camera, simulate
 from blurnoise.motion.ego import EgoMotion, Mount, Vehicle, View, range_of_depth_m
@@ -19,6 +18,7 @@ from blurnoise.motion.ego import EgoMotion, Mount, Vehicle, View, range_of_depth
 SIZE = (45, 60)
 CAMERA = Camera.preset("imx250")
 ROAD = ("--height-m", 1.2, "--pitch-deg", 3, "--heading-deg", 5, "--hfov-deg", 50, "--lens", "rectilinear")
+DRIVES = ("--ego-kmh", 72, "--yaw-deg-s", 20, "--pitch-deg-s", 4)
 NATIVE = ("--bit-depth", "native", "--seed", 5)
 
 
@@ -47,9 +47,7 @@ def test_the_numbers_that_python_gives(
     source, picture = tmp_path / "scene.png", pixels(SIZE, kind)
     write_picture(source, picture)
     plane = () if plane_m is None else ("--plane-m", plane_m)
-    facts = told(
-        capsys, "simulate", source, "-o", tmp_path / "dn.png", *NATIVE, "--ego", "72,20,4", *ROAD, *plane
-    )
+    facts = told(capsys, "simulate", source, "-o", tmp_path / "dn.png", *NATIVE, *DRIVES, *ROAD, *plane)
     moved = torch.from_numpy(flow(plane_m))
     dn = simulate(
         torch.from_numpy(picture.astype(np.float32) / np.float32(np.iinfo(kind).max))[None, None],
@@ -66,8 +64,7 @@ def test_the_numbers_that_python_gives(
 
 
 def test_turning_up_lifts_the_camera_and_lowers_the_scene() -> None:
-    drives = [vehicle.Drive.parse(text) for text in ("0,0,5", "0,5")]
-    each = [Vehicle(yaw_deg_s=drive.yaw_deg_s, pitch_deg_s=drive.pitch_deg_s) for drive in drives]
+    each = [Vehicle(pitch_deg_s=5.0), Vehicle(yaw_deg_s=5.0)]
     up, right = (own.flow_px_s(CAMERA, SIZE, 0.0) for own in each)
     assert float(up[1].min()) > 0
     assert float(right[0].max()) < 0
@@ -93,7 +90,7 @@ def test_explain_has_the_variation_and_rows_objects_and_captures_go_with_it(
 ) -> None:
     source = tmp_path / "scene.png"
     write_picture(source, pixels(SIZE, np.uint8))
-    given = ("simulate", source, "-o", tmp_path / "out.png", "--ego", 72, *ROAD)
+    given = ("simulate", source, "-o", tmp_path / "out.png", "--ego-kmh", 72, *ROAD)
     stages = {each["name"]: each for each in told(capsys, *given, "--explain")["stages"]}
     assert stages["motion variation"]["kept"]
     assert "sub-exposures along each pixel's path" in stages["motion variation"]["how"]
@@ -109,15 +106,12 @@ def test_explain_has_the_variation_and_rows_objects_and_captures_go_with_it(
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        (["--ego", "80,x"], "ego = '80,x': must be KMH[,YAW_DEG_S[,PITCH_DEG_S]]"),
-        (["--ego", "80,1,2,3"], "ego = '80,1,2,3'"),
-        (["--ego", ""], "ego = ''"),
-        (["--ego", "nan"], "--ego = nan"),
-        (["--ego", "80", "--dx", "3"], "ego: goes without --dx and --dy"),
-        (["--ego", "80", "--height-m", "0"], "--height-m = 0.0"),
-        (["--ego", "80", "--plane-m", "-1"], "--plane-m = -1.0"),
-        (["--lens", "f-theta"], "lens: goes with --ego"),
-        (["--plane-m", "3"], "plane-m: goes with --ego"),
+        (["--ego-kmh", "nan"], "--ego-kmh = nan"),
+        (["--ego-kmh", "80,90"], "ego-kmh: must be one value here"),
+        (["--ego-kmh", "80", "--dx", "3"], "--ego-kmh: goes without dx and dy"),
+        (["--ego-kmh", "80", "--height-m", "0"], "vehicle.height_m = 0"),
+        (["--ego-kmh", "80", "--plane-m", "-1"], "vehicle.plane_m = -1"),
+        (["--plane-m", "3"], "vehicle: goes with ego_kmh"),
     ],
 )  # fmt: skip
 def test_refused_in_one_line(

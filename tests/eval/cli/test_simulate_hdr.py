@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import decode_linear, write_picture
+from commands import main
 
 from blurnoise import Camera, ExposedScene, photoelectrons
 from blurnoise.light.flicker import Pwm
@@ -137,10 +137,10 @@ def test_linear_light_of_files(folder: Path) -> None:
         ("grey.png --hdr 16,x", "hdr = '16,x': must be RATIO"),
         ("grey.png --hdr 0.5", "captures: number 2 saturates at"),
         ("grey.png --hdr 0", "exposure_ratio = 0.0: must be"),
-        ("grey.png --hdr 16 --hdr-white 0", "--hdr-white = 0.0"),
+        ("grey.png --hdr 16 --hdr-white 0", "hdr_white = 0.0"),
         ("grey.png --pwm 90", "pwm = '90': must be HZ,DUTY"),
         ("grey.png --pwm 90,1.5", "duty = 1.5: must be"),
-        ("grey.png --pwm-mask mask.png", "pwm-mask: goes with --pwm"),
+        ("grey.png --pwm-mask mask.png", "pwm_mask: goes with pwm"),
         (
             "grey.png --pwm 90,0.1 --pwm-mask small.png",
             "small.png: a mask has its picture's size; they are 17 x 5",

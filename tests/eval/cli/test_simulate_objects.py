@@ -7,9 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
-from commands import Output, told
+from commands import Output, main, told
 
 WIDTH, HEIGHT = 120, 80
 WHERE = "50,30,20,16"
@@ -107,24 +106,23 @@ def test_road_speeds(street: Path, capsys: Output) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--object-kmh", "5", "--object-m", "5"], "object-kmh: goes with --object"),
-        (["--object", WHERE, "--object-kmh", "5"], "needs --object-m, how far it is, or --object-width-m"),
-        (["--object", WHERE, "--object-kmh", "5", "--object-m", "-1"], "object-m = -1"),
-        (["--object", WHERE, "--object-width-m", "5"], "go with --object-kmh"),
-        (["--object", WHERE, "--object-kmh", "5", "--object-dx", "5"], "without --object-dx"),
+        (["--object-kmh", "5", "--object-m", "5"], "object_kmh: goes with object"),
+        (["--object", WHERE, "--object-kmh", "5"], "needs away_m, how far it is, or width_m, how wide"),
+        (["--object", WHERE, "--object-kmh", "5", "--object-m", "-1"], "away_m = -1"),
+        (["--object", WHERE, "--object-width-m", "5"], "go with object_kmh"),
         (
-            ["--object", WHERE, "--object-kmh", "5", "--object-width-m", "5", "--lens", "f-theta"],
-            "go with --object-m",
+            ["--object", WHERE, "--object-kmh", "5", "--object-dx", "5"],
+            "goes without a motion of the object in px/s",
         ),
-        (["--object-dx", "5"], "go with --object"),
-        (["--plate", "street.png"], "go with --object"),
+        (["--object-dx", "5"], "goes with object"),
+        (["--plate", "street.png"], "goes with object"),
         (["--object", "1,2,3"], "must be MASK.png or X,Y,WIDTH,HEIGHT"),
         (["--object", "500,2,3,4"], "covers nothing"),
         (["--object", "5,2,-3,4"], "box: x, width = -3"),
         (["--object", "0,0,120,80"], "give a plate"),
         (["--object", "none.png"], "none.png"),
-        (["--object", WHERE, "--object-dx", "1e9"], "--object-dx = 1000000000.0"),
-        (["--object", WHERE, "--plate", "street.png", "--grey-anchor", "mean"], "neither --grey-anchor"),
+        (["--object", WHERE, "--object-dx", "1e9"], "object_dx = 1000000000.0"),
+        (["--object", WHERE, "--plate", "street.png", "--grey-anchor", "mean"], "neither grey_anchor"),
     ],
 )
 def test_what_is_refused(

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
-from commands import Output, pixels, told
+from commands import Output, main, pixels, told
 
 from blurnoise import Camera, Trajectory, simulate
 from blurnoise.motion.causes import from_text
@@ -84,7 +83,7 @@ def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
         ("--trajectory=", "trajectory = '': must be FILE.csv"),
         ("--trajectory .", "trajectory = '.': must be FILE.csv"),
         ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
-        ("--line-time-us -3", "--line-time-us = -3.0"),
+        ("--line-time-us -3", "line_time_us = -3.0"),
     ],
 )
 def test_what_is_no_trajectory(tmp_path: Path, capsys: Output, options: str, words: str) -> None:

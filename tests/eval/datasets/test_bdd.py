@@ -69,14 +69,6 @@ def test_labels_choose_pictures(tmp_path: Path) -> None:
         bdd(file, labels=["person"])
 
 
-def test_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
-    boxes = [{**BOX, "x2": 10}, {**BOX, "y2": 3}, {**BOX, "x1": float("nan")}, BOX]
-    labels = [{"category": "car", "box2d": box} for box in boxes]
-    found = bdd(write(tmp_path / "det.json", [{"name": "a.jpg", "labels": labels}]))
-    assert len(found.pictures[0].targets or ()) == 1
-    assert found.notes == ("2 boxes of no area left out", "1 box with numbers that are not finite left out")
-
-
 @pytest.mark.parametrize(
     ("data", "fault"),
     [
@@ -94,6 +86,8 @@ def test_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
         ([{"name": "a.jpg", "labels": [{"box2d": {**BOX, "x2": "9"}}]}], "x2 = '9': must be a number"),
         ([{"name": "a.jpg", "labels": [{"box2d": BOX}]}], "has no 'category'"),
         ([{"name": "a.jpg", "labels": [{"box2d": BOX, "category": 3}]}], "category = 3: must be text"),
+        ([{"name": "a.jpg", "size": 3}], r"frames\[0\]: size = 3: must be an object"),
+        ([{"name": "a.jpg", "size": {"width": 3}}], "has no 'height'"),
         ([], "lists no pictures"),
     ],
 )

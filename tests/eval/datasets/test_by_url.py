@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
-from blurnoise_eval.system.storage import location
+from blurnoise_eval.system.urls import location
 
 fsspec = pytest.importorskip("fsspec")
+pytest.importorskip("upath")
 URL = "memory://bucket/set"
 NAMES = ("a.png", "sub/b c.png", "größe.jpg")
 BOX = [3.0, 4.0, 10.0, 12.0]
@@ -62,7 +63,7 @@ def write_labels(folder: Path) -> None:
 def put(folder: Path) -> None:
     for file in folder.rglob("*"):
         if file.is_file():
-            (location(URL) / file.relative_to(folder).as_posix()).put(file.read_bytes())
+            (location(URL) / file.relative_to(folder).as_posix()).write_bytes(file.read_bytes())
 
 
 READERS: dict[str, Reader] = {
@@ -111,7 +112,7 @@ def test_pictures_that_cannot_be_read(folder: Path) -> None:
     put(folder)
     root = location(URL)
     (root / "a.png").unlink()
-    (root / "größe.jpg").put(b"")
+    (root / "größe.jpg").write_bytes(b"")
     found = datasets.coco(root / "coco.json")
     told = []
     for picture in found:
@@ -142,13 +143,13 @@ def test_what_runs_have_written_is_left_out(folder: Path) -> None:
     root = location(URL)
     png = (folder / "a.png").read_bytes()
     for name in ("images/run/results.sqlite", "images/run/examples/x.png", "images/runner.png"):
-        (root / name).put(png)
+        (root / name).write_bytes(png)
     assert [picture.name for picture in datasets.image_folder(root / "images")] == [
         "a.png",
         *NAMES[2:],
         "runner.png",
         NAMES[1],
     ]
-    (root / "images/results.sqlite").put(b"")
-    (root / "images/examples/x.png").put(png)
+    (root / "images/results.sqlite").write_bytes(b"")
+    (root / "images/examples/x.png").write_bytes(png)
     assert "examples/x.png" not in [picture.name for picture in datasets.image_folder(root / "images")]

@@ -167,7 +167,7 @@ def test_what_is_missing_is_said_before_anything_is_computed(tmp_path: Path) -> 
     labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
     with pytest.raises(ValueError, match="needs to know where targets are"):
         check_cut(unlabelled, Objects())
-    with pytest.raises(ValueError, match="object-speed: lorry: no target is one"):
+    with pytest.raises(ValueError, match="speeds: lorry: no target is one"):
         check_cut(labelled, Objects(speeds={"lorry": 1.0}))
     with pytest.raises(ValueError, match="mattes = 'segmentation': 1 targets have none"):
         check_cut(labelled, Objects(mattes="segmentation"))

@@ -1,17 +1,12 @@
-"""Pictures of one scene by their hashes: made scenes that are shifted, noisy and lit otherwise, and photographs."""
+"""Pictures of one scene by their hashes: made scenes that are shifted, noisy and lit otherwise."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
-import pytest
-from blurnoise_eval.datasets.images import read_picture
-from blurnoise_eval.datasets.likeness import NEAR, look, scenes
+from blurnoise_eval.datasets.likeness import look, scenes
 from numpy.typing import NDArray
 
-PHOTOS = sorted((Path(__file__).parents[4] / "shared/real/photos").glob("*.jpg"))
 Pixels = NDArray[np.uint8]
 
 
@@ -67,10 +62,3 @@ def test_links_make_a_scene() -> None:
     many = scenes([f"{place * 0x9E3779B97F4A7C15 % 2**64:016x}" for place in range(600)] * 2)
     assert (many[:600] == many[600:]).all()
     assert scenes([]).tolist() == []
-
-
-@pytest.mark.skipif(not PHOTOS, reason="the shared photographs are absent")
-def test_unrelated_photographs_are_scenes_of_their_own() -> None:
-    looks = [int(look(read_picture(path)), 16) for path in PHOTOS]
-    apart = [(one ^ other).bit_count() for n, one in enumerate(looks) for other in looks[:n]]
-    assert min(apart) > NEAR + 3

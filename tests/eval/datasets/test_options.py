@@ -8,29 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import given, main
+from blurnoise_eval import datasets
+from blurnoise_eval.cli import given
 from blurnoise_eval.datasets import PictureSet, write_picture
+from blurnoise_eval.grid.plan_file import PlanFile
 
 
-def chosen(*options: object, reads: bool = False) -> PictureSet:
-    """What a sweep with these options would see; it is stopped there. Raises what the choice raises."""
-    choose, found, faults = given.pictures, [], []
-
-    def stop(**stated: Any) -> None:
-        try:
-            found.append(choose(**stated))
-        except (ValueError, OSError) as fault:
-            faults.append(fault)
-        raise KeyboardInterrupt
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(given, "models", lambda *_, **__: [])
-        patch.setattr(given, "read", lambda models: reads)
-        patch.setattr(given, "pictures", stop)
-        assert main(["sweep", *map(str, options), "-o", "run"]) == 130
-    for fault in faults:
-        raise fault
-    return found[0]
+def chosen(*, reads: bool = False, **settings: Any) -> PictureSet:
+    """What a sweep with these settings would see. Raises what the choice raises."""
+    stated = {name: str(value) if isinstance(value, Path) else value for name, value in settings.items()}
+    return given.pictures(PlanFile().stating(stated), reads=reads)
 
 
 @pytest.fixture
@@ -61,65 +48,71 @@ def sets(tmp_path: Path) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("kind", ["coco", "bdd", "yolo", "text"])
-def test_each_kind_is_read(sets: dict[str, Path], kind: str) -> None:
-    found = chosen(f"--{kind}", sets[kind], "--images", sets["images"])
+def test_each_kind_is_recognised_and_read(sets: dict[str, Path], kind: str) -> None:
+    found = chosen(labels=sets[kind], images=sets["images"])
     assert (found.kind, [picture.name for picture in found]) == (kind, ["a.png", "b.png"])
     assert found.pictures[1].load().shape == (20, 20, 3)
-    limited = chosen(f"--{kind}", sets[kind], "--images", sets["images"], "--limit", 1)
+    limited = chosen(labels=sets[kind], images=sets["images"], limit=1)
     assert ([picture.name for picture in limited], limited.categories) == (["a.png"], found.categories)
+
+
+def test_labels_are_told_apart_by_name_and_first_bytes(tmp_path: Path) -> None:
+    for name, text, kind in (
+        ("a.json", '{"info": 1}', "coco"), ("b.json", ' [{"name": "a.png"}]', "bdd"),
+        ("c.json", '{"frames": []}', "bdd"), ("d", '{"images": []}', "coco"), ("e.txt", "a.png\tSTOP", "text"),
+        ("f.yml", "names: []", "yolo"), ("missing.json", None, "coco"), ("missing.txt", None, "text"),
+    ):  # fmt: skip
+        if text is not None:
+            (tmp_path / name).write_text(text)
+        assert given.kind_of(tmp_path / name) == kind, name
+    assert given.kind_of(tmp_path) == "yolo"
 
 
 @pytest.mark.parametrize("kind", ["coco", "bdd", "yolo"])
 def test_pictures_without_the_target_can_stay(sets: dict[str, Path], kind: str) -> None:
-    options = (f"--{kind}", sets[kind], "--images", sets["images"], "--target", "sign")
-    assert [picture.name for picture in chosen(*options)] == ["a.png"]
-    assert [len(picture.targets or ()) for picture in chosen(*options, "--keep-empty")] == [1, 0]
+    options: dict[str, Any] = {"labels": sets[kind], "images": sets["images"], "target": "sign"}
+    assert [picture.name for picture in chosen(**options)] == ["a.png"]
+    assert [len(picture.targets or ()) for picture in chosen(**options, keep_empty=True)] == [1, 0]
 
 
 def test_without_labels(sets: dict[str, Path]) -> None:
-    assert chosen("--images", sets["images"]).kind == "folder"
+    assert chosen(images=sets["images"]).kind == "folder"
     assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60
     assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
 
 
 def test_split_is_chosen(sets: dict[str, Path]) -> None:
-    assert len(chosen("--yolo", sets["yolo"], "--split", "val")) == 2
+    assert len(chosen(labels=sets["yolo"], split="val")) == 2
     with pytest.raises(ValueError, match="none': no such folder"):
-        chosen("--yolo", sets["yolo"], "--split", "train")
+        chosen(labels=sets["yolo"], split="train")
 
 
 @pytest.mark.parametrize(
-    ("options", "fault"),
+    ("settings", "fault"),
     [
-        ("--coco a --bdd b", "--coco and --bdd: must be one of them"),
-        ("--yolo a --text b --images c", "--yolo and --text"),
-        ("--target sign", "--coco, --yolo or --bdd"),
-        ("--text a --target sign", "--coco, --yolo or --bdd"),
-        ("--coco a --keep-empty", "goes with --target"),
-        ("--coco a --split val", "goes with --yolo"),
-        ("--limit 0", "limit = 0: must be >= 1"),
+        ({"target": "sign"}, "target: goes with --labels of COCO, YOLO or BDD100K"),
+        ({"labels": "a.txt", "target": "sign"}, "target: goes with --labels of COCO"),
+        ({"labels": "a.json", "keep_empty": True}, "keep_empty: goes with target"),
+        ({"labels": "a.json", "split": "val"}, "split: goes with YOLO"),
+        ({"labels": "a.json", "reads": True}, "take PP-OCR's labels"),
+        ({"limit": 0}, "limit = 0: must be >= 1"),
+        ({"images": ""}, "images = '': must name a file or folder"),
     ],
 )
-def test_options_that_do_not_go_together(options: str, fault: str) -> None:
+def test_settings_that_do_not_go_together(settings: Any, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
-        chosen(*options.split())
-
-
-@pytest.mark.parametrize("options", ["--coco a", "--yolo a --images b", "--bdd a"])
-def test_readers_need_texts(options: str) -> None:
-    with pytest.raises(ValueError, match="take --text"):
-        chosen(*options.split(), reads=True)
+        chosen(**settings)
 
 
 def test_readers_may_find_their_texts_in_a_folder(sets: dict[str, Path]) -> None:
-    assert chosen("--images", sets["images"], reads=True).kind == "folder"
+    assert chosen(images=sets["images"], reads=True).kind == "folder"
 
 
 def test_notes_are_told(tmp_path: Path, sets: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
     data = json.loads(sets["coco"].read_text())
     data["annotations"].append({**data["annotations"][0], "bbox": [0, 0, 0, 5]})
     (tmp_path / "instances.json").write_text(json.dumps(data))
-    chosen("--coco", tmp_path / "instances.json", "--images", sets["images"])
+    chosen(labels=tmp_path / "instances.json", images=sets["images"])
     assert "1 box of no area left out." in " ".join(capsys.readouterr().err.split())
 
 
@@ -130,10 +123,10 @@ def test_label_files_have_a_largest_size(sets: dict[str, Path], name: str, mebib
     with file.open("wb") as huge:
         huge.truncate((mebibytes << 20) + 1)
     with pytest.raises(ValueError, match=f"larger than {mebibytes << 20} bytes"):
-        chosen(f"--{name}", sets[name])
+        chosen(labels=sets[name])
 
 
 @pytest.mark.parametrize("name", ["coco", "bdd", "text"])
 def test_devices_are_no_label_files(name: str) -> None:
     with pytest.raises(ValueError, match="a directory, device or pipe, no file"):
-        chosen(f"--{name}", "/dev/zero")
+        getattr(datasets, {"text": "texts"}.get(name, name))(Path("/dev/zero"))

@@ -68,10 +68,6 @@ def test_run_lengths_are_those_of_cocos_tools() -> None:
     assert (segmentation.of_rle(packed["counts"], (480, 640)) == large).all()
 
 
-def test_run_lengths_go_down_the_columns() -> None:
-    assert segmentation.of_rle([2, 3, 1], (2, 3)).tolist() == [[0, 1, 1], [0, 1, 0]]
-
-
 @pytest.mark.parametrize("counts", [[2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n", "\u4f60\u597d"])
 def test_run_lengths_that_are_none(counts: object) -> None:
     with pytest.raises((ValueError, TypeError), match=r"segmentation|counts"):

@@ -141,41 +141,6 @@ def test_pictures_may_lie_elsewhere(tmp_path: Path) -> None:
         yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images", split="val")
 
 
-def test_labels_choose_pictures(tmp_path: Path) -> None:
-    make(
-        tmp_path,
-        {
-            "data.yaml": described(val="images"),
-            "images/a.png": (8, 8), "images/b.png": (8, 8), "images/c.png": (8, 8),
-            "labels/a.txt": "1 0.5 0.5 0.5 0.5\n", "labels/b.txt": LINE, "labels/c.txt": "",
-        },
-    )  # fmt: skip
-    (picture,) = yolo(tmp_path, labels=["sign"])
-    assert (picture.name, picture.image_id) == ("b.png", 1)
-    assert only(picture.targets).group == "sign, small (< 32 px)"
-    assert [len(each.targets or ()) for each in yolo(tmp_path, labels=["sign"], keep_empty=True)] == [0, 1, 0]
-    with pytest.raises(ValueError, match="not among the categories"):
-        yolo(tmp_path, labels=["zebra"])
-
-
-def test_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
-    lines = [
-        "0 0.95 0.5 0.2 0.2",
-        "0 -0.2 0.5 0.2 0.2",
-        "0 nan 0.5 0.2 0.2",
-        "0 0.5 0.5 inf 0.2",
-        "0 0.5 0.5 0 0.2",
-    ]
-    make(tmp_path, {"classes.txt": "sign", "a.png": (10, 10), "a.txt": "\n".join(lines)})
-    found = yolo(tmp_path)
-    np.testing.assert_allclose(only(found.pictures[0].targets).box_xyxy, (8.5, 4, 10.5, 6))
-    assert found.notes == (
-        "1 box outside the picture left out",
-        "2 boxes with numbers that are not finite left out",
-        "1 box of no area left out",
-    )
-
-
 def test_unreadable_picture_says_so_when_it_is_loaded(tmp_path: Path) -> None:
     make(tmp_path, {"classes.txt": "sign", "a.png": "no picture", "a.txt": LINE, "b.png": (8, 8)})
     broken, _ = yolo(tmp_path)

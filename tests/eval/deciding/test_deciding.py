@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.deciding import deciding
 from blurnoise_eval.deciding.deciding import Precision, decided
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.program.reading import read
-from blurnoise_eval.scoring.recommendation import CLOSE, MOST_COMMON
+from blurnoise_eval.program.inputs import inputs_of
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.engines import Answers, ThreadEngine
-from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_eval.sweep.work import Work
 from numpy.typing import NDArray
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
@@ -326,7 +326,7 @@ def test_nothing_is_searched_for_a_model_without_answers(
         with pytest.raises(
             ValueError, match=f"{detector.name}: no exposure is recommended, because its AP50"
         ):
-            read(store, told.criterion)
+            inputs_of(store, told.criterion)
 
 
 def test_a_list_of_exposures_stays_with_the_question() -> None:

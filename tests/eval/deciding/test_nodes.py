@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.nodes import (
     FLOOR,
     Line,
@@ -9,7 +10,6 @@ from blurnoise_eval.deciding.nodes import (
     lattice,
     place_of,
     places_of,
-    same_places,
     spread,
 )
 

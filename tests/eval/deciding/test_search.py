@@ -3,7 +3,8 @@
 import numpy as np
 import populations_on_planes as made
 import pytest
-from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, same_places
+from blurnoise_eval.answers.plane import same_places
+from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.search import CAUTION, CHECKED, FIRST, Search
 from numpy.typing import NDArray

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import pytest
 from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
-from blurnoise_eval.detectors.contract import COCO80, ModelError, parse_contract, preset
+from blurnoise_eval.detectors.class_names import COCO80
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.contract_files import parse_contract, preset
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.anchors import WithAnchors
+from blurnoise_eval.detectors.formats.anchors import YOLOFASTESTV2, with_head
+from constant_graphs import constant_graph
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
 
 SIZE_PX, NAMES = (64, 96), ("first", "second", "third", "fourth")
 ANCHORS = (((10.0, 13.0), (16.0, 30.0)), ((30.0, 61.0), (62.0, 45.0)), ((59.0, 119.0), (116.0, 90.0)))
@@ -100,26 +101,6 @@ def plain(head: AnchorHead, levels: list[NDArray[np.float64]], min_score: float)
     return sorted(found)
 
 
-def constant_graph(
-    path: Path, outputs: list[NDArray[np.float32]], size_px: tuple[int, int] = SIZE_PX
-) -> Path:
-    """A graph that answers the same to every picture."""
-    nodes = [
-        helper.make_node("ReduceMean", ["images"], ["mean"], keepdims=0),
-        helper.make_node("Mul", ["mean", "none"], ["zero"]),
-    ]
-    held = [numpy_helper.from_array(np.float32(0), "none")]
-    infos = []
-    for number, values in enumerate(outputs):
-        nodes.append(helper.make_node("Add", [f"held{number}", "zero"], [f"out{number}"]))
-        held.append(numpy_helper.from_array(values, f"held{number}"))
-        infos.append(helper.make_tensor_value_info(f"out{number}", TensorProto.FLOAT, values.shape))
-    taken = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, *size_px])]
-    made = helper.make_graph(nodes, "anchors", taken, infos, held)
-    onnx.save(helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
-    return path
-
-
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("kind", HEADS)
 def test_every_form_is_decoded_as_plain_loops_do(kind: str, form: str, tmp_path: Path) -> None:
@@ -129,7 +110,7 @@ def test_every_form_is_decoded_as_plain_loops_do(kind: str, form: str, tmp_path:
     levels = raw(head)
     contract = replace(preset("anchors"), classes=NAMES, head=head, resize="stretch", input_size_px=None)
     outputs = shaped(levels, form)
-    path = constant_graph(tmp_path / "m.onnx", outputs[::-1])  # levels are told by their sizes
+    path = constant_graph(tmp_path / "m.onnx", outputs[::-1], SIZE_PX)  # levels are told by their sizes
     detector = Detector(path, contract=contract)
     assert detector.contract.family == "anchors"
     answer = detector.run(detector.prepare(np.zeros((*SIZE_PX, 3), np.uint8))[0])
@@ -206,7 +187,9 @@ def test_a_contract_file_states_anchors_strides_and_layout(tmp_path: Path) -> No
     assert again == own.contract
     blob = np.zeros((1, 3, 64, 64), np.float32)
     with_own = own.family.decode(own.run(blob), (64, 64), 0.1).boxes_xyxy
-    with_cocos = WithAnchors("x", YOLO_FASTEST_V2, len(NAMES)).decode(own.run(blob), (64, 64), 0.1).boxes_xyxy
+    with_cocos = (
+        with_head(YOLOFASTESTV2, YOLO_FASTEST_V2, len(NAMES)).decode(own.run(blob), (64, 64), 0.1).boxes_xyxy
+    )
     sizes, cocos = with_own[:, 2:] - with_own[:, :2], with_cocos[:, 2:] - with_cocos[:, :2]
     wide = cocos[:, 0] > 1
     widths = np.array([(2, 12.64), (6, 37.88), (10, 55.71), (20, 126.91), (40, 131.57), (60, 279.92)])
@@ -237,7 +220,7 @@ def test_a_contract_file_states_anchors_strides_and_layout(tmp_path: Path) -> No
     ],
 )
 def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_path: Path) -> None:
-    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"))
+    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"), SIZE_PX)
     stated = {"family": "anchors", "classes": list(NAMES), **change}
     path.with_name("m.contract.json").write_text(json.dumps(stated))
     with pytest.raises(ModelError, match=message) as caught:
@@ -246,6 +229,6 @@ def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_p
 
 
 def test_an_unknown_graph_tells_how_anchors_are_stated(tmp_path: Path) -> None:
-    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"))
+    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"), SIZE_PX)
     with pytest.raises(ModelError, match='a contract with "family": "anchors" and "head": '):
         Detector(path)

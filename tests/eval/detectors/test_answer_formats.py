@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from blurnoise_eval.detectors import formats
-from blurnoise_eval.detectors.contract import COCO80, COCO91, Contract, ModelError
+from blurnoise_eval.detectors.class_names import COCO80, COCO91
+from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.signature import TensorInfo, extra_feeds
+from blurnoise_eval.detectors.formats.signature import extra_feeds
+from blurnoise_eval.detectors.model import TensorInfo
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -282,7 +283,7 @@ def test_other_names_of_the_same_outputs(family: str, names: dict[str, str], by:
 
 @pytest.mark.parametrize("family", ["torchvision", "tfod"])
 def test_that_classes_are_counted_from_one_is_said(family: str, tmp_path: Path) -> None:
-    assert "background" in Detector(graph(tmp_path / "m.onnx", family)).family.UNKNOWN
+    assert "background" in Detector(graph(tmp_path / "m.onnx", family)).family.unknown
 
 
 def test_where_nothing_tells_deim_from_torchvision_both_are_named(tmp_path: Path) -> None:
@@ -362,13 +363,3 @@ def test_extra_inputs_say_the_inputs_own_size() -> None:
     assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
     assert feeds["pixel_mask"].shape == (2, 64, 96)
     assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None
-
-
-@pytest.mark.parametrize("family", ["yolov10", "yolov7", "ppyoloe"])
-def test_a_class_that_is_no_number_is_dropped(family: str) -> None:
-    module = next(each for each in formats.FAMILIES if family == each.NAME)
-    values = [(base + gain).astype(np.float32) for base, gain in list(tensors(family).values())[:1]]
-    column = {"yolov10": 5, "yolov7": 5, "ppyoloe": 0}[family]
-    values[0].reshape(-1, values[0].shape[-1])[0, column] = np.nan
-    found = module.decode([*values, np.array([3], np.float32)], SIZE_PX, 0.001)
-    np.testing.assert_allclose(found.scores, SCORES[1:], rtol=1e-6)

@@ -5,19 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.contract import Contract, preset
-from blurnoise_eval.detectors.formats import (
-    fastestdet,
-    nanodet,
-    nanodetplus,
-    tfod,
-    yolov5,
-    yolov6e2e,
-    yolov8,
-    yolox,
-)
+from blurnoise_eval.detectors.contract import Contract
+from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
+from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
+from blurnoise_eval.detectors.formats.family import Family
+from blurnoise_eval.detectors.formats.fastestdet import FASTESTDET
+from blurnoise_eval.detectors.formats.grid_yolo import YOLOV5, YOLOV8, YOLOX
 from blurnoise_eval.detectors.formats.grids import cells
+from blurnoise_eval.detectors.formats.nanodet import NANODET, NANODETPLUS
 from blurnoise_eval.detectors.formats.placement import lay_in
 from numpy.typing import NDArray
 
@@ -27,7 +23,7 @@ from numpy.typing import NDArray
 def test_yolov5_score_is_objectness_times_class() -> None:
     rows = np.zeros((1, 9, 7), np.float32)
     rows[0, 4] = [100, 50, 20, 10, 0.5, 0.25, 0.75]
-    found = yolov5.decode([rows], (64, 96), 0.001)
+    found = YOLOV5.decode([rows], (64, 96), 0.001)
     np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
     np.testing.assert_allclose(found.scores, [0.375])
     assert found.class_ids.tolist() == [1]
@@ -36,7 +32,7 @@ def test_yolov5_score_is_objectness_times_class() -> None:
 def test_yolov8_has_no_objectness() -> None:
     columns = np.zeros((1, 6, 21), np.float32)
     columns[0, :, 7] = [100, 50, 20, 10, 0.25, 0.75]
-    found = yolov8.decode([columns], (32, 32), 0.001)
+    found = YOLOV8.decode([columns], (32, 32), 0.001)
     np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
     np.testing.assert_allclose(found.scores, [0.75])
     assert found.class_ids.tolist() == [1]
@@ -49,7 +45,7 @@ def test_yolox_adds_the_cell_and_scales_by_the_stride(row: int, column: int, str
     """Input 64 x 96 px: rows and columns differ, so that a swap shows."""
     rows = np.zeros((1, cells((64, 96)), 7), np.float32)
     rows[0, first + row * (96 // stride) + column] = [0.5, 0.25, math.log(2), 0, 0.5, 0.25, 0.75]
-    found = yolox.decode([rows], (64, 96), 0.001)
+    found = YOLOX.decode([rows], (64, 96), 0.001)
     x, y = (column + 0.5) * stride, (row + 0.25) * stride
     expected = [[x - stride, y - stride / 2, x + stride, y + stride / 2]]
     np.testing.assert_allclose(found.boxes_xyxy, expected, rtol=1e-6)
@@ -61,7 +57,7 @@ def test_fastestdet_on_its_single_grid() -> None:
     """Input 64 x 96 px, grid 4 x 6: tanh(0.5493) = 0.5; sigmoid(0) = 1/2, sigmoid(log 3) = 3/4."""
     grid = np.zeros((1, 7, 4, 6), np.float32)
     grid[0, :, 2, 5] = [0.5, math.atanh(0.5), 0, 0, math.log(3), 0.25, 0.75]
-    found = fastestdet.decode([grid], (64, 96), 0.001)
+    found = FASTESTDET.decode([grid], (64, 96), 0.001)
     x, y, width, height = (5 + 0.5) * 16, 2 * 16, 96 / 2, 64 * 3 / 4
     expected = [[x - width / 2, y - height / 2, x + width / 2, y + height / 2]]
     np.testing.assert_allclose(found.boxes_xyxy, expected, rtol=1e-5)
@@ -89,7 +85,7 @@ def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
     outputs[2][0, 2 * 6 + 3] = [0.25, 0.75, 0.5]
     outputs[3][0, 2 * 6 + 3] = sides(1, 0.5, 1.25, 1)
     for shaped in (outputs, [output[0] for output in outputs]):  # some exports have no batch
-        found = nanodet.decode(shaped, (64, 96), 0.001)
+        found = NANODET.decode(shaped, (64, 96), 0.001)
         np.testing.assert_allclose(found.boxes_xyxy, [[55.5 - 16, 39.5 - 8, 55.5 + 20, 39.5 + 16]], rtol=1e-5)
         assert (found.scores.tolist(), found.class_ids.tolist()) == ([0.75], [1])
 
@@ -101,7 +97,7 @@ def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
 def test_nanodet_plus_measures_from_the_cells_corner(row: int, column: int, stride: int, first: int) -> None:
     rows = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3 + 2, 3 + 32), np.float32)
     rows[0, first + row * math.ceil(96 / stride) + column] = [0.25, 0.75, 0.5, *sides(1, 0.5, 0.25, 1.5)]
-    found = nanodetplus.decode([rows], (64, 96), 0.001)
+    found = NANODETPLUS.decode([rows], (64, 96), 0.001)
     x, y = column * stride, row * stride
     box = [x - stride, y - stride / 2, x + stride / 4, y + 1.5 * stride]
     np.testing.assert_allclose(found.boxes_xyxy, [np.clip(box, 0, [96, 64, 96, 64])], rtol=1e-5)
@@ -112,11 +108,11 @@ def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped() 
     boxes = np.tile(np.array([0.25, 0.5, 0.75, 1], np.float32), (1, 5, 1))  # top, left, bottom, right
     scores = np.array([[0.9, 0.8, 0.7, 0.65, 0.6]], np.float32)
     classes = np.array([[1, np.nan, 90, -1, 2]], np.float32)
-    found = tfod.decode([np.array([4], np.float32), boxes, scores, classes], (64, 96), 0.001)
+    found = TFOD.decode([np.array([4], np.float32), boxes, scores, classes], (64, 96), 0.001)
     np.testing.assert_allclose(found.boxes_xyxy, [[48, 16, 96, 48]] * 2)
     np.testing.assert_allclose(found.scores, [0.9, 0.7])
     assert found.class_ids.tolist() == [1, 90]
-    found = yolov6e2e.decode([np.array([[4]], np.float32), boxes, scores, classes], (64, 96), 0.75)
+    found = YOLOV6E2E.decode([np.array([[4]], np.float32), boxes, scores, classes], (64, 96), 0.75)
     np.testing.assert_allclose(found.boxes_xyxy, [[0.25, 0.5, 0.75, 1]])
 
 
@@ -128,25 +124,25 @@ def test_rows_with_nan_or_infinity_are_dropped(position: int) -> None:
         bad[position] = poison if position < 4 else math.nan
         rows = np.zeros((1, 21, 7), np.float32)
         rows[0, 2], rows[0, 5] = good, bad
-        assert len(yolox.decode([rows], (32, 32), 0.001)) == 1
-        assert len(yolov5.decode([rows], (32, 32), 0.001)) == 1
+        assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 1
+        assert len(YOLOV5.decode([rows], (32, 32), 0.001)) == 1
         columns = np.delete(rows, 4, axis=2).transpose(0, 2, 1)
-        assert len(yolov8.decode([columns], (32, 32), 0.001)) == (2 if position == 4 else 1)
+        assert len(YOLOV8.decode([columns], (32, 32), 0.001)) == (2 if position == 4 else 1)
 
 
 def test_yolox_drops_boxes_that_overflow() -> None:
     rows = np.zeros((1, 21, 6), np.float32)
     rows[0, 3] = [0, 0, 1000, 0, 1, 1]
-    assert len(yolox.decode([rows], (32, 32), 0.001)) == 0
+    assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 0
 
 
-@pytest.mark.parametrize("family", [yolov5, yolov8, yolox, fastestdet], ids=lambda family: family.NAME)
-def test_threshold_is_inclusive_and_zero_keeps_all(family) -> None:
+@pytest.mark.parametrize("family", [YOLOV5, YOLOV8, YOLOX, FASTESTDET], ids=lambda family: family.name)
+def test_threshold_is_inclusive_and_zero_keeps_all(family: Family) -> None:
     shape = {"yolov5": (1, 63, 6), "yolov8": (1, 5, 21), "yolox": (1, 21, 6), "fastestdet": (1, 6, 2, 2)}
-    zeros = np.zeros(shape[family.NAME], np.float32)
+    zeros = np.zeros(shape[family.name], np.float32)
     assert len(family.decode([zeros], (32, 32), 0.001)) == 0
     everything = family.decode([zeros], (32, 32), 0.0)
-    assert len(everything) == max(shape[family.NAME][1:3]) or family.NAME == "fastestdet"
+    assert len(everything) == max(shape[family.name][1:3]) or family.name == "fastestdet"
     assert everything.scores.max() == 0
     ones = family.decode([np.ones_like(zeros)], (32, 32), 1.0)
     assert len(ones) == len(everything)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from band_readers import COLOURS, LETTERS, band_reader, constant_reader, saved
 from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.model import OnnxModel
 from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextContract, is_recogniser
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
@@ -137,22 +137,6 @@ def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> Non
 def test_boxes_that_are_none(tmp_path: Path, box: tuple[float, ...]) -> None:
     with pytest.raises(ValueError, match=r"boxes_xyxy: must be finite, shape \(N, 4\)"):
         Recogniser(band_reader(tmp_path / "m.onnx")).read(bands("r"), [box])
-
-
-def test_pictures_of_another_kind(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
-    with pytest.raises(TypeError, match=r"uint8, shape \(H, W, 3\), got float32"):
-        recogniser.read(np.zeros((5, 5, 3), np.float32), [])
-    with pytest.raises(ValueError, match=r"\(H, W, 3\), none of them 0, got \(5, 5\)"):
-        recogniser.read(np.zeros((5, 5), np.uint8), [])
-
-
-def test_threads_share_one_recogniser(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
-    texts = ["r-g", "b", "gbr-r", "-", "bb-b", "rg"] * 8
-    with ThreadPoolExecutor(4) as pool:
-        read = list(pool.map(lambda text: one_text(recogniser, bands(text)), texts))
-    assert read == [one_text(recogniser, bands(text)) for text in texts]
 
 
 # --- answers ---
@@ -284,33 +268,20 @@ def test_what_nobody_stated_is_marked_as_assumed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
-        ({"height": 48}, "given: unknown key 'height'; known are"),
-        ({"family": "crnn"}, "family = 'crnn': must be one of 'ppocr'"),
+        ({"family": "crnn"}, "family 'crnn' is unknown: must be one of 'ppocr'"),
         ({"height_px": 0}, "height_px = 0: must be an integer >= 1"),
         ({"min_width_px": 3.5}, "min_width_px = 3.5: must be an integer >= 1"),
         ({"max_width_px": 100}, "max_width_px = 100: must be >= min_width_px, 320"),
         ({"margin": -0.1}, "margin = -0.1: must be finite and >= 0"),
-        ({"colour": "grey"}, "colour = 'grey': must be one of 'rgb', 'bgr'"),
-        ({"std": [1, 0, 1]}, "std = .*: must be > 0"),
-        ({"mean": [1, 2]}, "mean = .*: must be three numbers"),
         ({"dictionary": 5}, "dictionary = 5: must be the name of a file"),
         ({"output": "log"}, "output = 'log': must be one of"),
-        ("none.json", "contract 'none.json': neither a file nor the preset 'ppocr'"),
+        ("none.json", "contract 'none.json': neither a file nor a preset .'ppocr'."),
     ],
 )
 def test_bad_contracts_are_named(tmp_path: Path, stated: dict[str, object] | str, message: str) -> None:
     path = band_reader(tmp_path / "m.onnx")
     with pytest.raises(ModelError, match=message):
         Recogniser(path, contract=stated)
-
-
-@pytest.mark.parametrize("text", ["[1, 2]", "{", "null", "[" * 100_000])
-def test_contract_files_that_hold_none(tmp_path: Path, text: str) -> None:
-    path = band_reader(tmp_path / "m.onnx")
-    (tmp_path / "m.contract.json").write_text(text)
-    with pytest.raises(ModelError, match=r"file m.contract.json: (cannot be read|must map)"):
-        Recogniser(path)
-    assert not is_recogniser(path)  # the contract beside it wins, and does not say so
 
 
 # --- graphs of another form ---
@@ -337,27 +308,19 @@ def test_graphs_of_another_form(tmp_path: Path) -> None:
         Recogniser(steps_first)
 
 
-def test_a_graph_that_fails_on_a_picture(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx", shape=("N", "H", "W"), height=48))
-    blob = np.zeros((1, 3, 20, 320), np.float32)  # lower than its kernel
-    with pytest.raises(ModelError, match=r"m.onnx: fails on a picture"):
-        recogniser._network.run(blob)
-
-
 def test_is_recogniser(tmp_path: Path) -> None:
     path = band_reader(tmp_path / "m.onnx")
-    assert is_recogniser(path)
-    assert is_recogniser(str(path))
+    assert is_recogniser(OnnxModel(path))
+    assert is_recogniser(OnnxModel(str(path)))
     silent = band_reader(tmp_path / "silent.onnx", metadata={})
-    assert not is_recogniser(silent)
+    assert not is_recogniser(OnnxModel(silent))
     (tmp_path / "silent.contract.json").write_text('{"family": "ppocr", "dictionary": "d.txt"}')
-    assert is_recogniser(silent)
+    assert is_recogniser(OnnxModel(silent))
     (tmp_path / "silent.contract.json").write_text('{"family": "yolox", "classes": "coco80"}')
-    assert not is_recogniser(silent)
+    assert not is_recogniser(OnnxModel(silent))
     inside = {"blurnoise.contract": '{"family": "ppocr"}'}
-    assert is_recogniser(band_reader(tmp_path / "inside.onnx", metadata=inside))
+    assert is_recogniser(OnnxModel(band_reader(tmp_path / "inside.onnx", metadata=inside)))
+    (tmp_path / "silent.contract.json").write_text("[1, 2]")
+    assert not is_recogniser(OnnxModel(silent))
     flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32))
-    assert not is_recogniser(flat)  # a classifier with a dictionary
-    (tmp_path / "text.onnx").write_text("no model")
-    assert not is_recogniser(tmp_path / "text.onnx")
-    assert not is_recogniser(tmp_path / "none.onnx")
+    assert not is_recogniser(OnnxModel(flat))  # a classifier with a dictionary

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from blurnoise_eval.detectors.model import OnnxModel
 from blurnoise_eval.detectors.ocr import (
     Recogniser,
     TextSpotter,
@@ -46,7 +47,7 @@ def sign(size_px: int, blur_px: float = 0.0) -> tuple[NDArray[np.uint8], tuple[f
 
 def test_the_files_are_told_apart() -> None:
     assert MODELS is not None
-    assert [is_recogniser(path) for path in MODELS] == [False, True]
+    assert [is_recogniser(OnnxModel(path)) for path in MODELS] == [False, True]
 
 
 def test_contract_is_stated_by_graph_and_metadata_or_assumed(recogniser: Recogniser) -> None:

@@ -7,8 +7,8 @@ from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
 
+import commands
 import pytest
-from blurnoise_eval import cli
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
@@ -24,8 +24,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     models = [f"--model={SHARED / 'models' / name}.onnx" for name in ("yolox_nano", "fastestdet_upstream")]
     conditions = ["--exposure-ms", "60", "--lux", "20", "--dx", "400", "--gain", "0", "--json"]
     with redirect_stdout(StringIO()):
-        assert cli.main(["sweep", *models, "--coco", str(LABELS), *conditions, "-o", str(folder)]) == 0
-        assert cli.main(["detections", str(folder)]) == 0
+        assert commands.main(["sweep", *models, "--coco", str(LABELS), *conditions, "-o", str(folder)]) == 0
+        assert commands.main(["report", "--coco", str(folder)]) == 0
     return folder
 
 

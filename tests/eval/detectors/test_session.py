@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
-from blurnoise_eval.detectors.session import Session
+from blurnoise_eval.detectors.model import OnnxModel
+from commands import main
 from endless_graphs import SIZE_PX, endless_below, endless_loading
 
-DARK = {"images": np.zeros((1, 3, SIZE_PX, SIZE_PX), np.float32)}
-BRIGHT = {"images": np.ones((1, 3, SIZE_PX, SIZE_PX), np.float32)}
+DARK = np.zeros((1, 3, SIZE_PX, SIZE_PX), np.float32)
+BRIGHT = np.ones((1, 3, SIZE_PX, SIZE_PX), np.float32)
 ONE_CONDITION = ["--lux", "50", "--exposure-ms", "5", "--dx", "0"]
 
 
@@ -29,31 +29,31 @@ def endless(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("threads", [0, 1])
 def test_the_first_answer_has_a_limit_on_every_thread(endless: Path, threads: int) -> None:
-    session = Session(endless, timeout_s=0.3)
+    model = OnnxModel(endless, timeout_s=0.3)
     with ThreadPoolExecutor(1) as pool, pytest.raises(TimeoutError, match=r"endless.onnx: .* 0.3 s"):
-        pool.submit(session.run, None, DARK).result() if threads else session.run(None, DARK)
+        pool.submit(model.run, DARK).result() if threads else model.run(DARK)
 
 
 def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
-    session = Session(endless_below(tmp_path / "dark.onnx", 0.5), timeout_s=0.3)
-    session.run(None, BRIGHT)
+    model = OnnxModel(endless_below(tmp_path / "dark.onnx", 0.5), timeout_s=0.3)
+    model.run(BRIGHT)
     with ThreadPoolExecutor(1) as pool:
-        asked = pool.submit(session.run, None, DARK)
+        asked = pool.submit(model.run, DARK)
         time.sleep(0.6)
         assert not asked.done()
-        session.interrupt()
+        model.interrupt()
         with pytest.raises(InterruptedError, match=r"dark.onnx"):
             asked.result()
-        assert pool.submit(session.run, None, BRIGHT).result()[0].shape == (1, 84, 8400)
+        assert pool.submit(model.run, BRIGHT).result()[0].shape == (1, 84, 8400)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_an_interrupt_ends_an_inference_on_the_main_thread(endless: Path) -> None:
-    session = Session(endless)
+    model = OnnxModel(endless)
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     began_s = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        session.run(None, DARK)
+        model.run(DARK)
     assert time.monotonic() - began_s < 10
 
 
@@ -91,7 +91,7 @@ def test_a_sweep_ends_with_the_first_answer_s_limit(
     asked = ["--model", str(endless), "--contract", "yolov8", "--model-timeout-s", "1", "--limit", "2"]
     run = ["sweep", "-o", str(tmp_path / "run"), "--engine", engine, "--threads", "2"]
     assert main([*run, *ONE_CONDITION, *asked]) == 2
-    assert "within 1 s; --model-timeout-s allows more" in capsys.readouterr().err
+    assert "within 1 s; model_timeout_s in --plan FILE.yaml allows more" in capsys.readouterr().err
 
 
 @pytest.mark.slow

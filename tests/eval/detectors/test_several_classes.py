@@ -5,16 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import onnx
 import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES
-from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
+from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, suppress
 from blurnoise_eval.scoring.on_picture import DetectorView
+from constant_graphs import constant_graph
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
 
 SIZE_PX, NAMES = (64, 96), ("lorry", "car", "bus")
 CELLS = 8 * 12 + 4 * 6 + 2 * 3
@@ -23,20 +22,7 @@ HEADS = ("yolofastestv2", "anchors")
 
 def constant_detector(path: Path, family: str, answer: NDArray[np.float32]) -> Detector:
     """A graph that answers the same to every picture."""
-    nodes = [
-        helper.make_node("ReduceMean", ["images"], ["mean"], keepdims=0),
-        helper.make_node("Mul", ["mean", "none"], ["zero"]),
-        helper.make_node("Add", ["held", "zero"], ["output"]),
-    ]
-    held = [numpy_helper.from_array(answer[None], "held"), numpy_helper.from_array(np.float32(0), "none")]
-    made = helper.make_graph(
-        nodes,
-        family,
-        [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, *SIZE_PX])],
-        [helper.make_tensor_value_info("output", TensorProto.FLOAT, [1, *answer.shape])],
-        held,
-    )
-    onnx.save(helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    constant_graph(path, [answer[None]], SIZE_PX)
     return Detector(path, contract=Contract(family, NAMES, resize="stretch", nms_iou=0.5))
 
 
@@ -151,5 +137,23 @@ def test_weak_boxes_change_nothing_of_the_strongest_that_are_kept() -> None:
 
 
 def test_every_family_says_what_its_evaluator_counts() -> None:
-    several = {family.NAME for family in FAMILIES if family.SEVERAL_CLASSES}
+    several = {family.name for family in FAMILIES if family.several_classes}
     assert several == {"yolov5", "yolov6", "yolov8", "nanodet", "nanodetplus", "rfdetr", *HEADS}
+
+
+def test_what_is_left_out_below_a_score_changes_nothing_above_it() -> None:
+    """300 boxes about 12 places, 5 classes: doubles are there to suppress, with equal scores among them."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(0, 90, (12, 2))[rng.integers(0, 12, 300)] + rng.normal(0, 4, (300, 2))
+    boxes = np.concatenate([corners, corners + rng.uniform(20, 40, (300, 2))], axis=1).astype(np.float32)
+    each = (rng.uniform(0, 1, (300, 5)).round(2) ** 2).astype(np.float32)
+    candidates = Candidates(boxes, *best_class(each), each)
+    asked, above = np.array([1, 4]), np.array([0.3, 0.0], np.float32)
+    every = suppress(candidates.with_classes(0.01, asked), 0.5, 200, per_class=100)
+    some = suppress(candidates.with_classes(0.01, asked, above), 0.5, 200, per_class=100)
+    higher = every[every.scores > np.where(every.class_ids == 1, above[0], above[1])]
+    assert 20 < len(some) == len(higher) < len(every)
+    assert (some.class_ids == 1).any()
+    np.testing.assert_array_equal(some.boxes_xyxy, higher.boxes_xyxy)
+    np.testing.assert_array_equal(some.scores, higher.scores)
+    np.testing.assert_array_equal(some.class_ids, higher.class_ids)

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.detectors.contract import (
-    COCO80,
-    PRESETS,
-    Contract,
-    ModelError,
+from blurnoise_eval.detectors.class_names import COCO80
+from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract_files import (
     contract_document,
     contract_option,
     load_contract,
     parse_contract,
     preset,
 )
+from blurnoise_eval.detectors.formats import PRESETS
+from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS
 
 OLD_YOLOX = replace(
     preset("yolox"), colour="rgb", value_range="0-1", mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225)
@@ -70,6 +70,12 @@ def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
 def test_what_cannot_be_typed(typed: str, words: str) -> None:
     with pytest.raises(ModelError, match=words):
         load_contract(typed)
+
+
+def test_a_text_reader_s_contract_is_typed_alike() -> None:
+    found = load_contract("ppocr,height_px=32,margin=0.25,colour=rgb,dictionary=keys.txt", TEXT_PRESETS)
+    assert (found.height_px, found.margin, found.colour, found.dictionary) == (32, 0.25, "rgb", "keys.txt")
+    assert (found.sources["margin"], found.sources["mean"]) == ("--contract ppocr,...", "preset ppocr")
 
 
 def test_a_file_is_varied_like_a_preset(tmp_path: Path) -> None:

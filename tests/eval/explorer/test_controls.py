@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import pytest
 from blurnoise_eval.explorer import state as states
+from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.controls import STEPS, control, controls
-from blurnoise_eval.explorer.state import State
-from blurnoise_eval.explorer.told import Files, command, python
+from blurnoise_eval.explorer.snippets import command, python
+from blurnoise_eval.explorer.state import State, with_figures
 from blurnoise_eval.grid import axes, conditions
 from blurnoise_eval.grid.axes import AUTOMATIC, axis
 
@@ -24,22 +25,17 @@ IMX250 = Camera.preset("imx250")
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_every_control_stands_where_the_state_is_and_moves_it(name: str) -> None:
     camera, state = PRESETS[name], State()
-    for each in controls(camera):
+    for each in controls(camera).values():
         assert each.low < each.high
         value = each.read(state, camera)
         assert value == AUTOMATIC or math.isfinite(value)
-        for stop in each.stops(5):
-            moved = each.put(state if each.name != "direction" else state.put("velocity_x_px_s", 1e4), stop)
-            told = each.read(moved, moved.camera_of(camera))
-            apart = (told - stop) % 360 if each.name == "direction" else told - stop
-            assert apart == pytest.approx(
-                0, abs=0.06 if each.name in ("speed", "direction") else 1e-9 * abs(stop)
-            )
-            moved.camera_of(camera)
+        for place in each.places(5):
+            moved = each.put(state, place)
+            assert each.read(moved, with_figures(camera, moved.figures)) == pytest.approx(place, rel=1e-9)
 
 
 def test_positions_are_values() -> None:
-    for each in controls(IMX250):
+    for each in controls(IMX250).values():
         if not each.choices:
             assert each.value(0) == pytest.approx(each.low, rel=1e-3, abs=1e-9)
             assert each.value(STEPS) == pytest.approx(each.high, rel=1e-3)
@@ -49,14 +45,9 @@ def test_positions_are_values() -> None:
 
 
 def test_effects_and_stages_bring_their_figures() -> None:
-    named = {each.name for each in controls(IMX250)}
+    named = set(controls(IMX250))
     of_tables = {figure for entry in (*EFFECTS, *STAGES) for figure in entry.figures}
     assert {name for name in of_tables if isinstance(getattr(IMX250, name, None), float)} <= named
-
-
-def test_speed_and_direction_are_two_axes() -> None:
-    state = control("direction", IMX250).put(control("speed", IMX250).put(State(), 500.0), 90.0)
-    assert (state.at["velocity_x_px_s"], state.at["velocity_y_px_s"]) == (0.0, 500.0)
 
 
 def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,10 +66,11 @@ def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> No
     assert (made.title, made.unit, made.logarithmic) == ("Read noise, made up", "e-", True)
     assert made.read(State(), IMX250) == IMX250.read_noise_e
     state = made.put(State(), 33.0)
-    assert State.of_query(state.query()) == (state, ())
-    assert "--read-noise-e=33" in command(state, Files())
-    assert "read_noise_made_up=33.0" in python(state, Files())
+    catalogue = Catalogue()
+    assert State.of_query(state.query(catalogue.base), catalogue.base) == (state, ())
+    assert "read-noise-e=33" in command(catalogue, state)
+    assert "read_noise_made_up=33.0" in python(catalogue, state)
     assert state.at.exposure(IMX250).camera.read_noise_e == 33.0
     assert (
-        sum(each.name.startswith("read_noise") for each in controls(IMX250)) == 1
+        sum(name.startswith("read_noise") for name in controls(IMX250)) == 1
     )  # the axis, in the figure's place

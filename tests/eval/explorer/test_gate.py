@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 testing = pytest.importorskip("starlette.testclient")
-from blurnoise_eval.explorer.gate import UPLOADS, Gate  # noqa: E402  # needs Starlette
+from blurnoise_eval.explorer.gate import _UPLOADS, Gate  # noqa: E402  # needs Starlette
 from starlette.testclient import TestClient  # noqa: E402
 from starlette.types import Receive, Scope, Send  # noqa: E402
 from starlette.websockets import WebSocket, WebSocketDisconnect  # noqa: E402
@@ -19,7 +19,7 @@ FOREIGN = "http://evil.example"
 
 async def inside(scope: Scope, receive: Receive, send: Send) -> None:
     """An application that answers everybody with what it sees of the request."""
-    seen = {"visitor": scope.get("visitor"), "query": scope["query_string"].decode()}
+    seen = {"query": scope["query_string"].decode()}
     if scope["type"] == "websocket":
         socket = WebSocket(scope, receive, send)
         await socket.accept()
@@ -68,27 +68,14 @@ def test_the_token_opens_the_page_alone_and_a_cookie_the_rest(gate: Gate) -> Non
     cookie = first.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
-    assert gate.token not in cookie
-    assert stranger.get("/pictures/a/b.png").json()["visitor"] == first.json()["visitor"]
-    assert stranger.get(f"/?token={gate.token}").json()["visitor"] == first.json()["visitor"]
+    assert stranger.get("/pictures/a/b.png").status_code == 200
     assert stranger.get("/?token=wrong").status_code == 403
     assert socket_opens(stranger, origin=OWN)
-    assert first.json()["visitor"] != visitor(gate).get("/").json()["visitor"]
 
 
 def test_a_cookie_of_ones_own_making_opens_nothing(gate: Gate) -> None:
     (name, kept) = next(iter(visitor(gate).cookies.items()))
-    who, _, signed = kept.partition(".")
-    for made in (
-        "",
-        ".",
-        who,
-        f"{who}.",
-        f"{who}.{signed[:-1]}",
-        f"0{who[1:]}1.{signed}",
-        f".{signed}",
-        "\xe9.\xe9",
-    ):
+    for made in ("", ".", kept[:-1], f"{kept}1", "\xe9.\xe9"):
         stranger = TestClient(gate, base_url=OWN)
         cookie = f"{name}={made}".encode("latin-1")
         assert stranger.get("/", headers=[(b"cookie", cookie)]).status_code == 403  # type: ignore[arg-type]
@@ -112,9 +99,9 @@ def test_another_name_rebound_to_this_machine_is_not_answered(gate: Gate, host: 
 def test_other_origins_are_not_answered(gate: Gate, origin: str) -> None:
     client = visitor(gate)
     assert client.get(f"/?token={gate.token}", headers={"origin": origin}).status_code == 403
-    assert client.post(f"{UPLOADS}a/picture", headers={"origin": origin}).status_code == 403
+    assert client.post(f"{_UPLOADS}a/upload/1", headers={"origin": origin}).status_code == 403
     assert not socket_opens(client, origin=origin)
-    assert client.post(f"{UPLOADS}a/picture", headers={"origin": OWN}).status_code == 200
+    assert client.post(f"{_UPLOADS}a/upload/1", headers={"origin": OWN}).status_code == 200
 
 
 def test_pictures_and_frames_in_pages_of_other_ports_are_not_answered(gate: Gate) -> None:
@@ -139,8 +126,10 @@ def test_served_everywhere_it_has_every_numeric_address_and_its_own_names() -> N
 
 def test_a_body_is_bounded_before_it_is_read(gate: Gate) -> None:
     client = visitor(gate)
-    path = "/_nicegui_ws/socket.io/?EIO=4&transport=polling"
+    path, upload = "/_nicegui_ws/socket.io/?EIO=4&transport=polling", f"{_UPLOADS}a/upload/1"
     assert client.post(path, content=bytes(1 << 20)).status_code == 200
     assert client.post(path, headers={"content-length": str(1 + (1 << 20))}).status_code == 413
-    assert client.post(path, content=iter([b"a"])).status_code == 411
-    assert client.post(f"{UPLOADS}a/picture", content=iter([b"a"])).status_code == 200
+    assert client.post(upload, content=bytes(2 << 20)).status_code == 200
+    assert client.post(upload, headers={"content-length": str(130 << 20)}).status_code == 413
+    for each in (path, upload):
+        assert client.post(each, content=iter([b"a"])).status_code == 411

@@ -7,10 +7,10 @@ from bisect import insort
 from itertools import pairwise
 
 import pytest
-from blurnoise_eval.explorer import words
+from blurnoise_eval.answers.criterion import MATCHES, Criterion
+from blurnoise_eval.explorer import sentences
 from blurnoise_eval.explorer.controls import control
-from blurnoise_eval.explorer.judging import Standard, Stop, finer, keeps_most, works
-from blurnoise_eval.scoring.criterion import MATCHES, Criterion
+from blurnoise_eval.explorer.judging import Point, Standard, finer, keeps_most, works
 from blurnoise_eval.scoring.on_picture import NOTHING, Sight
 
 from blurnoise import Camera
@@ -26,14 +26,14 @@ def sight(*confidences: float) -> Sight:
 
 def strip(
     standard: Standard, best_ms: float, stops: float = 3.0, saturated_from: float = math.inf
-) -> list[Stop]:
+) -> list[Point]:
     """A strip and what is tried after it: the kept share falls as a parabola of the logarithm."""
 
-    def stop(value: float) -> Stop:
+    def stop(value: float) -> Point:
         share = max(0.0, 1 - (math.log2(value / best_ms) / stops) ** 2)
-        return Stop(value, (0.5 * share,), 0.3 if value > saturated_from else 0.0)
+        return Point(value, (0.5 * share,), 0.3 if value > saturated_from else 0.0)
 
-    curve = [stop(value) for value in ALONG.stops(15)]
+    curve = [stop(value) for value in ALONG.places(15)]
     while (value := finer(curve, standard)) is not None:
         assert len(curve) < 15 + 18
         insort(curve, stop(value))
@@ -93,43 +93,39 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float) ->
 def test_the_exposure_that_keeps_most_is_found_between_the_places_of_a_strip(best_ms: float) -> None:
     """To a third of a stop; a strip's own places are about a stop apart."""
     standard = Standard.of(KEPT, sight(0.5))
-    places = ALONG.stops(15)
+    places = ALONG.places(15)
     assert min(b / a for a, b in pairwise(places)) > 1.9
     for stops in (1.0, 3.0, 8.0):
         most = keeps_most(strip(standard, best_ms, stops), standard)
-        assert most is not None
         assert abs(math.log2(most.value / best_ms)) < 1 / 3
 
 
 def test_a_saturated_exposure_is_used_only_where_no_other_works() -> None:
     standard = Standard.of(KEPT, sight(0.5))
     most = keeps_most(strip(standard, 20.0, saturated_from=15.0), standard)
-    assert most is not None
     assert most.value <= 15
     all_saturated = keeps_most(strip(standard, 20.0, saturated_from=0.0), standard)
-    assert all_saturated is not None
     assert abs(math.log2(all_saturated.value / 20)) < 1 / 3
 
 
 def test_the_words_name_it() -> None:
     standard = Standard.of(KEPT, sight(0.5))
-    told = words.window(strip(standard, 10.0), ALONG, 10.0, standard)
+    told = sentences.window(strip(standard, 10.0), ALONG, 10.0, standard)
     assert told.startswith("Exposure: keeps 90 % or more from about ")
     assert "; most, 100 % at 9.96 ms" in told
-    none = words.window([Stop(5.0, (0.2,)), Stop(10.0, (0.25,))], ALONG, 5.0, standard)
+    none = sentences.window([Point(5.0, (0.2,)), Point(10.0, (0.25,))], ALONG, 5.0, standard)
     assert none == "None of the 2 values of exposure tried keeps 90 %; most is 50 % at 10 ms."
     absolute = Standard.of(ABSOLUTE, sight(0.5))
-    assert "the mean is 0.60 or more" in words.window([Stop(5.0, (0.7,))], ALONG, 5.0, absolute)
+    assert "the mean is 0.60 or more" in sentences.window([Point(5.0, (0.7,))], ALONG, 5.0, absolute)
 
 
 def test_where_it_works() -> None:
-    curve = [Stop(float(x), (held,)) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))] + [Stop(6.0)]
+    curve = [Point(float(x), (held,)) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))]
     window = (1.8, 4 + 1 / 6)  # where straight lines cross 0.6
     assert works(curve, 0.6, 3.3) == pytest.approx(window)
     assert works(curve, 0.6, 0.0) == pytest.approx((0.0, 3 / 7))
     assert works(curve, 0.6, 5.5) == pytest.approx(window)
-    along = [Stop(1.0, (0.2,)), Stop(4.0, (0.8,)), Stop(16.0)]
+    along = [Point(1.0, (0.2,)), Point(4.0, (0.8,))]
     assert works(along, 0.5, 4.0, logarithmic=True) == pytest.approx((2.0, 4.0))
     assert works(curve, 0.95, 1.0) is None
-    assert keeps_most([Stop(6.0)], Standard.of(KEPT, sight(0.5))) is None
-    assert finer([Stop(6.0)], Standard.of(KEPT, sight(0.5))) is None
+    assert finer([Point(6.0, (0.5,))], Standard.of(KEPT, sight(0.5))) is None

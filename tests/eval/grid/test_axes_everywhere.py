@@ -1,4 +1,4 @@
-"""Over random grids of all axes: ids, rows, surfaces, curves and files hold every cell once, none overwritten."""
+"""Over random grids of all axes: ids, rows, tables, curves and files hold every cell once, none overwritten."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ import json
 import math
 import tempfile
 from collections import Counter
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.curves import endurances, endurances_across
+from blurnoise_eval.answers.exposure_window import answers
+from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.scoring.curves import endurances, endurances_across
-from blurnoise_eval.scoring.exposure_window import answers
-from blurnoise_eval.scoring.monotone import is_uniform, pooled
-from blurnoise_eval.scoring.surfaces import surfaces
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
@@ -28,6 +26,7 @@ from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.coco_export import write_detections
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from made_tables import tables
 from plans import IMX250
 
 MOST = 48  # conditions of a grid
@@ -91,6 +90,8 @@ def filled(folder: Path, plan: SweepPlan) -> tuple[Store, dict[Conditions | None
     images = {"kind": "coco", "source": "p", "count": 1, "labelled": True, "notes": []}
     manifest = {"title": "m", "models": [model], "camera": IMX250.to_dict(), "images": images}
     store.set_about("manifest", manifest)
+    identity = {"model": [model], "camera": manifest["camera"], "pictures": "", "choice of targets": ""}
+    store.set_about("identity", {**identity, "plan": plan.to_dict()})
     (folder / "coco").mkdir()
     truth = {"images": [{"id": 1, "file_name": "p"}], "annotations": []}
     truth["categories"] = [{"id": 1, "name": "stop sign"}]
@@ -145,28 +146,26 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
 @pytest.mark.slow
 @given(grids())
 @some
-def test_every_cell_is_in_one_surface_and_in_one_curve_over_each_axis(grid: dict[str, list[float]]) -> None:
+def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[str, list[float]]) -> None:
     plan = SweepPlan(grid)
     with tempfile.TemporaryDirectory() as folder:
         store, scores = filled(Path(folder), plan)
         with store:
-            found = list(surfaces(queries.exposed_targets(store)))
+            found = list(tables(queries.exposed_targets(store)))
     exposed = Counter(score for at, score in scores.items() if at is not None)
-    assert len({(each.model, each.group, each.setting) for each in found}) == len(found)
-    assert Counter(value for each in found for value in each.mean.ravel().tolist()) == exposed
-    assert len(found) == math.prod(max(1, len(plan.values(name))) for name in SETTING)
+    assert len({(each.model, each.group) for each in found}) == len(found)
+    assert Counter(value for each in found for value in each.mean.tolist()) == exposed
+    settings = [setting for each in found for setting in each.split(SETTING)]
+    assert len(settings) == math.prod(max(1, len(plan.values(name))) for name in SETTING)
     told = [answer for each in found for answer in answers(each, Criterion(0.5, kept=False))]
     over_speeds = Counter(
-        value
-        for each in found
-        for value in (pooled(each) if is_uniform(each) else each).mean.ravel().tolist()
+        value for each in settings for value in (pooled(each) if is_uniform(each) else each).mean.tolist()
     )
     assert Counter(value for answer in told for value in answer.confidence) == over_speeds
     assert len({tuple(answer.at.values()) for answer in told}) == len(told)
 
     curves = [curve for each in found for curve in endurances(each, Criterion(0.5, kept=False))]
-    for _, group in groupby(found, key=lambda each: each.group):
-        curves += endurances_across(list(group), Criterion(0.5, kept=False))
+    curves += [curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))]
     for axis in ("exposure_s", *SETTING):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails

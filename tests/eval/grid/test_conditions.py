@@ -148,9 +148,3 @@ def test_those_that_share_a_blur_are_neighbours() -> None:
     blurs = [at.blurs_as for at in conditions]
     turns = 1 + sum(a != b for a, b in pairwise(blurs))
     assert turns == len(set(blurs)) == 4 * 2  # displacements 0, 1, 2 and 4 px through two lenses
-
-
-def test_cells_go_through_plain_values() -> None:
-    for at in (AT, Conditions(**{**AT, "f_number": 2.0}), None):
-        cell = Cell("p", 1, at, 7)
-        assert Cell.from_dict(cell.to_dict()) == cell

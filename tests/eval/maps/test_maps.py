@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.maps import figures, told
 from blurnoise_eval.maps.mapping import Maps
 from blurnoise_eval.maps.predictor import predictor_of
 from blurnoise_eval.maps.ranking import ranked
 from blurnoise_eval.quality.measure import METRICS
 from blurnoise_models import matched_filter
-from commands import Output
+from commands import Output, main
 from made_maps import KEEP, plane, scores_at
 from plans import IMX250
 

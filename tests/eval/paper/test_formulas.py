@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
+import torch
 from blurnoise_eval.paper import formulas
 from blurnoise_eval.paper.item import Found
-from blurnoise_eval.paper.measurement import Means, Measurements
+from blurnoise_eval.paper.measurement import Measurements
 
-NONE = Measurements(Means(None, None))  # type: ignore[arg-type]
+NONE = Measurements(None, None)  # type: ignore[arg-type]
 
 
 def verdicts(found: Found) -> list[bool | None]:
@@ -44,6 +47,21 @@ def test_frequencies_of_signs() -> None:
         "0.139-0.348 cycles/px",
     ]
     assert verdicts(found) == [True] * 3
+
+
+def test_frequency_of_steps_is_that_of_edges_of_one_direction() -> None:
+    line = torch.zeros(40)
+    line[10:20] = 1
+    line[28:] = 1
+    assert formulas.edge_frequencies(line.expand(3, 4, 40)).tolist() == [1 / 18]  # rises at 9.5 and 27.5 px
+
+
+def test_a_grating_has_the_frequency_of_its_period() -> None:
+    x = torch.arange(120, dtype=torch.float64)
+    grating = (100 + 50 * torch.cos(2 * math.pi * (x / 12.5 - 0.3))).expand(3, 9, 120)
+    found = formulas.edge_frequencies(grating)
+    torch.testing.assert_close(found, torch.full_like(found, 1 / 12.5), rtol=0.01, atol=0)
+    assert len(found) == 16  # between 9 rises, and between 9 falls
 
 
 def test_another_number_differs(monkeypatch: pytest.MonkeyPatch) -> None:

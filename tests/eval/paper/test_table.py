@@ -11,9 +11,9 @@ import pytest
 import read_pages
 from blurnoise_eval.paper import page, table
 from blurnoise_eval.paper.item import Check, Figure, Found, Item, Line, Outcome
-from blurnoise_eval.paper.measurement import Means, Measurements, NotRun
+from blurnoise_eval.paper.measurement import Measurements, NotRun
 
-NONE = Measurements(Means(None, None))  # type: ignore[arg-type]
+NONE = Measurements(None, None)  # type: ignore[arg-type]
 
 
 def item(name: str, *agree: bool | None) -> Item:
@@ -26,6 +26,10 @@ def item(name: str, *agree: bool | None) -> Item:
 
 def missing(measured: Measurements) -> Found:
     raise NotRun("needs a thing")
+
+
+def run(*items: Item) -> list[Outcome]:
+    return [each.run(NONE) for each in items]
 
 
 def test_every_item_says_where_in_the_paper() -> None:
@@ -41,13 +45,8 @@ def test_items_are_chosen_by_name() -> None:
         table.chosen(["sharpness"])
 
 
-def test_shared_measurements_count_once() -> None:
-    sic, neq = table.chosen(["sic", "neq"])
-    assert table.steps([sic], NONE) == table.steps([sic, neq], NONE) > 0
-
-
 def test_verdicts() -> None:
-    good, bad = table.run([item("a", True, None), item("b", True)], NONE), table.run([item("c", False)], NONE)
+    good, bad = run(item("a", True, None), item("b", True)), run(item("c", False))
     assert page.summary(good) == "2 of 2 statements of the paper agree."
     assert not page.differs(good)
     assert page.summary([*good, *bad]) == "2 of 3 statements of the paper agree; 1 differs."
@@ -55,7 +54,7 @@ def test_verdicts() -> None:
 
 
 def test_what_is_not_run_neither_agrees_nor_differs() -> None:
-    outcomes = table.run([item("a", True), replace(item("b", True), of=missing)], NONE)
+    outcomes = run(item("a", True), replace(item("b", True), of=missing))
     assert [row["verdict"] for row in page.rows_of(outcomes)] == ["agrees", "not run"]
     assert page.rows_of(outcomes)[1]["found"] == "needs a thing"
     assert page.summary(outcomes) == "1 of 1 statements of the paper agree; 1 item was not run."
@@ -63,7 +62,7 @@ def test_what_is_not_run_neither_agrees_nor_differs() -> None:
 
 
 def test_page_and_table(tmp_path: Path) -> None:
-    outcomes = [*table.run([item("a", True, False)], NONE), Outcome(item("b"), None, "needs a thing")]
+    outcomes = run(item("a", True, False), replace(item("b"), of=missing))
     written = page.write(outcomes, {"seed": "<b>0</b>"}, tmp_path)
     with (tmp_path / "paper.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

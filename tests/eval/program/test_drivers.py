@@ -6,6 +6,7 @@ import csv
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,9 @@ import numpy as np
 import pytest
 from blurnoise_eval.program import export, v4l2
 from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import EARLY_GAIN_DB, Program, make
+from blurnoise_eval.program.optimise import EARLY_GAIN_DB, Program, optimise
 from blurnoise_eval.program.stages import Stages
-from made_planes import METERING, made_response
+from made_planes import METERING, made_problem, made_response
 
 REAL = sorted((Path(__file__).parents[4] / "shared/real/libcamera").glob("*.json"))
 LIMITS = Limits()
@@ -73,13 +74,12 @@ class Libcamera:
 @pytest.fixture(scope="module", params=[None, FAST], ids=["slow", "fast"])
 def program(request: pytest.FixtureRequest) -> Program:
     more = {} if request.param is None else {"speeds_px_s": request.param}
-    return make(made_response(**more), METERING, LIMITS)
+    return optimise(made_problem(LIMITS, **more))
 
 
 @pytest.fixture
 def folder(program: Program, tmp_path: Path) -> Path:
-    lights = made_response().scenario.lights_lux
-    export.write(program, lights, {}, tmp_path, limits=LIMITS, metering=METERING)
+    export.write(program, tmp_path, "run")
     return tmp_path
 
 
@@ -142,15 +142,14 @@ def test_rounded_stages_are_one() -> None:
 
 
 def test_limits_hold_for_the_first_stage() -> None:
-    made = make(made_response(), METERING, Limits(mains_hz=50.0))
+    made = optimise(made_problem(Limits(mains_hz=50.0)))
     assert made.stages.times_s[0] == pytest.approx(0.01)
     assert not made.extrapolates(made.stages.times_s[0])
 
 
 @pytest.mark.parametrize("name", export.MODES)
 def test_the_mode_has_a_name_that_can_be_selected(program: Program, tmp_path: Path, name: str) -> None:
-    lux = made_response().scenario.lights_lux
-    export.write(program, lux, {}, tmp_path, limits=LIMITS, metering=METERING, mode=name)
+    export.write(program, tmp_path, "run", mode=name)
     mode_of(tmp_path, name)
     how = json.loads((tmp_path / "program.json").read_text())["how_to_use"]
     assert [len(lines) for lines in how.values()] == [2, 2]
@@ -198,9 +197,8 @@ def stepped(rows: list[dict[str, Any]], light: float, exposed: Any) -> dict[str,
 @pytest.mark.parametrize("sensor", [None, *v4l2.GAIN_CODES])
 def test_v4l2_meters(program: Program, tmp_path: Path, sensor: str | None) -> None:
     """Rows are half a stop apart: a quarter to either side, and what units, lines and codes round."""
-    limits = Limits(line_time_s=LINE_S)
-    lux = made_response().scenario.lights_lux
-    export.write(program, lux, {}, tmp_path, limits=limits, metering=METERING)
+    by_lines_s = replace(program.problem, limits=Limits(line_time_s=LINE_S))
+    export.write(replace(program, problem=by_lines_s), tmp_path, "run")
     rows = read_rows(tmp_path / "v4l2.csv")
 
     def by_usb(row: dict[str, Any]) -> float:

@@ -10,10 +10,9 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.program import export
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.making import Program, make
+from blurnoise_eval.program.optimise import Program, optimise
 from blurnoise_eval.program.stages import STOCK, Stages
-from made_planes import METERING, made_response
+from made_planes import METERING, made_problem, made_response
 
 LIGHTS = made_response().scenario.lights_lux
 NODES_OF_7 = Stages(
@@ -23,13 +22,13 @@ NODES_OF_7 = Stages(
 
 @pytest.fixture(scope="module")
 def program() -> Program:
-    return make(made_response(), METERING, Limits())
+    return optimise(made_problem())
 
 
 @pytest.fixture(scope="module")
 def folder(program: Program, tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("program")
-    export.write(program, LIGHTS, {"model": "made"}, where, limits=Limits(), metering=METERING)
+    export.write(program, where, "run")
     return where
 
 
@@ -37,17 +36,17 @@ def test_the_table_reads_back(program: Program, folder: Path) -> None:
     with (folder / "program.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["illuminance_lux"]) for row in rows] == list(LIGHTS)
-    assert [float(row["exposure_s"]) for row in rows] == list(program.course.exposures_s)
-    assert [float(row["gain_db"]) for row in rows] == list(program.course.gains_db)
-    assert [float(row["value"]) for row in rows] == list(program.course.values)
+    assert [float(row["exposure_s"]) for row in rows] == list(program.schedule.exposures_s)
+    assert [float(row["gain_db"]) for row in rows] == list(program.schedule.gains_db)
+    assert [float(row["value"]) for row in rows] == list(program.schedule.values)
 
 
 def test_the_document_reads_back(program: Program, folder: Path) -> None:
     told = json.loads((folder / "program.json").read_text())
     assert told["model"] == "made"
-    assert told["value"] == program.course.value
+    assert told["value"] == program.schedule.value
     assert told["regret_95"] == program.regret_95
-    assert [node["exposure_s"] for node in told["nodes"]] == list(program.course.exposures_s)
+    assert [node["exposure_s"] for node in told["nodes"]] == list(program.schedule.exposures_s)
     names = [rival["name"] for rival in told["rivals"]]
     assert names[:3] == ["best fixed time", *(f"{name}, to 33.3 ms" for name in STOCK)]
 
@@ -57,7 +56,7 @@ def test_libcamera_takes_the_same_exposures(program: Program, folder: Path) -> N
     mode = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]["custom"]
     assert len(mode["shutter"]) == len(mode["gain"]) >= 2
     read = Stages(tuple(1e-6 * time for time in mode["shutter"]), tuple(mode["gain"]))
-    for light, time_s in zip(LIGHTS, program.course.exposures_s, strict=True):
+    for light, time_s in zip(LIGHTS, program.schedule.exposures_s, strict=True):
         assert read.divided(METERING.total_s(light))[0] == pytest.approx(time_s, rel=1e-3, abs=1e-6)
 
 
@@ -79,7 +78,7 @@ def test_an_ae_route_takes_the_same_exposures(program: Program, folder: Path) ->
     route = json.loads((folder / "ae_route.json").read_text())
     nodes = [(1e-6 * node["int_time"], node["sys_gain"] / 1024) for node in route["route_node"]]
     assert route["total_num"] == len(nodes)
-    for light, time_s in zip(LIGHTS, program.course.exposures_s, strict=True):
+    for light, time_s in zip(LIGHTS, program.schedule.exposures_s, strict=True):
         total = METERING.total_s(light)
         (low, high) = next(
             (pair for pair in pairwise(nodes) if math.prod(pair[1]) >= total), (nodes[-1], nodes[-1])

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from blurnoise_eval.program.solving import solve
+from blurnoise_eval.program.optimise import solve
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -28,13 +28,8 @@ def picture(seed: int, *, light: float = 1.0, blur: float = 0.0, camera: Camera 
     electrons = 5000.0 * light * chart
     if blur:
         electrons = torch.from_numpy(cv2.GaussianBlur(electrons[0, 0].numpy(), (0, 0), blur))[None, None]
-    dn = read_out(
-        electrons.float(),
-        camera,
-        exposure_s=0.0,
-        temperature_c=20.0,
-        generator=torch.Generator().manual_seed(seed),
-    )
+    generator = torch.Generator().manual_seed(seed)
+    dn = read_out(electrons.float(), camera, exposure_s=0.0, temperature_c=20.0, generator=generator)
     return dn[0, 0].numpy().astype(np.uint16)
 
 
@@ -135,15 +130,8 @@ def test_pictures_that_do_not_go_together(second: np.ndarray, why: str) -> None:
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, seed in (("a", 0), ("b", 1)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))
-    words = [
-        "compare",
-        str(tmp_path / "a.png"),
-        str(tmp_path / "b.png"),
-        "--black-level",
-        "20",
-        "--full-scale",
-        "4095",
-    ]
+    pictures = [str(tmp_path / name) for name in ("a.png", "b.png")]
+    words = ["compare", *pictures, "--black-level", "20", "--full-scale", "4095"]
     assert main([*words, "--plot", str(tmp_path / "c.png"), "--csv", str(tmp_path / "c.csv")]) == 0
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines()[:12])) <= 80

@@ -12,13 +12,13 @@ import pandas as pd
 import pytest
 import torch
 from blurnoise_eval.bench.closed_edges import closed_mtf, closed_mtf50
-from blurnoise_eval.cli import main
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality import table as quality_table
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Metric, Row
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
+from commands import main
 from matplotlib.colors import to_hex, to_rgba
 from plans import plan as swept
 
@@ -32,7 +32,7 @@ Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
 PLAN = swept((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
-EDGES = (
+EDGES = [
     "mtf50_x",
     "mtf50_y",
     "edge_snr_db",
@@ -41,12 +41,16 @@ EDGES = (
     "sic_square",
     "neq_integral",
     "snri",
-)
+]
+
+
+def measured(plan: SweepPlan, camera: Camera = CAMERA, threads: int = 1) -> list[Row]:
+    return quality.measure(camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=threads)
 
 
 @pytest.fixture(scope="module")
 def rows() -> list[Row]:
-    return quality.measure(CAMERA, PLAN)
+    return measured(PLAN)
 
 
 def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float = 0.0) -> Estimate:
@@ -93,14 +97,6 @@ def test_patch_snr_is_that_of_the_sensor_model(
     assert near(found, truth)
     assert not near(found, 1.05 * truth)
     assert found.flags == frozenset()
-
-
-def test_snr_grows_as_the_root_of_the_exposure(rows: list[Row]) -> None:
-    short, long = (reading(rows, "patch_snr_bright", exposure_s) for exposure_s in (0.004, 0.016))
-    assert long.value / short.value == pytest.approx(2, rel=0.02)
-    assert reading(rows, "edge_snr_db", 0.016).value - reading(
-        rows, "edge_snr_db", 0.004
-    ).value == pytest.approx(20 * math.log10(2), abs=0.35)
 
 
 @pytest.mark.parametrize("exposure_s", [0.004, 0.016])
@@ -173,18 +169,6 @@ def test_psnr_at_rest_is_that_of_the_noise(rows: list[Row]) -> None:
         assert reading(rows, "psnr_db", exposure_s).value == pytest.approx(truth, abs=0.1)
 
 
-def test_pictures_come_closer_to_the_scene_with_light_and_move_away_with_blur(rows: list[Row]) -> None:
-    for metric in ("psnr_db", "ssim"):
-        still = [reading(rows, metric, exposure_s).value for exposure_s in (0.001, 0.004, 0.016)]
-        assert still == sorted(still)
-        assert reading(rows, metric, 0.016, 500.0).value < still[2]
-    assert near_one(reading(rows, "ssim", 0.016).value)
-
-
-def near_one(value: float) -> bool:
-    return 0.95 < value < 1
-
-
 # --- what is withheld -------------------------------------------------------
 
 
@@ -205,14 +189,14 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
 
 
 def test_without_light_nothing_is_told_but_why() -> None:
-    for row in quality.measure(CAMERA, swept((0.01,), (0.0,))):
+    for row in measured(swept((0.01,), (0.0,))):
         if row.metric not in ("cnr", "michelson", "cdp", "patch_snr_bright", "patch_snr_dark", "neq_0"):
             assert not row.estimate.told, row.metric
             assert row.estimate.flags, row.metric
 
 
 def test_motion_beyond_the_chart_is_withheld() -> None:
-    rows = quality.measure(CAMERA, swept((0.03,), (LUX,), (0.0,), (5000.0,)))
+    rows = measured(swept((0.03,), (LUX,), (0.0,), (5000.0,)))
     for metric in ("mtf50_x", "sic_radial_x", "sic_square", "snri"):
         found = reading(rows, metric, 0.03)
         assert not found.told
@@ -239,7 +223,7 @@ def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
 
 def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) -> None:
     def records(*plan: object, **options: int) -> list[dict[str, object]]:
-        return [row.record() for row in quality.measure(CAMERA, swept(*plan), **options)]  # type: ignore[arg-type]
+        return [row.record() for row in measured(swept(*plan), **options)]  # type: ignore[arg-type]
 
     some = ((0.004, 0.016), (LUX,), (500.0,))
     wanted = [
@@ -261,7 +245,7 @@ def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
 
     def told(camera: Camera = CAMERA, **axis: float) -> dict[str, Estimate]:
         ((name, value),) = axis.items()
-        found = quality.measure(camera, swept((0.016,), (LUX,), **{name: (value,)}))
+        found = measured(swept((0.016,), (LUX,), **{name: (value,)}), camera)
         assert {row.record()[name] for row in found} == {value}
         return {row.metric: row.estimate for row in found}
 
@@ -287,7 +271,7 @@ def test_further_axes_reach_the_charts_and_the_table(rows: list[Row]) -> None:
 def test_colour_cameras_are_measured_behind_one_filter() -> None:
     """As if green were before every pixel: the raw pixels of a mosaic would be edges of their own."""
     camera, short = Camera.preset("imx250c"), swept((0.01,), (50.0,), (0.0,))
-    found, expected = (quality.measure(each, short) for each in (camera, behind_one_filter(camera)))
+    found, expected = (measured(short, each) for each in (camera, behind_one_filter(camera)))
     assert repr(found) == repr(expected)  # NaN, where one chart has no interval, equals no NaN
 
 
@@ -307,7 +291,7 @@ def test_a_picture_and_a_line_per_setting(tmp_path: Path) -> None:
     best = quality_table.most_information(rows)
     assert len(best) == 2 * 2 * 2
     assert {row["gain_db"] for row in best} == {6.0}
-    table = quality_figures.table(best)
+    table = quality_table.as_table(best)
     assert [column.header for column in table.columns][:3] == ["lux", "f-number", "motion"]
     assert [next(iter(table.columns[1].cells)), table.row_count] == ["2", 8]
 
@@ -316,7 +300,7 @@ def test_threads_are_given_back() -> None:
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     try:
-        quality.measure(CAMERA, swept((0.01,), (LUX,)))
+        measured(swept((0.01,), (LUX,)))
         assert torch.get_num_threads() == 2
     finally:
         torch.set_num_threads(before)
@@ -359,7 +343,7 @@ def test_lines_have_gaps_where_numbers_are_withheld(rows: list[Row], kind: str) 
         ]
         assert len(shown) == told, metric.name
         saturated = [
-            patch for patch in axes.patches if to_hex(patch.get_facecolor()) == quality_figures._SATURATED
+            patch for patch in axes.patches if to_hex(patch.get_facecolor()) == quality_figures.SATURATED
         ]
         assert len(saturated) == (kind == "exposure" and metric.name != "patch_snr_dark")
         crosses = sum(len(line.get_xdata()) for line in axes.lines if line.get_marker() == "x")
@@ -394,7 +378,7 @@ def test_noise_and_blur_have_a_shade_of_their_own() -> None:
         quality_figures.against_exposure(row(0.0, 0.1, lost), "a camera")
     assert len(axes.patches) == 2
     assert {to_rgba(patch.get_facecolor())[:3] for patch in axes.patches} == {
-        to_rgba(quality_figures._FAILED)[:3]
+        to_rgba(quality_figures.FAILED)[:3]
     }
     hollow = [line.get_xdata() for line in axes.lines if line.get_markerfacecolor() == "white"]
     assert [list(x) for x in hollow] == [[1.0]]
@@ -448,7 +432,7 @@ def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     for module in (quality, quality_figures, quality_table):
         monkeypatch.setattr(module, "METRICS", every)
     plan = swept((0.004, 0.008), (LUX,), (0.0,))
-    rows = quality.measure(CAMERA, plan)
+    rows = measured(plan)
     assert reading(rows, "weber", 0.004).value == pytest.approx(BRIGHT / DARK - 1, rel=0.05)
     assert len(rows) == 2 * 17
     quality_figures.write(rows, CAMERA.name, tmp_path)

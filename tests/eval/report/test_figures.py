@@ -11,12 +11,13 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.drawing import annotate as pictures
-from blurnoise_eval.grid.axes import axis
-from blurnoise_eval.report import captions, figures, measured
-from blurnoise_eval.report.figures.curves import MOVE_LABELS
+from blurnoise_eval.grid.axes import BLUR, SPEED, axis
+from blurnoise_eval.plots import annotate as pictures
+from blurnoise_eval.plots.style import spread
+from blurnoise_eval.report import figures, words
+from blurnoise_eval.report.figures import MOVE_LABELS, common_windows
+from blurnoise_eval.report.latency import latency_robustness, pareto_front
 from blurnoise_eval.report.page import figures_of
-from blurnoise_eval.report.tradeoff import pareto_front
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import EXPOSURES_S, THRESHOLD, made_run
@@ -34,8 +35,8 @@ def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None
     by_exposure = _lines(figures.confidence_exposure(data), 1)
     assert by_exposure["600 px/s"] == (pytest.approx([1, 4, 16, 64]), answer["confidence"])
     for figure, x in (
-        (figures.confidence_blur(data), [0, 0.004 * 600]),
-        (figures.confidence_speed(data), [0, 600]),
+        (figures.confidence_over(data, BLUR), [0, 0.004 * 600]),
+        (figures.confidence_over(data, SPEED), [0, 600]),
     ):
         lines = _lines(figure, 1)
         assert set(lines) == {"1 ms", "4 ms", "16 ms", "64 ms"}
@@ -43,7 +44,7 @@ def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None
             pytest.approx(x),
             [data.answers[2]["confidence"][1], answer["confidence"][1]],
         )
-    assert "only the speed changes" in figures.confidence_blur(data).get_supxlabel()
+    assert "only the speed changes" in figures.confidence_over(data, BLUR).get_supxlabel()
 
 
 def test_what_never_leaves_a_graph_is_grey(tmp_path: Path) -> None:
@@ -58,7 +59,7 @@ def test_what_never_leaves_a_graph_is_grey(tmp_path: Path) -> None:
     assert bands[4] == []
     assert "Grey: below the lowest score that leaves the graph." in figure.get_supxlabel()
     other = made_run(tmp_path / "other", n_examples=0)
-    assert measured.unseen_below(other, "yolox-nano", other.answers[0]["group"]) is None
+    assert other.unseen_below("yolox-nano", other.answers[0]["group"]) is None
 
 
 def test_every_model_has_its_own_panels(tmp_path: Path) -> None:
@@ -101,7 +102,7 @@ def test_panels_are_capped_and_what_is_left_out_is_said(
 
 def test_a_further_axis_has_a_figure_of_its_own(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=0, f_numbers=(1.4, 2.0, 2.8), temperatures_c=(25.0, 85.0))
-    figure = figures.confidence_axis(data, axis("f_number"))
+    figure = figures.confidence_over(data, axis("f_number"))
     assert figure.axes[3].get_title() == "stop sign 100 px\n200 lux · 85 °C (n = 12)"
     own = [
         a for a in data.answers
@@ -113,16 +114,16 @@ def test_a_further_axis_has_a_figure_of_its_own(tmp_path: Path) -> None:
     assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
     assert figure.get_supxlabel().splitlines()[0] == "f-number"
     assert "At 600 px/s, one of 2 velocities." in figure.get_supxlabel()
-    warm = figures.confidence_axis(data, axis("temperature_c"))
+    warm = figures.confidence_over(data, axis("temperature_c"))
     assert warm.axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 (n = 12)"
     assert "4 of 6 settings shown." in warm.get_supxlabel()
-    assert "4 of 12 settings shown." in figures.confidence_speed(data).get_supxlabel()
+    assert "4 of 12 settings shown." in figures.confidence_over(data, SPEED).get_supxlabel()
 
 
 def test_what_is_held_where_it_usually_is_not_is_said(tmp_path: Path) -> None:
-    assert "Held" not in figures.confidence_speed(made_run(tmp_path, n_examples=0)).get_supxlabel()
+    assert "Held" not in figures.confidence_over(made_run(tmp_path, n_examples=0), SPEED).get_supxlabel()
     warm = made_run(tmp_path, n_examples=0, temperatures_c=(85.0,))
-    assert "Held: 85 °C." in figures.confidence_speed(warm).get_supxlabel()
+    assert "Held: 85 °C." in figures.confidence_over(warm, SPEED).get_supxlabel()
 
 
 def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) -> None:
@@ -133,7 +134,9 @@ def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) ->
         if a["velocity_x_px_s"]
     ]
     both = replace(data, answers=data.answers + turned)
-    labelled = [line for line in figures.confidence_speed(both).axes[0].lines if "ms" in line.get_label()]
+    labelled = [
+        line for line in figures.confidence_over(both, SPEED).axes[0].lines if "ms" in line.get_label()
+    ]
     assert {line.get_linestyle() for line in labelled} == {"None"}
     assert "(0, 600) px/s" in _lines(figures.confidence_exposure(both), 0)
 
@@ -142,7 +145,7 @@ def test_latency_against_robustness_fills_the_front(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=0, models=("a", "b", "c"))
     data.models[2] |= {"latency_ms": 40.0}  # slowest and worst
     data.models[1]["rpc"] = None
-    by_label = {axes.get_ylabel(): axes for axes in figures.latency_robustness(data).axes}
+    by_label = {axes.get_ylabel(): axes for axes in latency_robustness(data).axes}
     assert set(by_label) == {"AUC over exposure", "AUC over blur", "rPC"}
     dots = [line for line in by_label["AUC over blur"].lines if line.get_marker() == "o"]
     filled = {line.get_xdata()[0]: line.get_markerfacecolor() != "white" for line in dots}
@@ -150,7 +153,7 @@ def test_latency_against_robustness_fills_the_front(tmp_path: Path) -> None:
     assert [text.get_text() for text in by_label["rPC"].texts] == ["a", "c"]
     for row in data.models:
         row["latency_ms"] = None
-    assert "No two models" in figures.latency_robustness(data).axes[0].texts[0].get_text()
+    assert "No two models" in latency_robustness(data).axes[0].texts[0].get_text()
 
 
 @pytest.mark.parametrize(
@@ -183,24 +186,24 @@ def test_the_front_rises_and_every_other_point_is_beaten_by_it(points: list[tupl
 
 
 def test_common_windows_are_the_intersection() -> None:
-    assert measured.common_windows([[[1, 5], [8, 9]], [[2, 8.5]], [[0, 20]]]) == [(2, 5), (8, 8.5)]
-    assert measured.common_windows([[[1, 2]], [[3, 4]]]) == []
-    assert measured.common_windows([[[1, 2]], []]) == measured.common_windows([]) == []
+    assert common_windows([[[1, 5], [8, 9]], [[2, 8.5]], [[0, 20]]]) == [(2, 5), (8, 8.5)]
+    assert common_windows([[[1, 2]], [[3, 4]]]) == []
+    assert common_windows([[[1, 2]], []]) == common_windows([]) == []
 
 
 def test_spread_keeps_both_ends() -> None:
-    assert measured.spread(range(100), 4) == [0, 33, 66, 99]
-    assert measured.spread("abc", 5) == ["a", "b", "c"]
+    assert spread(range(100), 4) == [0, 33, 66, 99]
+    assert spread("abc", 5) == ["a", "b", "c"]
 
 
 def test_examples_keep_the_models_of_a_condition_together(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=9, models=("first", "second", "third"))
     data = replace(data, examples=data.examples[::-1])
-    kept = measured.spread_examples(data, 16)
+    kept = data.spread_examples(16)
     assert [example["model"] for example in kept] == ["first", "second", "third"] * 5
     assert all(len({example["path"] for example in kept[i : i + 3]}) == 1 for i in range(0, 15, 3))
-    assert len(measured.spread_examples(data, 2)) == 2
-    assert measured.spread_examples(replace(data, examples=[]), 2) == []
+    assert len(data.spread_examples(2)) == 2
+    assert replace(data, examples=[]).spread_examples(2) == []
 
 
 def test_boxes_have_the_colour_of_their_outcome(tmp_path: Path) -> None:
@@ -243,8 +246,8 @@ def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
     black = [(picture == (20, 20, 20)).all(axis=2).any(axis=0).sum() for picture in (short, long)]
     assert black[1] > 3 * black[0]
     example = {"error": None, "detections": [], "targets": [target, target | {"text": "", "confidence": 0.0}]}
-    assert captions.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
-    assert captions.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"
+    assert words.outcome_text(example, 0.6) == "read “I”, confidence 0.90; read nothing"
+    assert words.outcome_text(example | {"error": "bad"}, 0.6) == "the model failed: bad"
 
 
 def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
@@ -282,12 +285,3 @@ def test_a_figure_of_what_moves_is_of_runs_that_have_several(tmp_path: Path) -> 
     assert "score_moves.png" in figures_of(several)
     assert "confidence_moves.png" not in figures_of(several)  # names have no places on an axis
     assert "score_moves.png" not in figures_of(made_run(tmp_path, n_examples=0))
-
-
-def test_settings_that_differ_by_what_moves_are_named(tmp_path: Path) -> None:
-    settings = made_run(tmp_path, n_examples=0, moves=(0.0, 2.0)).settings
-    every = [setting for setting in settings.every if 200.0 in setting]
-    assert settings.together(every) == "200 lux · all moves, background moves"
-    assert settings.together(every[:1]) == settings.text(every[0])
-    lit = made_run(tmp_path / "other", n_examples=0).settings
-    assert " to " in lit.together(lit.every)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.report import RunData
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.report.opening import opening, ranked, table_rows
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.report.run import RunData
 from made_runs import THRESHOLD, made_run
 
 ONE: dict[str, Any] = {"groups": {"sign": 0.95}, "lights_lux": (200.0,), "speeds": (600.0,)}

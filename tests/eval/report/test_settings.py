@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.grid.axes import AXES, SETTING_AXES, axis
-from blurnoise_eval.report import findings, page, tables, words, write_report
+from blurnoise_eval.report import findings, page, tables, words
 from blurnoise_eval.report.opening import opening
+from blurnoise_eval.report.page import write_report
 from blurnoise_eval.report.settings import axis_label, settings_of, word
 from made_runs import made_run
 from read_pages import Page
@@ -109,15 +110,15 @@ def test_further_axes_have_selects_figures_and_facts(tmp_path: Path, monkeypatch
         "word": "f-number", "title": "f-number", "unit": "", "texts": ["f/1.4", "f/2.8"],
         "values": [1.4, 2.8], "logarithmic": True, "named": False, "colours": [],
     }  # fmt: skip
-    assert numbers["settings"] == [[0, 0], [0, 1], [1, 0], [1, 1]]
-    for setting, velocity, exposure, confidence in [numbers["points"][k][2:6] for k in (0, 17, 30)]:
+    for point in [numbers["points"][k] for k in (0, 17, 30)]:
+        exposure, velocity, *setting = point["at"]
+        values = tuple(numbers["axes"][2 + place]["values"][index] for place, index in enumerate(setting))
         found = [
             a["confidence"][exposure]
             for a in data.answers
-            if data.settings.of(a) == data.settings.every[setting]
-            and a["velocity_x_px_s"] == numbers["speeds_px_s"][velocity]
+            if data.settings.of(a) == values and a["velocity_x_px_s"] == numbers["speeds_px_s"][velocity]
         ]
-        assert confidence == pytest.approx(found[0], abs=6e-5)
+        assert point["y"] == pytest.approx(found[0], abs=6e-5)
 
 
 def test_nothing_can_be_chosen_where_nothing_varies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

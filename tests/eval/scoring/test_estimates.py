@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
-from blurnoise_eval.scoring import certainty, estimates
+from blurnoise_eval.answers import uncertainty
+from blurnoise_eval.answers.uncertainty import columns, interval_of
+from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring.estimates import Estimate, left_out, mean_of, ratio
 
 
@@ -13,23 +17,23 @@ def test_a_mean_of_estimates_is_the_estimate_of_the_means() -> None:
     each = [estimates.mean(row, np.ones(12)) for row in values]
     found = estimates.mean_of(each)
     assert found.value == pytest.approx(values.mean())
-    np.testing.assert_allclose(found.departures, values.mean(axis=0) - values.mean())
+    np.testing.assert_allclose(found.influence, values.mean(axis=0) - values.mean())
     weighted = estimates.through(each, lambda row: float(np.dot([0.2, 0.3, 0.5], row)))
     one = np.dot([0.2, 0.3, 0.5], values)
     assert weighted.value == pytest.approx(one.mean())
-    np.testing.assert_allclose(weighted.departures, one - one.mean())
-    expected = certainty.interval(one.mean(), one - one.mean(), within=(0.0, 1.0))
-    np.testing.assert_allclose(weighted.interval((0.0, 1.0)), expected)
+    np.testing.assert_allclose(weighted.influence, one - one.mean())
+    expected = uncertainty.of_level(one.mean(), one - one.mean())
+    np.testing.assert_allclose(interval_of(weighted, 1.0), expected)
     assert estimates.mean_of([]) == Estimate(None)
 
 
 def test_clusters_without_a_say_change_nothing_there() -> None:
     full, holes = np.full(9, 0.1), np.array([0.2] * 7 + [np.nan] * 2)
     found = estimates.mean_of([Estimate(0.5, full), Estimate(0.7, holes)])
-    np.testing.assert_allclose(found.departures, [0.15] * 7 + [0.05] * 2)
+    np.testing.assert_allclose(found.influence, [0.15] * 7 + [0.05] * 2)
     both = estimates.mean_of([Estimate(0.5, holes), Estimate(0.7, holes)])
-    assert np.isnan(both.departures[-1])
-    assert estimates.mean_of([Estimate(0.5, full), Estimate(0.7)]).departures is None
+    assert np.isnan(both.influence[-1])
+    assert estimates.mean_of([Estimate(0.5, full), Estimate(0.7)]).influence is None
 
 
 def test_departures_of_a_ratio_are_those_of_leaving_out() -> None:
@@ -41,26 +45,26 @@ def test_departures_of_a_ratio_are_those_of_leaving_out() -> None:
     whole = above.mean() / below.mean()
     without = [np.delete(above, place).mean() / np.delete(below, place).mean() for place in range(20)]
     assert found.value == pytest.approx(whole)
-    np.testing.assert_allclose(found.departures, certainty.jackknife(whole, without), rtol=0.05, atol=1e-3)
+    np.testing.assert_allclose(found.influence, estimates.influence_of(whole, without), rtol=0.05, atol=1e-3)
     assert estimates.ratio(one, Estimate(0.0)).value is None
-    assert estimates.ratio(one, Estimate(0.5)).departures is None
+    assert estimates.ratio(one, Estimate(0.5)).influence is None
 
 
 def test_columns() -> None:
-    assert Estimate(None).columns("p", None) == {"p": None, "p_low": None, "p_high": None}
-    assert Estimate(0.3, np.zeros(5)).columns("p", None) == {"p": 0.3, "p_low": None, "p_high": None}
-    low = Estimate(0.1, np.linspace(-1, 1, 9)).columns("p", None)["p_low"]
+    assert columns(Estimate(None), "p", math.inf) == {"p": None, "p_low": None, "p_high": None}
+    assert columns(Estimate(0.3, np.zeros(5)), "p", math.inf) == {"p": 0.3, "p_low": None, "p_high": None}
+    low = columns(Estimate(0.1, np.linspace(-1, 1, 9)), "p", math.inf)["p_low"]
     assert low == 0  # nothing here lies below
 
 
 def test_no_alarm_at_all_is_not_certainly_none() -> None:
     """Ten pictures without one: up to about 1 - 0.025^(1/10) times what an unseen cluster counts."""
-    low, high = estimates.mean(np.zeros(10), np.ones(10)).interval((0.0, None))
+    low, high = interval_of(estimates.mean(np.zeros(10), np.ones(10)), math.inf)
     assert low == 0
     assert high is not None
     assert 0.03 < high < 0.4
     alarms = np.array([0.0] * 9 + [12.0])
-    _, high = estimates.mean(alarms, np.ones(10)).interval((0.0, None))
+    _, high = interval_of(estimates.mean(alarms, np.ones(10)), math.inf)
     assert high is not None
     assert 2 < high < 12  # beyond 1, and below the worst seen
 
@@ -72,7 +76,7 @@ def test_interval_reaches_down_to_that_of_the_cautious_estimate() -> None:
     plain, lower = left_out(whole), left_out(whole - 0.1)
     given = left_out(whole, whole - 0.1)
     assert given.value == plain.value
-    assert given.interval((0.0, 1.0)) == (lower.interval((0.0, 1.0))[0], plain.interval((0.0, 1.0))[1])
+    assert interval_of(given, 1.0) == (interval_of(lower, 1.0)[0], interval_of(plain, 1.0)[1])
     assert left_out(whole, whole + 0.1).cautious is None
     both = mean_of([given, plain])
     assert both.cautious is not None

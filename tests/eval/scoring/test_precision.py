@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.estimates import left_out
 from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
@@ -180,7 +181,7 @@ def test_intervals_of_ap_hold_though_it_is_biased(pictures: int) -> None:
         whole, cautious = found.precision[:, 0, 0], found.cautious[:, 0, 0]
         values.append(whole[0])
         for place, estimate in enumerate((left_out(whole), left_out(whole, cautious))):
-            low, high = estimate.interval((0.0, 1.0))
+            low, high = interval_of(estimate, 1.0)
             assert low is not None
             assert high is not None
             assert low <= whole[0] <= high

@@ -135,13 +135,6 @@ def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> Non
         assert len(list(store.cells())) == 2
 
 
-def test_idle_store_keeps_its_lock(tmp_path: Path) -> None:
-    """A run that has been opened, and has written nothing yet, is in use too."""
-    Store(tmp_path, create=True).__exit__(None, None, None)
-    with Store(tmp_path), pytest.raises(StoreError, match="another process"):
-        Store(tmp_path)
-
-
 def test_missing_run(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="blurnoise sweep"):
         Store(tmp_path / "nothing")
@@ -271,6 +264,8 @@ def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
         store.add([result(0, image="a")])
         assert store.pictures() == {"a": ("touched since", "content")}
         assert store.picture_sizes() == {"a": (64, 48)}
+        store.clear()
+        assert store.picture_sizes() == {}
 
 
 def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:

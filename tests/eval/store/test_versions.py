@@ -12,10 +12,10 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.store import schema
 from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.evaluation import Evaluation
 from blurnoise_eval.system.files import RUN_FILE
 
 RUNS = Path(__file__).parents[2] / "data" / "runs"

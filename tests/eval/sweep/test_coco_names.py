@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.sweep.coco_export import condition_name
+from commands import main
 from plans import IMX250, OWN
 
 AT = {"exposure_s": 0.02, "illuminance_lux": 3.0, "velocity_x_px_s": 333.3, "velocity_y_px_s": 0.0, **OWN}
@@ -42,7 +42,7 @@ def test_command_sweeps_further_axes(tmp_path: Path, capsys: pytest.CaptureFixtu
     command += ["50", "--dx", "0", "--repeats", "1", "--limit", "1", "--threads", "1", "--gain", "0"]
     command += ["-o", str(tmp_path)]
     assert main([*command, "--json"]) == 0
-    assert main(["detections", str(tmp_path), "--json"]) == 0
+    assert main(["report", str(tmp_path), "--coco", "--json"]) == 0
     capsys.readouterr()
     tables = {
         name: list(csv.DictReader((tmp_path / f"{name}.csv").open(encoding="utf-8")))

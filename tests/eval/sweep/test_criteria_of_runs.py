@@ -7,14 +7,16 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import commands
 import numpy as np
 import pytest
-from blurnoise_eval import Evaluation, cli, evaluate
+from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet, Target
-from blurnoise_eval.scoring.surfaces import Surface
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.run_surfaces import alarm_confidences, dark_below, too_little
+from blurnoise_eval.sweep.score_tables import alarm_confidences, dark_below
+from made_tables import table
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import BOX, matched_detector, picture, sign
@@ -97,25 +99,10 @@ def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run: Path) -
 )
 def test_more_pictures_make_no_group_known(targets: int, clean: float, withheld: bool) -> None:
     """285 targets of 0.004 each make more than 1 in sum, and the model finds none of them."""
-    alone, one = np.ones((1, 1, 1)), np.ones((1, 1))
-    surface = Surface(
-        "m",
-        "g",
-        (),
-        (0.01,),
-        ((0.0, 0.0),),
-        ("a",),
-        alone,
-        alone,
-        one,
-        targets,
-        one,
-        clean,
-        clean * targets,
-        True,
-    )
-    assert too_little(surface) == withheld
-    assert not too_little(replace(surface, kept=False))  # an absolute threshold can be asked of any
+    of: dict[str, Any] = {"n_targets": targets, "clean": clean, "reference": clean * targets}
+    kept = table(np.ones((1, 1, 1)), [0.01], kept=True, **of)
+    assert kept.knows_too_little == withheld
+    assert not replace(kept, kept=False).knows_too_little  # an absolute threshold can be asked of any
 
 
 @pytest.mark.slow
@@ -142,7 +129,7 @@ def test_every_table_says_what_is_enough(
     groups: set[str],
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert cli.main(["report", str(run), *options, "-o", str(tmp_path), "--json"]) == 0
+    assert commands.main(["report", str(run), *options, "-o", str(tmp_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told == json.loads((tmp_path / "summary.json").read_text())
     assert told["criterion"]["text"] == text
@@ -192,7 +179,7 @@ def test_what_does_not_go_together_is_refused(
         (["sweep", "--score", "nonsense", "-o", folder], "--score = 'nonsense'"),
         (["sweep", "--keep", "2", "-o", folder], "--keep = 2"),
     ):
-        assert cli.main(command) == 2
+        assert commands.main(command) == 2
         error = capsys.readouterr().err
         assert error.startswith(f"blurnoise: error: {named}")
         assert error.count("\n") == 1

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval import evaluate
-from blurnoise_eval.cli import given, main
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.report.findings import run_facts
 from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper
+from commands import main, stated
 from plans import plan as swept
 from signs_in_memory import BOX, CAMERA, matched_detector, picture, picture_set, sign
 
@@ -84,52 +84,42 @@ def test_rows_say_each_targets_own_blur_and_the_plan_its_speed(tmp_path: Path) -
     grid = swept((0.01,), (300.0,), moves=(0.0, 1.0)).grid
     plan = SweepPlan(grid, objects=Objects(crossings=SIGN))
     assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))) == plan
-    evaluate([detector], picture_set(picture("a")), CAMERA, plan, tmp_path / "run", threads=1)
-    with Store(tmp_path / "run") as store:
-        rows = {row["moves"]: row for row in store.targets()}
-        about = store.about("manifest")["crossings"]
-    assert rows[1.0]["blur_px"] == pytest.approx(SIGN_PX_S * 0.01)
-    assert rows[0.0]["blur_px"] == 0
-    assert rows[1.0]["confidence"] < rows[0.0]["confidence"] - 0.02
-    assert rows[1.0]["invented_share"] > 0.05
-    assert about == "stop sign 108 km/h, 0.9 m wide; blur_px of such a target is its own"
-
-
-def test_options_are_by_class() -> None:
-    found = given.objects(
-        "auto", None, ["bus=0.5"], "object", kmh=["car=50, stop sign=-5", "dog=9"], width_m=["car=4.5"],
-        away_m=["stop sign=20,dog=8"], hfov_deg=60.0, lens="rectilinear",
-    )  # fmt: skip
-    seen_by: Any = {"hfov_deg": 60.0, "lens": "rectilinear"}
-    crossings = {
-        "car": Crossing(50.0, width_m=4.5),
-        "stop sign": Crossing(-5.0, away_m=20.0, **seen_by),
-        "dog": Crossing(9.0, away_m=8.0, **seen_by),
-    }
-    assert found == Objects(speeds={"bus": 0.5}, crossings=crossings)
+    found = evaluate([detector], picture_set(picture("a")), CAMERA, plan, tmp_path / "run", threads=1)
+    rows = {row["moves"]: row for row in found.targets}
+    assert rows["targets"]["blur_px"] == pytest.approx(SIGN_PX_S * 0.01)
+    assert rows["all"]["blur_px"] == 0
+    assert rows["targets"]["confidence"] < rows["all"]["confidence"] - 0.02
+    assert rows["targets"]["invented_share"] > 0.05
+    assert (
+        run_facts(found.data)["crossings"]
+        == "stop sign 108 km/h, 0.9 m wide; blur_px of such a target is its own"
+    )
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("objects", "told"),
     [
-        (["--object-kmh", "car"], "object-kmh = 'car': must be CLASS=KMH"),
-        (["--object-kmh", "car=50"], "object-kmh: car: needs --object-m"),
-        (["--object-kmh", "car=50", "--object-m", "dog=5"], "dog: go with --object-kmh"),
-        (["--object-kmh", "car=500", "--object-m", "car=5"], "object-kmh = 500"),
-        (["--object-kmh", "car=5,dog=6", "--object-width-m", "car=5,dog=0"], "object-kmh: dog: object-width-m = 0"),
-        (["--object-kmh", "car=5", "--object-width-m", "car=5"], "object-kmh: car: no target is one"),
-        (["--object-kmh", "a=5", "--object-width-m", "a=5", "--object-speed", "a=2"], "object-speed: a: has an"),
-        (["--object-kmh", "car=5,car=6", "--object-m", "car=5"], "--object-kmh: car: stated twice"),
-        (["--object-kmh", "a=5", "--object-m", "a=5", "--object-m", "a=6"], "--object-m: a: stated twice"),
-        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=1e-6"],
-         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 1e-06:"),
-        (["--object-kmh", "stop sign=360", "--object-width-m", "stop sign=0.002", "--exposure-ms", "1000"],
-         "--object-kmh: stop sign: object-kmh = 360 with --object-width-m = 0.002: displacement_px"),
-        (["--object-kmh", "a=5", "--object-m", "a=5", "--hfov-deg", "0", "--lens", "rectilinear"], "hfov_deg = 0"),
+        ({"crossings": {"car": {"kmh": 50}}}, "objects.crossings: car: kmh: needs away_m"),
+        ({"crossings": {"car": {"kmh": 500, "away_m": 5}}}, "objects.crossings: car: kmh = 500"),
+        ({"crossings": {"dog": {"kmh": 6, "width_m": 0}}}, "objects.crossings: dog: width_m = 0"),
+        ({"crossings": {"dog": {"speed": 6}}}, "objects.crossings: dog: "),
+        ({"crossings": {"car": {"kmh": 5, "width_m": 5}}}, "crossings: car: no target is one"),
+        (
+            {"crossings": {"a": {"kmh": 5, "width_m": 5}}, "speeds": {"a": 2}},
+            "speeds: a: is one of crossings, too",
+        ),
+        (
+            {"crossings": {"stop sign": {"kmh": 360, "width_m": 1e-6}}},
+            "stop sign: kmh = 360 with width_m = 1e-06:",
+        ),
+        ({"crossings": {"a": {"kmh": 5, "away_m": 5, "hfov_deg": 0}}}, "hfov_deg = 0"),
+        ({"speeds": {"car": 2}}, "speeds: car: no target is one"),
+        ({"mattes": "fog"}, "objects.mattes = 'fog'"),
     ],
-)  # fmt: skip
-def test_refused(options: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sweep", "--moves", "targets", *options, "-o", str(tmp_path / "run")]) == 2
+)
+def test_refused(objects: Any, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = stated(tmp_path, objects=objects, moves="targets")
+    assert main(["sweep", "--plan", plan, "-o", str(tmp_path / "run")]) == 2
     assert told in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "run").exists()
 

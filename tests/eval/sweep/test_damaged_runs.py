@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.cli import main
 from blurnoise_eval.deciding.decision import Decision
-from blurnoise_eval.explorer.runs import Run
+from blurnoise_eval.evaluation import evaluate
+from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.maps import mapping
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_eval.sweep.merging import merge
 from blurnoise_eval.system.files import RUN_FILE
+from commands import main
 
 PLAN = SweepPlan({"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0,)})
 KEYS = ("identity", "learnt", "manifest")
@@ -42,7 +42,7 @@ def write(run: Path, key: str, value: object) -> None:
         db.execute("UPDATE about SET value = ? WHERE key = ?", (json.dumps(value), key))
 
 
-@pytest.mark.parametrize("command", ["report", "merge", "explore", "maps", "program", "detections"])
+@pytest.mark.parametrize("command", ["report", "merge", "explore", "maps", "program"])
 @pytest.mark.parametrize("value", [{}, [], None, {"version": 9}, "run"])
 def test_another_manifest_is_a_line(
     whole: Path, command: str, value: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -10,10 +10,10 @@ import pytest
 from blurnoise_eval import cli, datasets
 from blurnoise_eval.cli import given
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.evaluation import Evaluation, evaluate, usual_detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.default_camera import camera_text, default_camera, in_colour, is_grey
-from blurnoise_eval.sweep.evaluation import Evaluation, evaluate, usual_detector
 from small_sweeps import small_detector
 
 from blurnoise import Camera

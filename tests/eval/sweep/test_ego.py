@@ -7,10 +7,11 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval import cli, evaluate
+from blurnoise_eval import evaluate
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.store.store import StoreError
@@ -104,7 +105,7 @@ def test_vehicles_without_speeds_are_refused() -> None:
 
 def test_refused_at_the_command_line_before_a_folder_is_made(tmp_path: Path, capsys: Output) -> None:
     for options in (["--ego-kmh", "50", "--dx", "0,300"], ["--height-m", "1.2"]):
-        assert cli.main(["sweep", *options, "-o", str(tmp_path / "run")]) == 2
+        assert commands.main(["sweep", *options, "-o", str(tmp_path / "run")]) == 2
         told = capsys.readouterr().err
         assert "ego" in told
         assert told.count("\n") == 1

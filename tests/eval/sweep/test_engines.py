@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import multiprocessing
 import os
 import pickle
 import random
@@ -19,16 +20,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pytest
 from band_readers import constant_reader
-from blurnoise_eval import cli, datasets
+from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
-from blurnoise_eval.sweep.engines import ProcessEngine, RayEngine, ThreadEngine, engine_of
+from blurnoise_eval.sweep.engines import ProcessEngine, RayEngine, ThreadEngine, engine_of, staying
+from blurnoise_eval.sweep.engines.base import shared_out
 from blurnoise_eval.sweep.work import Work
 from plans import plan as swept
 from small_sweeps import (
@@ -173,7 +176,7 @@ def test_no_process_outlives_its_sweep(
         pytest.importorskip("ray")
     shown = datasets.image_folder(Path(pictures.source))
     command = ["sweep", "--model", str(detector.path), "--images", shown.source, "--exposure-ms", "1:60:1"]
-    command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", engine, "--workers", "2"]
+    command += ["--lux", "50", "--dx", "0,300", "--gain", "auto", "--engine", engine, "--threads", "2"]
     command += ["--camera", "imx250"]
     command += ["-o", str(tmp_path / "run")]
     started = [sys.executable, "-m", "blurnoise_eval.cli", *command]
@@ -181,12 +184,10 @@ def test_no_process_outlives_its_sweep(
         started, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True
     )
     deadline = time.monotonic() + 560  # a killed driver's cluster goes a minute later
-    while (
-        len(list(tmp_path.glob("run/examples/*.png"))) < 3
-    ):  # of two blocks before them the rows are in the store
+    while not _some_rows(tmp_path / "run"):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
-        time.sleep(0.005)
+        time.sleep(0.02)
     family = descendants(process.pid)
     assert len(family) > 2
     if how == "interrupted":
@@ -211,18 +212,23 @@ def test_no_process_outlives_its_sweep(
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
 
 
+def _some_rows(run: Path) -> bool:
+    """Whether the journal of a run that is being computed holds more than its beginning."""
+    examples = list(run.glob("examples/*.png"))
+    journal = run / "results.sqlite-wal"
+    return bool(examples) and journal.stat().st_mtime_ns > min(each.stat().st_mtime_ns for each in examples)
+
+
 _FIRST_WORKER = """
-import sys
+import os, sys, time
 from pathlib import Path
 from blurnoise import Camera
-from blurnoise._core.worker_lifetime import interrupts_held
-from blurnoise_eval.sweep.processes import ProcessEngine
-from blurnoise_eval.sweep.work import Work
-crew = ProcessEngine(1).crew(Work((), Camera.preset("imx250")))
-with interrupts_held():
-    (number,) = crew.begin()._pool._processes
+from blurnoise_eval.sweep.engines.processes import _Pool
+pool = _Pool(b"", 1)
+pool.submit(None)
+(number,) = pool._executor._processes
 status = dict(line.split(":", 1) for line in Path(f"/proc/{number}/status").read_text().splitlines())
-crew.leave()
+pool.stop()
 sys.exit(not int(status["SigBlk"], 16) >> 1 & 1)
 """
 
@@ -232,6 +238,52 @@ sys.exit(not int(status["SigBlk"], 16) >> 1 & 1)
 def test_no_interrupt_reaches_a_worker_that_begins() -> None:
     """The first of all, too, which Python begins right after a helper of its own: it takes seconds to import."""
     assert subprocess.run([sys.executable, "-c", _FIRST_WORKER], timeout=300, check=False).returncode == 0
+
+
+_UNGUARDED = """
+from blurnoise_eval import evaluate
+evaluate(output="run", engine="processes", threads=2)
+"""
+
+
+@pytest.mark.slow
+def test_a_program_that_starts_itself_again_gets_one_error(tmp_path: Path) -> None:
+    """Each worker imports the program that started it."""
+    (tmp_path / "unguarded.py").write_text(_UNGUARDED)
+    done = subprocess.run(
+        [sys.executable, "unguarded.py"], cwd=tmp_path, stderr=subprocess.PIPE, text=True, timeout=500
+    )
+    assert done.stderr.count("Traceback") == 1
+    assert "ChildProcessError: engine = 'processes': " in done.stderr.splitlines()[-1]
+    assert "no if __name__ == '__main__'" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_processes_stay_between_maps_of_the_same_work(detector: Detector, pictures: PictureSet) -> None:
+    work, started = Work((detector,), CAMERA), set[int]()
+    some = list(blocks(replace(pictures, pictures=pictures.pictures[:1]), swept((0.01,), (50.0,))))
+    with staying(ProcessEngine(1)) as engine:
+        for each in (work, work, replace(work, grey_anchor="mean")):
+            assert len(list(engine.map(each, some))) == 1
+            started |= {process.pid or 0 for process in multiprocessing.active_children()}
+        assert len(started) == 2
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize(("workers", "holders"), [(1, 1), (2, 2), (12, 2)])
+def test_a_picture_goes_to_few_workers(pictures: PictureSet, workers: int, holders: int) -> None:
+    """Every cell once and in order; a picture is split only where there are fewer pictures than workers."""
+    plan = swept((0.01, 0.02, 0.04), (50.0, 100.0), (0.0, 300.0))
+    many = replace(pictures, pictures=tuple(replace(pictures.pictures[0], name=f"{n}.png") for n in range(6)))
+    whole = list(blocks(many, plan))
+    shared = list(shared_out(iter(whole), workers))
+    for picture in many:
+        own = [block for block in shared if block.picture.name == picture.name]
+        assert len(own) <= holders + 1  # one more where a group of blocks ends
+        cells = [cell for block in whole if block.picture.name == picture.name for cell in block.cells]
+        assert [cell for block in own for cell in block.cells] == cells
+        examples = [block.examples for block in whole if block.picture.name == picture.name]
+        assert frozenset().union(*(block.examples for block in own)) == frozenset().union(*examples)
 
 
 @pytest.mark.slow
@@ -264,7 +316,7 @@ def test_ray_needs_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_address_goes_with_ray_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["sweep", "--address", "here:6379", "-o", str(tmp_path / "run")]
-    assert cli.main(command) == 2
+    assert commands.main(command) == 2
     assert "address = 'here:6379': goes with engine 'ray', not 'threads'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
@@ -293,7 +345,10 @@ def test_ray_is_imported_late() -> None:
     assert subprocess.run([sys.executable, "-c", code], timeout=300, check=False).returncode == 0
 
 
-KINDS = ("coco", "yolo", "bdd", "text", "folder", "rendered signs", "rendered texts")
+KINDS = (
+    *("coco", "yolo", "bdd", "text", "folder"),
+    *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("rendered signs", "rendered texts")),
+)
 
 
 def labelled(kind: str, folder: Path) -> PictureSet:
@@ -346,6 +401,6 @@ def test_work_and_blocks_of_every_kind_of_pictures_travel(
 
 
 def test_the_command_names_the_engine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["sweep", "--engine", "rays", "-o", str(tmp_path / "run")]) == 2
+    assert commands.main(["sweep", "--engine", "rays", "-o", str(tmp_path / "run")]) == 2
     assert "engine = 'rays': must be one of 'threads', 'processes'" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

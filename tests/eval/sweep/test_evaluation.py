@@ -9,19 +9,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import AXES, Detector, Evaluation, cli, datasets, evaluate
+from blurnoise_eval import AXES, Detector, Evaluation, datasets, evaluate
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.page import TABLES
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import latency, model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.sweep.exposing import Scene, frames
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
@@ -80,7 +81,7 @@ def test_python_and_the_command_find_the_same(
         "1",
         "--json",
     ]
-    assert cli.main([*command, "-o", str(tmp_path)]) == 0
+    assert commands.main([*command, "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
     by_command = Evaluation(tmp_path)
     for name in ("cells", "targets", "scores", "curves", "models", "answers"):
@@ -99,16 +100,6 @@ def test_python_and_the_command_find_the_same(
     assert list(cells["cell_id"]) == [cell["cell_id"] for cell in done.cells]
     summaries = [json.loads((folder / "summary.json").read_text()) for folder in (done.folder, tmp_path)]
     assert summaries[0].keys() == summaries[1].keys()
-
-
-def test_rows_are_as_the_tables_say(done: Evaluation) -> None:
-    assert len(done.cells) == 2 * (1 + 4)
-    assert len(done.targets) == sum(cell["n_targets"] for cell in done.cells)
-    assert len(done.scores) == 1 + 4
-    assert [row["model"] for row in done.models] == ["small"]
-    assert {curve["axis"] for curve in done.curves} == {"exposure_s", "blur_px"}
-    assert done.outcome is not None
-    assert (done.outcome.computed, done.outcome.resumed) == (10, 0)
 
 
 def test_latency_is_measured_once_and_a_busy_machine_named(
@@ -149,28 +140,6 @@ def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: 
         Evaluation(done.folder / "nowhere")
 
 
-@pytest.mark.slow
-def test_an_anchored_run_is_another_run_and_says_so(
-    model: Path, pictures: PictureSet, tmp_path: Path
-) -> None:
-    anchored = replace(PLAN, grey_anchor="p50")
-    first = evaluate(model, pictures, plan=anchored, output=tmp_path)
-    again = evaluate(model, pictures, plan=anchored, output=tmp_path)
-    assert again.outcome is not None
-    assert again.outcome.computed == 0
-    for other in (PLAN, replace(PLAN, grey_anchor="p51"), replace(PLAN, grey_anchor="mean")):
-        with pytest.raises(StoreError, match="another plan"):
-            evaluate(model, pictures, plan=other, output=tmp_path)
-    assert "grey_anchor" not in PLAN.to_dict()  # runs from before there was any go on
-    with Store(tmp_path) as store:
-        for name in ("manifest", "identity"):
-            assert "'grey_anchor': 'p50'" in repr(store.about(name))
-    assert first.summary["missing_cells"] == 0
-    assert "50 % percentile of each picture (--grey-anchor p50)" in first.report().read_text()
-    with pytest.raises(ValueError, match="grey_anchor = 'median'"):
-        replace(PLAN, grey_anchor="median")
-
-
 def test_photographs_of_another_exposure_give_the_same_cells_when_anchored(
     model: Path, tmp_path: Path
 ) -> None:
@@ -201,13 +170,6 @@ def test_photographs_of_another_exposure_give_the_same_cells_when_anchored(
     ]
 
 
-@pytest.mark.slow
-def test_figures_are_drawn_when_asked_for(done: Evaluation, tmp_path: Path) -> None:
-    (done.folder / "report.html").unlink(missing_ok=True)
-    assert Evaluation(done.folder).figures
-    assert (done.folder / "report.html").is_file()
-
-
 def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The defaults of the command's options and of Python, without running them."""
     seen: list[Any] = []
@@ -217,7 +179,7 @@ def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_p
         raise KeyboardInterrupt
 
     monkeypatch.setattr("blurnoise_eval.sweep.run.run", watched)
-    assert cli.main(["sweep", "-o", str(tmp_path / "command")]) == 130
+    assert commands.main(["sweep", "-o", str(tmp_path / "command")]) == 130
     with pytest.raises(KeyboardInterrupt):
         evaluate(output=tmp_path / "python")
     by_command, by_python = seen
@@ -278,12 +240,6 @@ def test_readers_get_texts_and_no_detectors_beside_them(model: Path, tmp_path: P
     assert usual_pictures([Detector(model)]).source.startswith("stop signs")
 
 
-def test_pictures_that_cannot_be_read_are_no_evaluation(model: Path, tmp_path: Path) -> None:
-    (tmp_path / "empty.png").write_bytes(b"")
-    with pytest.raises(ValueError, match="none could be read"):
-        evaluate(model, datasets.image_folder(tmp_path), plan=PLAN, output=tmp_path / "run")
-
-
 def test_the_package_is_light_until_it_is_used() -> None:
     """The names are there, but nothing heavy is imported before one is used."""
     code = """
@@ -331,6 +287,6 @@ def test_a_pattern_that_is_none_is_refused_before_anything_is_done(
     with pytest.raises(ValueError, match=r"cluster = '\('"):
         evaluate(model, pictures, plan=PLAN, output=tmp_path / "run", cluster="(")
     command = ["sweep", "--model", str(model), "--images", pictures.source, *OPTIONS, "--cluster", "("]
-    assert cli.main([*command, "-o", str(tmp_path / "run")]) == 2
+    assert commands.main([*command, "-o", str(tmp_path / "run")]) == 2
     assert "cluster = '('" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.cli import main
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.sweep.coco_export import INSTANCES
-from blurnoise_eval.sweep.evaluation import evaluate
 from blurnoise_eval.system.files import RUN_FILE
+from commands import main
 
 PLAN = SweepPlan({"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0,)})
 
@@ -68,7 +68,7 @@ def test_pipes_are_not_read(sent: Path, tmp_path: Path, what: str, command: int)
 
 @pytest.mark.parametrize(
     ("name", "command"),
-    [("figures", "report"), ("coco", "detections"), ("coco", "report"), (RUN_FILE, "report")],
+    [("figures", "report"), ("coco", "report --coco"), ("coco", "report"), (RUN_FILE, "report")],
 )
 def test_links_are_not_followed(
     sent: Path, tmp_path: Path, name: str, command: str, capsys: pytest.CaptureFixture[str]
@@ -78,7 +78,7 @@ def test_links_are_not_followed(
     (run / name).replace(tmp_path / name)
     (run / name).symlink_to(tmp_path / name)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.glob(f"{name}/**/*")}
-    assert main([command, str(run)]) == 2
+    assert main([*command.split(), str(run)]) == 2
     assert "leaves the folder" in capsys.readouterr().err
     assert {file: file.stat().st_mtime_ns for file in tmp_path.glob(f"{name}/**/*")} == before
 
@@ -90,7 +90,7 @@ def test_a_model_of_any_name_has_its_detections_within(sent: Path, tmp_path: Pat
         manifest: dict[str, Any] = json.loads(text)
         manifest["models"][0]["name"] = "../../away"
         db.execute("UPDATE about SET value = ? WHERE key = 'manifest'", (json.dumps(manifest),))
-    assert main(["detections", str(run)]) == 2
+    assert main(["report", "--coco", str(run)]) == 2
     assert not list(tmp_path.glob("**/away"))
 
 

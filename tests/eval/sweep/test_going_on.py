@@ -11,9 +11,9 @@ import weakref
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pytest
-from blurnoise_eval import cli
 from blurnoise_eval.datasets import PictureSet, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
@@ -82,7 +82,8 @@ def test_interrupted_sweep_goes_on(
 
 _KILLED = """
 import os, signal, sys
-from blurnoise_eval import cli
+
+from blurnoise_eval.cli import main
 from blurnoise_eval.store.store import Store
 add, added = Store._learnt_with, []
 def killed(*given):
@@ -91,7 +92,7 @@ def killed(*given):
         os.kill(os.getpid(), signal.SIGKILL)
     return add(*given)
 Store._learnt_with = killed
-cli.main(sys.argv[1:])
+main(sys.argv[1:])
 """
 """A command that is killed in the middle of its third transaction."""
 
@@ -105,6 +106,7 @@ def test_killed_sweep_goes_on_with_the_same_command(
     folder = tmp_path / "run"
     command = ["sweep", "--exposure-ms", "1:24:1", "--lux", "50", "--dx", "0,300", "--repeats", "1"]
     command += ["--limit", "1", "--no-refine", "--threads", "1", "--json", "-o", str(folder)]
+    command = ["sweep", *commands.in_a_file("sweep", command[1:])]
     plan = swept(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0), gain_db=("auto",))
     one = PictureSet("rendered", "", rendered_signs().pictures[:1])
 
@@ -114,7 +116,7 @@ def test_killed_sweep_goes_on_with_the_same_command(
         kept = n_done(store)
     assert 0 < kept < count_cells(one, plan)
 
-    assert cli.main(command) == 0
+    assert commands.main(command) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["resumed"], summary["computed"]) == (kept, count_cells(one, plan) - kept)
     expected = rows_of(tmp_path / "uninterrupted", [Detector(STOP_SIGN)], CAMERA, one, plan)

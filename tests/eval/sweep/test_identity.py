@@ -15,15 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from blurnoise_eval import datasets
-from blurnoise_eval.cli.sweep import sweep
 from blurnoise_eval.datasets import Picture, PictureSet, Target
+from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.store.store import CellResult, Store, StoreError
 from blurnoise_eval.sweep import run_folder
-from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.sweep.merging import merge
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.machine import versions
@@ -46,11 +45,11 @@ CHANGED: Mapping[str, Any] = {
     "annotation": {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 59.0]]},
 }
 IN_IDENTITY = {
-    "--model", "--contract", "--dictionary", "--text-detector",  # model: its sha256 and contract
-    "--images", "--coco", "--yolo", "--bdd", "--text", "--plates",  # pictures, choice of targets, annotations
-    "--camera", "--trajectory",  # camera, and the plan
+    "model", "contract", "dictionary", "text_detector",  # the model's sha256 and contract
+    "images", "labels",  # pictures, choice of targets, annotations
+    "camera", "objects", "trajectory",  # camera, plates, and the plan
 }  # fmt: skip
-HARMLESS = {"--output", "--lens"}  # --lens: a word of the plan; its help names the camera's file
+HARMLESS = {"split", "engine"}  # words of data.yaml; nothing that is computed
 NAMES_FILES = re.compile(r"FILE|DIR|PATH|RUN|\.onnx|\bfile\b|\bfolder\b")
 
 
@@ -79,17 +78,13 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return run
 
 
-def test_every_option_that_names_a_file_is_known() -> None:
-    app = typer.Typer()
-    app.command()(sweep)
+def test_every_setting_that_names_files_is_in_the_identity() -> None:
     named = {
-        option
-        for parameter in typer.main.get_command(app).params
-        for option in parameter.opts
-        if option.startswith("--")
-        and NAMES_FILES.search(f"{parameter.metavar} {getattr(parameter, 'help', '')}")
+        each.name
+        for each in fields(PlanFile)
+        if NAMES_FILES.search(f"{each.metadata['metavar']} {each.metadata['about']}")
     }
-    assert named == IN_IDENTITY | HARMLESS
+    assert named - HARMLESS <= IN_IDENTITY
 
 
 @pytest.mark.parametrize("name", [field.name for field in fields(Target)])
@@ -163,22 +158,3 @@ def test_rows_state_what_computed_them(cut: Path, tmp_path: Path) -> None:
     page = (tmp_path / "page" / "report.html").read_text()
     assert key in page
     assert versions()["sources"] in page
-
-
-def test_parts_of_other_sets_are_not_merged(tmp_path: Path) -> None:
-    names = [f"{number}.png" for number in range(4)]
-
-    def whole(*targets: Target, prefix: str = "") -> PictureSet:
-        every = [pictures(*targets, name=f"{prefix}{name}").pictures[0] for name in names]
-        listed = tuple(replace(each, image_id=place) for place, each in enumerate(every, start=1))
-        return replace(pictures(), pictures=listed)
-
-    swept(tmp_path / "1", whole(), PLAN, "1/2")
-    swept(tmp_path / "2", whole(), PLAN, "2/2")
-    swept(tmp_path / "chosen", whole(replace(TARGET, group="all")), PLAN, "2/2")
-    swept(tmp_path / "other", whole(prefix="b"), PLAN, "2/2")
-    with pytest.raises(StoreError, match=r"differs from .* in choice of targets;"):
-        merge([tmp_path / "1", tmp_path / "chosen"], tmp_path / "run")
-    with pytest.raises(StoreError, match=r"differs from .* in pictures"):
-        merge([tmp_path / "1", tmp_path / "other"], tmp_path / "run")
-    merge([tmp_path / "1", tmp_path / "2"], tmp_path / "run")

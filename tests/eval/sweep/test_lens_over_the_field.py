@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import yaml
 from blurnoise_eval import SweepPlan, cli, evaluate
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import coco_export, run_folder
 from blurnoise_eval.sweep import run as sweep
@@ -67,7 +68,7 @@ def rows_of(
     with Store(folder, create=True) as store:
         run_folder.open_run(store, [detector], camera, pictures(), plan, {"command": "c", "threads": 1})
         sweep.run([detector], camera, pictures(), plan, store)
-        data = run_folder.read_run(store, Criterion(0.6, kept=False))
+        data = read_run(store, Criterion(0.6, kept=False))
         targets = [row for row in store.targets() if not row["clean"]]
     return targets, [row for row in data.scores if not row["clean"]]
 

@@ -13,18 +13,18 @@ import pandas as pd
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import main
+from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.parts import Part
-from blurnoise_eval.store.exports import exported_meanwhile
+from blurnoise_eval.report.run import write_tables
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.coco_export import INSTANCES
-from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
+from blurnoise_eval.sweep.coco_export import INSTANCES, write_truth
 from blurnoise_eval.sweep.merging import merge
-from blurnoise_eval.sweep.run_folder import write_tables
 from blurnoise_eval.system.files import RUN_FILE
-from blurnoise_eval.system.storage import location, put_file
-from blurnoise_eval.system.transport import system_of
+from blurnoise_eval.system.urls import location
 from blurnoise_eval.system.working_folder import read_run
+from signs_in_memory import picture, picture_set
 
 PLAN = SweepPlan({"exposure_s": (0.005, 0.05), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)})
 TIMES = {"simulate_ms", "infer_ms", "example", "latency_ms", "latency_p95_ms"}
@@ -45,8 +45,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def tables(run: Evaluation) -> None:
-    with exported_meanwhile(run.folder, run.output):
-        write_tables(run.data, run.output)
+    with Store(run.folder) as store:
+        write_exports(store)
+    write_tables(run.data, run.output)
 
 
 def table(folder: Path, name: str) -> pd.DataFrame:
@@ -76,8 +77,8 @@ def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """Fetched, joined here and put; what is wrong is told of the URL."""
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     there = location("memory://bucket/merged")
-    put_file(runs / "1" / RUN_FILE, there / "1" / RUN_FILE)
-    put_file(runs / "1" / INSTANCES, there / "1" / INSTANCES)
+    for name in (RUN_FILE, INSTANCES):
+        (there / "1" / name).write_bytes((runs / "1" / name).read_bytes())
     command = ["merge", str(there / "1"), str(runs / "2"), "-o", str(there / "run")]
     assert main(command) == 0
     with read_run(there / "run") as folder, Store(folder.path) as joined:
@@ -88,7 +89,7 @@ def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert "output = 'memory://bucket/merged/run': is not empty" in capsys.readouterr().err
     assert main(["merge", str(there / "none"), "-o", str(tmp_path / "run")]) == 2
     assert "memory://bucket/merged/none" in capsys.readouterr().err
-    system_of("memory").store.clear()
+    there.fs.store.clear()
 
 
 @pytest.mark.slow
@@ -104,32 +105,23 @@ def test_merged_run_goes_on(runs: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_other_conditions_and_repeats_are_joined(tmp_path: Path) -> None:
-    at = {"exposure_s": (0.005, 0.02), "illuminance_lux": (50.0,), "velocity_x_px_s": (0.0, 400.0)}
-    evaluate(pictures=signs(2), plan=PLAN, output=tmp_path / "a", threads=1, refine=False)
-    evaluate(pictures=signs(2), plan=SweepPlan(at, repeats=2), output=tmp_path / "b", threads=1, refine=False)
-    done = merge([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
-    assert done == (2 * (1 + 6 + 4), 2, 2 * (1 + 2))
-    found = Evaluation(tmp_path / "run")
-    assert found.data.manifest["missing_cells"] == 2 * 2  # the second noise of 0.05 s
-    with Store(tmp_path / "run") as store:
-        assert store.about("identity")["plan"]["grid"]["exposure_s"] == [0.005, 0.02, 0.05]
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
         ({"plan": replace(PLAN, seed=1)}, "differs from .* in seed"),
-        ({"camera": "ar0237"}, "differs from .* in camera"),
-        ({"plan": replace(PLAN, grey_anchor="mean")}, "in grey_anchor"),
+        ({"plan": replace(PLAN, repeats=2)}, "in repeats"),
+        ({"camera": "ar0237"}, "in camera"),
+        ({"pictures": signs(5)}, "in pictures"),
+        ({"part": "3/3"}, "in number of parts"),
+        ({"part": None}, "in number of parts"),
     ],
 )
-def test_runs_that_differ_are_refused(
+def test_runs_that_are_no_parts_of_one_sweep_are_refused(
     runs: Path, changes: dict[str, Any], named: str, tmp_path: Path
 ) -> None:
-    evaluate(**{"pictures": signs(1), "plan": PLAN, "output": tmp_path / "other", "threads": 1, **changes})
-    with pytest.raises(StoreError, match=named):
+    usual: dict[str, Any] = {"pictures": signs(), "plan": PLAN, "threads": 1, "part": "2/2", "refine": False}
+    evaluate(**{**usual, "output": tmp_path / "other", **changes})
+    with pytest.raises(StoreError, match=f"{named}.*only parts of one sweep can be merged"):
         merge([runs / "1", tmp_path / "other"], tmp_path / "run")
     assert not (tmp_path / "run").exists()
     assert not list(tmp_path.glob(".*"))
@@ -146,23 +138,18 @@ def test_another_picture_under_a_name_is_refused(tmp_path: Path) -> None:
         merge([tmp_path / "0", tmp_path / "1"], tmp_path / "run")
 
 
-def test_other_choices_of_targets_over_other_pictures_are_refused(tmp_path: Path) -> None:
-    for name, labels in (("a", ("stop sign",)), ("b", ()), ("c", ("stop sign",))):
-        (tmp_path / name).mkdir()
-        cv2.imwrite(str(tmp_path / name / f"{name}.png"), np.zeros((80, 90, 3), np.uint8))
-        box = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [20, 20, 40, 40]}
-        known = [{"id": 1, "name": "stop sign"}, {"id": 2, "name": "car"}]
-        listed = {
-            "images": [{"id": 1, "file_name": f"{name}.png"}],
-            "categories": known,
-            "annotations": [box],
-        }
-        (tmp_path / name / "labels.json").write_text(json.dumps(listed))
-        found = datasets.coco(tmp_path / name / "labels.json", labels=labels)
-        evaluate(pictures=found, plan=PLAN, output=tmp_path / f"run-{name}", threads=1, refine=False)
-    with pytest.raises(StoreError, match=r"in choice of targets \(stop sign there, all here\)"):
-        merge([tmp_path / "run-a", tmp_path / "run-b"], tmp_path / "run")
-    assert merge([tmp_path / "run-a", tmp_path / "run-c"], tmp_path / "run").pictures == 2
+def test_boxes_without_numbers_are_numbered_as_in_the_whole(tmp_path: Path) -> None:
+    """As of data sets that give none: each part's are another number."""
+    pictures = [picture(name) for name in "abcd"]
+    whole = picture_set(*pictures)
+    write_truth(whole, tmp_path)
+    expected = json.loads((tmp_path / INSTANCES).read_text())["annotations"]
+    assert len({each["id"] for each in expected}) == len(expected) == 4
+    found = []
+    for some in (pictures[1:3], pictures[3:], pictures[:1]):
+        write_truth(replace(whole, pictures=tuple(some)), tmp_path, whole)
+        found += json.loads((tmp_path / INSTANCES).read_text())["annotations"]
+    assert sorted(found, key=lambda each: each["id"]) == expected
 
 
 @pytest.mark.slow

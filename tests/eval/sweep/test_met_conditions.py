@@ -13,9 +13,9 @@ from blurnoise_eval import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC, SETTING
 from blurnoise_eval.grid.conditions import SweepPlan, with_lens
 from blurnoise_eval.grid.objects import Objects
+from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.sweep.met_conditions import met_conditions
-from blurnoise_eval.sweep.run_folder import write_tables
-from blurnoise_eval.system.storage import location
+from blurnoise_eval.system.urls import location
 from plans import IMX250
 from plans import plan as swept
 from signs_in_memory import matched_detector, picture, picture_set
@@ -98,9 +98,20 @@ def test_what_the_camera_sets_itself_is_auto_as_it_was_set(tmp_path: Path) -> No
     assert read.gain_db == replace(plan.auto_exposure, target=0.3)
 
 
-@pytest.mark.parametrize("name", ["trajectory", "ego", "grey_anchor"])
-def test_what_training_pictures_are_not_taken_under_is_told(tmp_path: Path, name: str) -> None:
-    (tmp_path / FILE).write_text(json.dumps(table(PLAN, **{name: "something"})))
+@pytest.mark.parametrize(
+    ("name", "plan"),
+    [
+        ("trajectory", replace(PLAN, trajectory="shake:6")),
+        ("ego", swept((0.002,), (5.0,), ego_speed_m_s=(20.0,))),
+        ("grey_anchor", replace(PLAN, grey_anchor="mean")),
+    ],
+)
+def test_conditions_name_what_training_pictures_are_not_taken_under(
+    tmp_path: Path, name: str, plan: SweepPlan
+) -> None:
+    held = table(plan)
+    assert held[name] == plan.to_dict()[name]  # plain values, no sentence
+    (tmp_path / FILE).write_text(json.dumps(held))
     with pytest.raises(ValueError, match="training pictures are not taken so"):
         ExposureTable.of_run(tmp_path)
 
@@ -116,7 +127,7 @@ def test_folder_elsewhere_is_read_through_its_location() -> None:
     there = location("memory://bucket/run of training")
     with pytest.raises(ValueError, match=rf"run = 'memory://bucket/run of training': holds no {FILE}"):
         ExposureTable.of_run(there)
-    (there / FILE).put(json.dumps(table(PLAN)).encode())
+    (there / FILE).write_text(json.dumps(table(PLAN)))
     assert len(ExposureTable.of_run(there).rows) == 16
 
 

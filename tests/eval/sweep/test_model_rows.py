@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.scoring import certainty
+from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.scoring.estimates import Estimate
 from blurnoise_eval.sweep.model_rows import model_rows
 
@@ -39,10 +39,10 @@ def test_of_many_models_alike_hardly_ever_one_is_behind() -> None:
 
 
 def test_what_is_kept_has_the_interval_of_a_level() -> None:
-    """Twenty pictures that keep the same: a picture nobody has seen may keep nothing."""
+    """Twenty pictures that keep the same: a picture nobody has seen may keep nothing, or find all."""
     clean = np.full((20, 1), 0.8)
     (row,) = rows_of(clean, 0.9 * clean)
-    expected = certainty.interval(0.9, np.zeros(20), within=(0.0, 1.0))
+    expected = uncertainty.of_level(0.9, np.zeros(20), 1 / 0.8)
     assert (row["rpc_low"], row["rpc_high"]) == pytest.approx(tuple(map(float, expected)))
     assert row["rpc_low"] < 0.85
     assert 0.9 < row["rpc_high"] <= 1

@@ -4,34 +4,26 @@ from __future__ import annotations
 
 import csv
 import json
-import math
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
-import torch
 from blurnoise_eval import evaluate
-from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import PictureSet, rendered_signs
-from blurnoise_eval.datasets.rendered import _layer, _Sign
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
-from blurnoise_eval.grid.objects import BOXES, MATTES, Objects
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
 from blurnoise_models.detector import STOP_SIGN
-from coco_oracle import target_confidence
+from commands import main
 from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 
-from blurnoise import charts
-from blurnoise.blur.layers import at_rest
 from blurnoise.scene import scene
-from blurnoise.scene.cutting import Cut, CutScene
-from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.scene.scene import Exposure
 
 KINDS = (0.0, 1.0, 2.0)
 AT: Any = {"exposures_s": (0.01,), "lights_lux": (100.0,), "right_px_s": (0.0, 1600.0)}
@@ -53,10 +45,7 @@ def labelled() -> PictureSet:
 
 
 def test_names_are_those_of_the_simulator() -> None:
-    from blurnoise_eval.cli import _options
-
     assert MOVES.choices == scene.MOVES
-    assert (_options.MATTES, _options.BOXES) == (MATTES, BOXES)
 
 
 def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detector: Detector) -> None:
@@ -97,22 +86,6 @@ def test_rows_and_files_tell_what_moved(tmp_path: Path, detector: Detector) -> N
     assert "Behind targets the background was invented" in page
 
 
-@pytest.mark.slow  # processes start
-def test_engines_and_order_change_nothing(tmp_path: Path, detector: Detector) -> None:
-    plan = swept(**AT, moves=MOVES.choices)
-    one, two = (
-        run(tmp_path / str(how), detector, plan, labelled(), **how)
-        for how in ({"threads": 3}, {"engine": "processes", "threads": 2})
-    )
-    assert one == two
-    alone = run(tmp_path / "alone", detector, swept(**AT, moves=("background",)), labelled())
-    tracked = {row["cell_id"] for row in alone[0]}
-    assert [row for row in one[0] if row["cell_id"] in tracked] == [
-        {**row, "example": same["example"]}
-        for row, same in zip(alone[0], (r for r in one[0] if r["cell_id"] in tracked), strict=True)
-    ]
-
-
 def test_a_run_is_of_its_objects(tmp_path: Path, detector: Detector) -> None:
     plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.5}))
     assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))) == plan
@@ -142,9 +115,6 @@ def test_what_cannot_move_by_itself_is_refused_before_a_folder_is_made(
         SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (1.0,)}, objects=Objects(speeds={"car": 2.0}))
     for command, told in (
         (["sweep", "--moves", "some"], "moves = 'some': must be one of all, targets, background"),
-        (["sweep", "--moves", "targets", "--object-speed", "car"], "must be CLASS=FACTOR"),
-        (["sweep", "--moves", "targets", "--object-speed", "car=2"], "object-speed: car: no target is one"),
-        (["sweep", "--mattes", "fog", "--moves", "targets"], "mattes = 'fog'"),
         (["quality", "--moves", "targets"], "moves: must be all"),
     ):
         with pytest.raises(SystemExit) as end:
@@ -205,37 +175,6 @@ def test_swept_truth_is_scored_and_kept(tmp_path: Path, detector: Detector) -> N
 
 
 # --- what it does to a detector ---------------------------------------------
-
-
-@pytest.mark.slow
-def test_a_street_seen_through_the_smear_is_harder_than_one_that_is_blurred_with_it() -> None:
-    """A 64 px sign that moves 48 px at 17 degrees before a sharp, detailed street, 16 of them: it is found less often
-    when it moves alone than when all moves, and always when it is tracked; so says scene after scene."""
-    detector, found = Detector(STOP_SIGN), {moves: list[float]() for moves in MOVES.choices}
-    layer = _layer(_Sign(64.0, 64.0, (160.0, 160.0)))
-    box = charts.stop_sign_box(64.0, height_px=320, width_px=320, centre_px=(160.0, 160.0))
-    right, down = (48 / 0.01 * turn(math.radians(17)) for turn in (math.cos, math.sin))
-    for number in range(16):
-        behind = street(number)
-        apart = CutScene(Cut(behind, (layer,), np.zeros((320, 320), bool)))
-        whole = ExposedScene(at_rest(behind, [layer]))
-        for moves, confidences in found.items():
-            at = Exposure(CAMERA, 0.01, 400.0, (right, down), seed=number, moves=moves)
-            seen = next(iter((whole if moves == "all" else apart).frames([at]))).picture
-            confidences.append(target_confidence(detector.detect(seen), box, 0))
-    rates = {moves: np.mean(np.array(each) >= 0.25) for moves, each in found.items()}
-    means = {moves: np.mean(each) for moves, each in found.items()}
-    assert rates["targets"] < rates["all"] <= rates["background"] == 1.0
-    assert means["targets"] + 0.05 < means["all"] < means["background"] - 0.3
-
-
-def street(seed: int) -> torch.Tensor:
-    """Squares of 4 px, each of its own light and colour, (1, 3, 320, 320)."""
-    rng = np.random.default_rng(seed)
-    levels = rng.uniform(0, 1, (80, 80, 3)) * 0.3 + rng.uniform(0, 1, (80, 80, 1))
-    light = 0.03 + 0.8 * (levels / 1.3) ** 2
-    large = cv2.resize(light.astype(np.float32), (320, 320), interpolation=cv2.INTER_NEAREST)
-    return torch.from_numpy(large.transpose(2, 0, 1)[None].copy())
 
 
 @pytest.mark.slow

@@ -1,10 +1,10 @@
-"""Ray's actors: the rows of the threads, whatever dies. Two nodes of one core each, and one for the driver alone."""
+"""Ray's tasks: the rows of the threads, whatever dies. Two nodes of one core each, and one for the driver alone."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,10 +14,7 @@ import pytest
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import RayEngine, ThreadEngine
-from blurnoise_eval.sweep.flight import Answers, fly_once
-from blurnoise_eval.sweep.work import Work
 from plans import plan as swept
 from ray_clusters import MEMORY, ray_cluster, tried
 from small_sweeps import (
@@ -88,7 +85,7 @@ def after(cells: int, act: Callable[[], None]) -> Callable[[int], None]:
 
 
 @pytest.mark.usefixtures("nodes")
-def test_actors_give_what_threads_give(
+def test_tasks_give_what_threads_give(
     detector: Detector, pictures: PictureSet, tmp_path: Path, expected: list[Any]
 ) -> None:
     with limited(LONGEST_S):
@@ -100,7 +97,7 @@ def test_actors_give_what_threads_give(
 
 
 @pytest.mark.usefixtures("nodes")
-def test_an_actor_that_is_killed_is_replaced(
+def test_a_worker_that_is_killed_is_replaced(
     detector: Detector, pictures: PictureSet, tmp_path: Path, expected: list[Any]
 ) -> None:
     first, *others = pictures.pictures
@@ -115,7 +112,7 @@ def test_an_actor_that_is_killed_is_replaced(
 
 
 @pytest.mark.usefixtures("nodes")
-def test_a_picture_that_kills_its_actor_is_named_and_skipped(
+def test_a_picture_that_kills_its_worker_is_named_and_skipped(
     detector: Detector, pictures: PictureSet, tmp_path: Path
 ) -> None:
     plan = swept((0.01,), (50.0,))
@@ -141,7 +138,7 @@ def test_a_node_that_is_lost_costs_nothing(
     cluster: Any,
     nodes: list[Any],
 ) -> None:
-    """Lost while its actor reads a picture, whichever of the two that is."""
+    """Lost while its worker reads a picture, whichever of the two that is."""
     first, *others = pictures.pictures
     read, ended = tmp_path / "read", threading.Event()
     lasting = replace(first, load=partial(lasting_once, read, first.load))
@@ -165,14 +162,6 @@ def test_a_node_that_is_lost_costs_nothing(
     assert everything(tmp_path / "run") == expected
 
 
-class Impatient:
-    """Ray, and how long it waits for a worker while there is none, to be set meanwhile."""
-
-    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
-        self.crew = RayEngine(2).crew(work)
-        return fly_once(self.crew, blocks)
-
-
 def test_without_any_node_the_run_ends_and_its_store_is_whole(
     detector: Detector,
     pictures: PictureSet,
@@ -181,16 +170,16 @@ def test_without_any_node_the_run_ends_and_its_store_is_whole(
     cluster: Any,
     nodes: list[Any],
 ) -> None:
-    engine = Impatient()
+    engine = RayEngine(2)
 
     def remove_all() -> None:
         for node in nodes:
             cluster.remove_node(node, allow_graceful=False)
-        engine.crew.patience_s = 3.0
+        engine.patience_s = 3.0
 
     with (
         limited(LONGEST_S),
-        pytest.raises(ChildProcessError, match=r"engine = 'ray': no worker could be had for 3.0 s"),
+        pytest.raises(ChildProcessError, match=r"engine = 'ray': no worker was available for 3.0 s"),
     ):
         computed(tmp_path, [detector], pictures, engine, LONG, after(LEAST, remove_all))
     with Store(tmp_path) as store:

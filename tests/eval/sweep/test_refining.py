@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.evaluation import Evaluation, evaluate
 from blurnoise_eval.sweep.merging import merge
 from blurnoise_eval.sweep.refining import STOPS, Refinement
 from blurnoise_eval.sweep.work import Work
+from commands import main
 from signs_in_memory import CAMERA, matched_detector, picture, picture_set
 from stored_rows import clean_result, result
 

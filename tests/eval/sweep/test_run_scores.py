@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from blurnoise_eval import evaluate
+from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.scoring import per_condition, registry
+from blurnoise_eval.report.interactive import choices
+from blurnoise_eval.report.page import write_report
+from blurnoise_eval.report.tables import model_rows
+from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run_scores
 from plans import plan as swept
@@ -64,9 +66,13 @@ def test_scores_are_computed_once_for_each_question(tmp_path: Path, monkeypatch:
 
     asked: list[str | None] = [None, "ap", "ap50", "ap", None]
     assert [computed(by_size) > 0 for by_size in asked] == [True, True, True, False, False]
-    more = replace(registry.SCORES[0], name="made_up")
-    for module in (run_scores, registry, per_condition):
-        monkeypatch.setattr(module, "SCORES", (*registry.SCORES[:18], more))
+    made_up = table.Score("made_up", "Made up", of=lambda judged: 0.5, charted=True, of_models=table.BOTH)
+    monkeypatch.setattr(table, "SCORES", (*table.SCORES, made_up))
     assert computed(None) > 0
     with Store(run.folder, shared=True) as store:
         assert all("made_up" in row for row in run_scores.run_scores(store, ["small"], None).rows)
+    data = Evaluation(run.folder, progress=False).data
+    assert "made_up" in [score.name for score in choices(data)]
+    (shown,) = (row for row in model_rows(data) if row["name"] == "Made up, untouched")
+    assert shown["cells"][0]["text"] == "0.500"
+    assert "Made up" in write_report(data, tmp_path / "page").read_text()

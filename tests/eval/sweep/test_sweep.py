@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
@@ -185,13 +186,6 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
             np.testing.assert_array_equal(image[..., ::-1], sign())
 
 
-@pytest.mark.parametrize("threads", [2, 4])
-def test_rows_do_not_depend_on_threads(
-    detector: Detector, tmp_path: Path, uninterrupted: list[Any], threads: int
-) -> None:
-    assert rows_of(tmp_path, [detector], CAMERA, TWO, PLAN, engine=ThreadEngine(threads)) == uninterrupted
-
-
 def test_thread_settings_of_the_process_come_back(detector: Detector, tmp_path: Path) -> None:
     before = torch.get_num_threads(), cv2.getNumThreads()
     try:
@@ -278,7 +272,7 @@ def test_classes_that_the_model_does_not_know_count_for_nothing(detector: Detect
                     None,
                     None,
                 )
-        data = results.read_run(store, Criterion(0.6, kept=False))
+        data = read_run(store, Criterion(0.6, kept=False))
         assert [answer["group"] for answer in data.answers] == ["a stop sign"]
         unknown, without = data.manifest["warnings"]
         assert "3 pictures show about 1 scene " in data.manifest["repeated"]
@@ -322,7 +316,7 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     facts = {"command": "a command", "threads": 2}
     with Store(tmp_path, create=True) as store:
         with pytest.raises(StoreError, match="no sweep has begun"):
-            results.read_run(store, Criterion(0.6, kept=False))
+            read_run(store, Criterion(0.6, kept=False))
         results.open_run(store, [detector], CAMERA, TWO, PLAN, facts)
         results.open_run(store, [detector], CAMERA, TWO, PLAN, {**facts, "threads": 1})  # threads may differ
         sweep.run([detector], CAMERA, TWO, PLAN, store)
@@ -346,7 +340,7 @@ def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> No
     with Store(tmp_path, create=True) as store:
         results.open_run(store, [detector], CAMERA, pictures, plan, {"command": "c", "threads": 1})
         sweep.run([detector], CAMERA, pictures, plan, store)
-        data = results.read_run(store, Criterion(0.6, kept=False))
+        data = read_run(store, Criterion(0.6, kept=False))
     assert len(data.answers) == 4
     assert all(answer["n_targets"] == 3 for answer in data.answers)
     assert data.manifest["threshold"] == 0.6

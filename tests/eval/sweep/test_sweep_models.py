@@ -12,19 +12,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
-from blurnoise_eval.grid.conditions import Cell, SweepPlan
-from blurnoise_eval.scoring.criterion import Criterion
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.report.run import read_run
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
-from blurnoise_eval.sweep.blocks import Block, blocks, count_cells
+from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
-from blurnoise_eval.sweep.work import Work
 from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 from plans import plan as swept
@@ -116,7 +116,7 @@ def run(folder: Path, models: list[Any], shown: PictureSet = LABELLED, plan: Swe
     with Store(folder, create=True) as store:
         results.open_run(store, models, CAMERA, shown, plan, {"command": "c", "threads": 1})
         sweep.run(models, CAMERA, shown, plan, store)
-        return results.read_run(store, Criterion(0.6, kept=False)), list(store.cells())
+        return read_run(store, Criterion(0.6, kept=False)), list(store.cells())
 
 
 def test_models_of_one_sweep_are_as_each_alone(first: Detector, second: Detector, tmp_path: Path) -> None:
@@ -132,21 +132,6 @@ def test_models_of_one_sweep_are_as_each_alone(first: Detector, second: Detector
     assert [row["model"] for row in both.models] == ["first", "second"]
     assert both.models[0]["p"] != both.models[1]["p"]
     assert both.manifest["n_cells"] == len(cells) / 2 == count_cells(LABELLED, PLAN)
-
-
-def test_a_cell_is_all_that_a_worker_needs(first: Detector, tmp_path: Path) -> None:
-    """A descriptor that went through JSON, computed alone, gives the row of the run."""
-    _, cells = run(tmp_path, [first])
-    row = next(cell for cell in cells if cell["image"] == "p1.png" and cell["blur_px"])
-    (cell,) = (
-        each for block in blocks(LABELLED, PLAN) for each in block.cells if each.cell_id == row["cell_id"]
-    )
-    sent = Cell.from_dict(json.loads(json.dumps(cell.to_dict())))
-    assert sent == cell
-    worker = Work((first,), CAMERA).open(pictures_held=1)
-    (alone,) = worker.compute(Block(LABELLED.pictures[1], (sent,)))
-    assert alone.cell["target_confidence"] == row["target_confidence"]
-    assert alone.cell["n_detections"] == row["n_detections"]
 
 
 def test_a_model_that_throws_on_a_picture_is_noted_and_the_others_go_on(
@@ -177,12 +162,6 @@ def test_a_model_that_does_nothing_but_fail_ends_the_sweep(
 def test_names_must_differ(first: Detector, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="names must differ"):
         run(tmp_path, [first, first])
-
-
-def test_another_model_is_another_run(first: Detector, second: Detector, tmp_path: Path) -> None:
-    run(tmp_path, [first])
-    with pytest.raises(StoreError, match="another model"):
-        run(tmp_path, [first, second])
 
 
 def test_a_reader_is_judged_by_its_text(tmp_path: Path) -> None:
@@ -269,18 +248,6 @@ def test_p_mpc_and_rpc(first: Detector, tmp_path: Path) -> None:
     assert model["mpc"] == pytest.approx(np.mean(exposed))
     assert model["rpc"] == pytest.approx(model["mpc"] / model["p"])
     assert 0 < model["auc_blur"] < 1
-
-
-def test_latency_is_that_of_the_whole_answer(first: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    detect = first.detect
-    monkeypatch.setattr(first, "detect", lambda image: seen.append(image.shape) or detect(image))
-    measured = latency.measure(first, LABELLED)
-    assert (measured["threads"], measured["pictures"]) == (1, 3)
-    assert measured["runs"] == len(seen) - 3 >= 10
-    assert 0 < measured["median_ms"] <= measured["p95_ms"]
-    unreadable = replace(LABELLED, pictures=())
-    assert latency.measure(first, unreadable) == {}
 
 
 class Clocks:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval import cli
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.criterion import Criterion
+from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder
@@ -53,7 +54,7 @@ def rows_of(detector: Detector, folder: Path) -> tuple[list[dict[str, Any]], lis
         facts = {"command": "c", "threads": 1}
         run_folder.open_run(store, [detector], CAMERA, PICTURES, plan, facts)
         sweep.run([detector], CAMERA, PICTURES, plan, store)
-        data = run_folder.read_run(store, Criterion(0.6, kept=False))
+        data = read_run(store, Criterion(0.6, kept=False))
         targets = [row for row in store.targets() if not row["clean"]]
     return targets, [row for row in data.scores if not row["clean"]]
 

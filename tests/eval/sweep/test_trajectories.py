@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval import cli, evaluate
+from blurnoise_eval import evaluate
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -165,9 +166,9 @@ def test_the_plane_does_not_hold_along_one() -> None:
 def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shared: list[Any] = ["--model", detector.path, "--limit", 2, "--trajectory", "shake:6", "--lux", 50]
     sweep = ["sweep", *shared, "--exposure-ms", "2,10", "--dx", 0, "-o", tmp_path / "sweep"]
-    assert cli.main([str(each) for each in sweep]) == 0
+    assert commands.main([str(each) for each in sweep]) == 0
     decide = ["decide", *shared, "--exposure-ms", "2:4", "--dx", 0, "-o", tmp_path / "decide"]
-    assert cli.main([str(each) for each in decide]) == 0
+    assert commands.main([str(each) for each in decide]) == 0
     assert "along shake:6 another exposure sees another part of the path" in " ".join(
         capsys.readouterr().out.split()
     )

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli import main
 from blurnoise_eval.cli.report import _found_text
 from blurnoise_eval.datasets import rendered_signs, write_picture
-from blurnoise_eval.sweep.run_surfaces import LEAST_AP50, models_withheld
+from blurnoise_eval.sweep.run_scores import LEAST_AP50, models_withheld
 from blurnoise_models import matched_filter
+from commands import main
 
 Output = pytest.CaptureFixture[str]
 

@@ -14,16 +14,18 @@ import termios
 import warnings
 
 import pytest
-from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import (
     accept_all_text,
+    paragraph,
     plain,
     plain_warnings,
     say,
     say_json,
     shortened,
     show,
+    table_lines,
 )
+from rich.cells import cell_len
 from rich.table import Table
 
 MARKUP = (
@@ -103,14 +105,7 @@ def test_a_terminal_says_how_wide_it_is(columns: int) -> None:
     os.close(seen)
     assert max(map(len, lines)) <= columns
     assert any("x" * 20 in line and "y" * 20 in line for line in lines) == (columns == 200)
-    assert all(any(letter * 20 in line for line in lines) for letter in "xy")
-
-
-def test_bars_show_their_label_as_it_stands(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
-    with ProgressBar("[/] and [red]", 2) as advance:
-        advance(2)
-    assert "[/] and [red]" in capsys.readouterr().err
+    assert ["".join(lines).count(letter) for letter in "xy"] == [20, 20], "nothing is left out"
 
 
 def test_json_is_ascii_and_has_no_nan(capsys: Output) -> None:
@@ -146,3 +141,28 @@ def test_long_text_keeps_begin_and_end() -> None:
     cut = shortened("begin" + "x" * 10**6 + "end")
     assert len(cut) == 1005
     assert (cut[:5], cut[-3:]) == ("begin", "end")
+
+
+@pytest.mark.parametrize("columns", [24, 40, 80, None])
+def test_tables_fit_and_lose_nothing(columns: int | None) -> None:
+    heads = ["model", "P", "AUC\nexposure", "how"]
+    rows = [["止標識" * 5, "0.5", "12.5 (9.1–20.0)", "left out " * 9], ["b" * 30, "10", "≥ 5 px/s", ""]]
+    lines = table_lines(heads, rows, [False, True, True, False], columns)
+    assert max(map(cell_len, lines)) <= (columns or 200)
+    found, given = (
+        sorted("".join("".join(each).split()).replace("-", ""))
+        for each in (lines, [*heads, *rows[0], *rows[1]])
+    )
+    assert found == given
+    assert columns or len(lines) == 2 + 1 + 2, "a row is a line where there is no terminal"
+
+
+@pytest.mark.parametrize("columns", [None, 40])
+def test_paragraphs_keep_words_and_the_spaces_between(columns: int | None) -> None:
+    text = f"Which gain?      46 dB at 0.5 lux, 14 dB at 50 lux, of a/{'long/' * 30}path"
+    lines = paragraph(text, columns, 2, 6)
+    assert lines[0].startswith("  Which gain?      46")
+    assert all(line.startswith(" " * 6) for line in lines[1:])
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    assert any("long/" * 30 in line for line in lines) == (columns is None), "not broken, to be copied"
+    assert columns is None or max(map(len, lines)) <= columns

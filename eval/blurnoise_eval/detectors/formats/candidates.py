@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper
 
-FloatArray = NDArray[np.float32]
+from blurnoise_eval.detectors.records import FloatArray, all_finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +54,6 @@ class Candidates:
         box, column = np.nonzero(enough)
         own = column if class_ids is None else class_ids[column]
         return Candidates(self.boxes_xyxy[box], scores[box, column], own, leads=own == self.class_ids[box])
-
-
-def all_finite(values: FloatArray) -> bool:
-    """Whether none is NaN or infinite: one pass without a temporary.
-
-    The sum is finite where all values are, since OpenCV adds float32 up as double, which cannot overflow.
-    """
-    return values.size == 0 or math.isfinite(cv2.sumElems(values.reshape(1, -1))[0])
 
 
 def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -141,8 +131,8 @@ def suppress(
     """Greedy non-maximum suppression within each class: at most ``max_detections``, highest score first.
 
     A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``.
-    ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own NonMaxSuppression, or the same
-    compiled, on the strongest first: weaker ones cannot change what these leave.
+    ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own NonMaxSuppression on the
+    strongest first: weaker ones cannot change what these leave.
     """
     if len(candidates) <= 1:
         return candidates

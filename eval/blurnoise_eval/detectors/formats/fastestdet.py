@@ -5,30 +5,30 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from blurnoise_eval.detectors.class_names import COCO80
+from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, from_centres
+from blurnoise_eval.detectors.formats.family import Family
 from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.records import FloatArray
 
-NAME = "fastestdet"
-UNKNOWN = ""
-SEVERAL_CLASSES = False  # handle_preds: argmax over the classes
-STRIDE = 16
+_STRIDE = 16
 
 
-def describe(signature: Signature) -> Layout | None:
+def _describe(signature: Signature) -> Layout | None:
     """[batch, 5 + nc, ceil(H/16), ceil(W/16)]."""
     output = signature.outputs[0]
     if signature.size_px is None or len(signature.outputs) != 1 or len(output.shape) != 4:
         return None
     channels = output.shape[1]
-    grid = tuple(-(-size // STRIDE) for size in signature.size_px)
+    grid = tuple(-(-size // _STRIDE) for size in signature.size_px)
     if output.shape[2:] != grid or not isinstance(channels, int) or channels < 6:
         return None
     return Layout.of(output, f"the cells of stride 16; 5 + {channels - 5} channels", channels - 5)
 
 
-def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float) -> Candidates:
+def _decode(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
     """Score = objectness^0.6 · class^0.4; centre = (tanh(offset) + cell) / grid, size = sigmoid(offset).
 
     Both are shares of the input. Source: the reference code's ``handle_preds``.
@@ -51,3 +51,11 @@ def decode(outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min
     each = np.maximum(rows[:, 5:], 0) ** 0.4
     each *= rows[:, :1] ** 0.6
     return from_centres(boxes, scores[strong], class_ids[strong], each)
+
+
+# Its handle_preds: argmax over the classes.
+FASTESTDET = Family(
+    Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
+    _describe,
+    _decode,
+)

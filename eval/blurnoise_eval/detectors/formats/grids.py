@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.records import FloatArray
 
 STRIDES = (8, 16, 32)
 STRIDES_64 = (8, 16, 32, 64)

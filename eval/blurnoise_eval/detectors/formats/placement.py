@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import Contract
-from blurnoise_eval.detectors.formats.candidates import FloatArray
+from blurnoise_eval.detectors.records import FloatArray
 
 Blob = NDArray[Any]  # float32, or uint8 for the graphs that take bytes
 
@@ -38,6 +38,16 @@ class Placement:
         return boxes
 
 
+def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:
+    """Return (height, width). Raises ``TypeError`` or ``ValueError`` for anything but RGB (H, W, 3), uint8."""
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
+        kind = getattr(image, "dtype", type(image).__name__)
+        raise TypeError(f"image: must be a numpy array of uint8, shape (H, W, 3), got {kind}")
+    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise ValueError(f"image: shape must be (H, W, 3), none of them 0, got {image.shape}")
+    return image.shape[0], image.shape[1]
+
+
 def blob_shape(axes: str, size_px: tuple[int, int]) -> tuple[int, ...]:
     """The shape of an input "nchw", "nhwc" or "chw" of (height, width) px that holds one picture."""
     if axes == "chw":
@@ -62,12 +72,7 @@ def lay_in(
     Resizing is bilinear, as the families' own code does it. Raises ``TypeError`` for anything but uint8,
     ``ValueError`` for a wrong shape.
     """
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
-        kind = getattr(image, "dtype", type(image).__name__)
-        raise TypeError(f"image: must be a numpy array of uint8, shape (H, W, 3), got {kind}")
-    if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise ValueError(f"image: shape must be (H, W, 3), none of them 0, got {image.shape}")
-    height, width = image.shape[:2]
+    height, width = picture_size(image)
     size_px = (height, width) if contract.resize == "none" else size_px
     if contract.resize.startswith("letterbox"):
         scale = min(size_px[0] / height, size_px[1] / width)

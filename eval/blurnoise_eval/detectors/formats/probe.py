@@ -12,6 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+TOLD_APART = {"yolox", "yolov6"}
+"""The families that it tells apart."""
 RAW_SIZE_LIMIT = 16.0
 """YOLOX's raw sizes are logarithms of strides, rarely above 4; boxes in px reach this in the 99th percentile."""
 
@@ -33,10 +35,8 @@ def picture(side_px: int = 416) -> NDArray[np.uint8]:
     return np.asarray(scene.round(), np.uint8)
 
 
-def told_apart(names: set[str], outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | None:
-    """Which of the families ``names`` answered with ``outputs``, and what shows it; None where nothing does."""
-    if names != {"yolox", "yolov6"}:
-        return None
+def told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | None:
+    """Which family of ``TOLD_APART`` answered with ``outputs``, and what shows it; None where nothing does."""
     rows = outputs[0][0].astype(np.float32)
     if (rows[:, 4] == 1).all():
         return "yolov6", "on a drawn picture the objectness is 1 everywhere"

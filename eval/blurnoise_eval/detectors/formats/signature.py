@@ -1,55 +1,21 @@
-"""Signature of a graph, what it shows of itself, and what every output family answers about it."""
+"""Signature of a graph: what it shows of itself; where shapes are dynamic, measured on a grey picture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.contract import EXAMPLE, ModelError
-from blurnoise_eval.detectors.formats.candidates import Candidates, FloatArray
+from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.formats.placement import blob_shape
+from blurnoise_eval.detectors.model import OnnxModel, Shape, TensorInfo
+from blurnoise_eval.detectors.records import FloatArray
 
-Shape = tuple[int | str | None, ...]
-
-DTYPES = {
-    "tensor(float)": np.float32,
-    "tensor(float16)": np.float16,
-    "tensor(double)": np.float64,
-    "tensor(uint8)": np.uint8,
-}
-"""The types that a picture's input may have."""
 SIZES = "orig_target_sizes"
 """The input by which RT-DETR, D-FINE and DEIM ask for the pictures' width and height."""
-
-
-@dataclass(frozen=True)
-class TensorInfo:
-    """One input or output: name, shape (a name or None where it is dynamic) and onnxruntime's type."""
-
-    name: str
-    shape: Shape
-    type: str
-
-    def __str__(self) -> str:
-        return f"{self.name!r} {list(self.shape)} {self.type}"
-
-    @property
-    def axes(self) -> str | None:
-        """ "nchw", "nhwc" or "chw" of an input that takes a picture of three channels; None of another.
-
-        Where no axis says 3, a dynamic one may be the channels', which then come before height and width.
-        """
-        if self.type not in DTYPES or len(self.shape) not in (3, 4):
-            return None
-        channels = self.shape[-3]
-        if channels == 3:
-            return "nchw" if len(self.shape) == 4 else "chw"
-        if len(self.shape) == 4 and self.shape[3] == 3:
-            return "nhwc"
-        return None if isinstance(channels, int) else "nchw" if len(self.shape) == 4 else "chw"
 
 
 @dataclass(frozen=True)
@@ -95,7 +61,9 @@ class Signature:
             f"  output {entry}" for entry in self.outputs
         ]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
-        lines.append(f"  to state what it is, write <model>.contract.json beside it, for example {EXAMPLE}")
+        lines.append(
+            f"  to state what it is, write <model>.contract.json beside it, for example {Contract.EXAMPLE}"
+        )
         return "\n".join(lines)
 
 
@@ -124,39 +92,6 @@ class Layout:
         return cls(names, classes, f"outputs {shapes}")
 
 
-class Family(Protocol):
-    """One output layout. Its module is the implementation."""
-
-    NAME: str
-    UNKNOWN: str  # what neither the graph nor a preset tells; empty if nothing
-    SEVERAL_CLASSES: (
-        bool  # whether the family's own evaluator counts a box with every class that reaches its threshold
-    )
-
-    def describe(self, signature: Signature) -> Layout | None:
-        """Return how this family reads the graph's outputs; None if they do not have its layout."""
-
-    def decode(
-        self, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int], min_score: float
-    ) -> Candidates:
-        """Return the candidates that reach ``min_score``, boxes in px of the network's input.
-
-        outputs: those of the layout, in its order. ``size_px``: the input's (height, width).
-        """
-
-
-MOST_INPUT_PIXELS = 1 << 28
-"""Of what a network takes at once, all pictures of its batch: 3 GiB of numbers."""
-
-
-def check_input(name: str, batch: int, height: int, width: int) -> None:
-    """Raise :class:`ModelError` for an input of more than ``MOST_INPUT_PIXELS``."""
-    if batch * height * width > MOST_INPUT_PIXELS:
-        raise ModelError(
-            f"{name}: takes {batch} picture(s) of {height} x {width} px; must be at most {MOST_INPUT_PIXELS} px"
-        )
-
-
 def extra_feeds(
     inputs: Sequence[TensorInfo], size_px: tuple[int, int], batch: int
 ) -> dict[str, NDArray[np.generic]] | None:
@@ -181,9 +116,34 @@ def extra_feeds(
 
 _EXTRA_TYPES = {"tensor(int64)": np.int64, "tensor(int32)": np.int32, "tensor(float)": np.float32}
 
-BAKED = "the score threshold and the overlap that are baked into the graph: weaker answers never leave it"
-"""What families that suppress double answers themselves leave unsaid."""
-BACKGROUND_FIRST = (
-    f"{BAKED}; whether 'classes' begins with a name for 0, which its numbers keep for the background"
-)
-"""The same of those that count classes from 1."""
+
+def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
+    """Return the graph's signature.
+
+    ``size_px``: the picture's (height, width) where the graph leaves it open. Raises :class:`ModelError` for
+    a graph that leaves it open and fails at that size, or takes more than memory holds.
+    """
+    inputs, outputs = model.inputs, model.outputs
+    if model.axes is None:
+        return Signature(inputs, outputs, model.metadata, None)
+    known = inputs[0].size_px
+    height, width = (
+        side if isinstance(side, int) else usual for side, usual in zip(known, size_px, strict=True)
+    )
+    model.check_size((height, width))
+    extras = extra_feeds(inputs[1:], (height, width), model.batch)
+    if extras is None:
+        return Signature(inputs, outputs, model.metadata, None)
+    grey = np.full(blob_shape(model.axes, (height, width)), 0.5, np.float32)
+    answer = partial(model.run, extras=extras)
+    fixed = known == (height, width)
+    if not fixed or not all(o.shape and all(isinstance(n, int) for n in o.shape[1:]) for o in outputs):
+        try:
+            measured: list[Shape] = [value.shape for value in answer(grey)]
+        except ModelError as error:
+            raise ModelError(
+                f"the graph claims a dynamic size but fails on a picture of {height} x {width} px; "
+                f"state input_size_px in its contract ({' '.join(str(error).split())[:200]})"
+            ) from None
+        outputs = tuple(TensorInfo(o.name, s, o.type) for o, s in zip(outputs, measured, strict=True))
+    return Signature(inputs, outputs, model.metadata, (height, width), answer)

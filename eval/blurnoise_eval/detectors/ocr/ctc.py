@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurnoise_eval.detectors.formats.candidates import FloatArray
+from blurnoise_eval.detectors.records import FloatArray
 
 
 @dataclass(frozen=True)

@@ -12,76 +12,72 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import onnx
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.detectors.contract import ModelError, contract_file, metadata_mapping, read_mapping
-from blurnoise_eval.detectors.formats.candidates import FloatArray
-from blurnoise_eval.detectors.formats.placement import lay_in
-from blurnoise_eval.detectors.model_files import fetched, fetched_file
-from blurnoise_eval.detectors.ocr.contract import (
-    Given,
-    TextContract,
-    stated_contract,
-)
+from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.contract_files import Given, metadata_mapping, stated_contract
+from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, PictureModel
+from blurnoise_eval.detectors.model_files import contract_file, fetched_file, read_mapping
+from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS, TextContract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
-from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
-from blurnoise_eval.detectors.session import TIMEOUT_S
+from blurnoise_eval.detectors.ocr.network import answer, boxes_array, check_form, fixed_size_px
+from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.files import check_regular
-from blurnoise_eval.system.storage import Location, is_url
+from blurnoise_eval.system.urls import Location
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 
 
-class Recogniser:
+class Recogniser(PictureModel):
     """An ONNX text recogniser with its contract. One instance serves any number of threads.
 
     It pickles as what opened it: in another process the file is opened again.
 
-    ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model
-    and into its metadata, then assumes PP-OCR's (see ``assumptions``). ``dictionary``: a file with a character
-    a line; None takes the contract's, else the metadata's. ``threads``: cores that one inference may use.
-    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
-    recogniser, a contract that does not fit it, or a dictionary of another length than its classes, ``TimeoutError``.
+    ``path``: a file, here or at a URL, or a model that is open. ``contract``: a :class:`TextContract`, a mapping, a
+    contract file or "ppocr"; None looks beside the model and into its metadata, then assumes PP-OCR's (see
+    ``assumptions``). ``dictionary``: a file with a character a line; None takes the contract's, else the metadata's.
+    ``threads``: cores that one inference may use. ``timeout_s``: how long loading and the first answer may take.
+    Raises :class:`ModelError` for a file that is no recogniser, a contract that does not fit it, or a dictionary of
+    another length than its classes, ``TimeoutError``.
 
     Attributes: ``name`` (file name without suffix), ``path``, ``contract``, ``sha256`` of the file; where the
     dictionary is a file, of both.
     """
 
+    contract: TextContract
+
     def __init__(
         self,
-        path: str | Location,
+        path: str | Location | OnnxModel,
         *,
         contract: TextContract | Given | None = None,
         dictionary: Location | None = None,
         threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        self._opened_again = partial(
-            Recogniser, path, contract=contract, dictionary=dictionary, threads=threads, timeout_s=timeout_s
-        )
-        self.path = fetched(path)
-        contract = fetched_file(contract) if isinstance(contract, str) and is_url(contract) else contract
-        dictionary = None if dictionary is None else fetched_file(dictionary)
-        self.name = self.path.stem
-        self._network = Network(self.path, threads, timeout_s)
-        self.contract = _sized(self._network, contract)
-        self.sha256 = self._network.sha256
-        if dictionary is not None:
+        model = path if isinstance(path, OnnxModel) else OnnxModel(path, threads, timeout_s)
+        stated: Any = {"contract": contract, "dictionary": dictionary}
+        further: Any = {"threads": model.threads, "timeout_s": model.timeout_s}
+        super().__init__(model, partial(Recogniser, model.source, **stated, **further))
+        check_form(model)
+        self.contract = _sized(model, contract)
+        file = None if dictionary is None else fetched_file(dictionary)
+        if file is not None:
             sources = {**self.contract.sources, "dictionary": "given"}
-            self.contract = replace(self.contract, dictionary=Path(dictionary).name, sources=sources)
+            self.contract = replace(self.contract, dictionary=file.name, sources=sources)
         elif self.contract.dictionary is not None:
-            folder = (contract_file(self.path, contract) or self.path).parent
-            dictionary = folder / self.contract.dictionary
-        elif DICTIONARY_KEY in self._network.metadata:
+            given = contract if isinstance(contract, (str, Path)) else None
+            file = (contract_file(self.path, given) or self.path).parent / self.contract.dictionary
+        elif DICTIONARY_KEY in model.metadata:
             sources = {**self.contract.sources, "dictionary": f"metadata {DICTIONARY_KEY}"}
             self.contract = replace(self.contract, sources=sources)
-        if dictionary is not None:
-            lines = _read_dictionary(dictionary)
+        if file is not None:
+            lines = _read_dictionary(file)
             both = self.sha256 + hashlib.sha256(lines.encode()).hexdigest()
             self.sha256 = hashlib.sha256(both.encode()).hexdigest()
-        elif DICTIONARY_KEY in self._network.metadata:
-            lines = self._network.metadata[DICTIONARY_KEY]
+        elif DICTIONARY_KEY in model.metadata:
+            lines = model.metadata[DICTIONARY_KEY]
         else:
             raise ModelError(
                 f"{self.path.name}: nothing says which characters its classes are: "
@@ -90,28 +86,6 @@ class Recogniser:
         self._characters = characters(lines)
         self._look_at_answer()
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return self._opened_again, (), {"name": self.name}
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field of the contract that nothing stated."""
-        return self.contract.assumptions
-
-    @property
-    def non_finite_values(self) -> int:
-        """NaN and infinite output values seen so far."""
-        return self._network.non_finite.total
-
-    @property
-    def non_finite_values_here(self) -> int:
-        """Those of the calling thread."""
-        return self._network.non_finite.here
-
-    def interrupt(self) -> None:
-        """End the inferences that run, in other threads; the next ones run as before."""
-        self._network.interrupt()
-
     def prepare(self, crop: NDArray[np.uint8]) -> FloatArray:
         """Return the network's input (1, 3, H, W), float32, for an RGB crop (h, w, 3).
 
@@ -119,7 +93,9 @@ class Recogniser:
         """
         contract = self.contract
         height, natural = contract.height_px, math.ceil(contract.height_px * crop.shape[1] / crop.shape[0])
-        width = self._network.width_px or min(max(contract.min_width_px, natural), contract.max_width_px)
+        width = fixed_size_px(self._model)[1] or min(
+            max(contract.min_width_px, natural), contract.max_width_px
+        )
         filled = min(natural, width)
         blob = np.zeros((1, 3, height, width), np.float32)
         lay_in(crop, contract.stretched(), (height, filled), blob[..., :filled])
@@ -130,7 +106,7 @@ class Recogniser:
 
         An answer with NaN or infinite values is no text; they are counted in ``non_finite_values``.
         """
-        rows = self._network.run(self.prepare(crop))
+        rows = self._answer(crop)
         if not np.isfinite(rows).all():
             return NOTHING
         return decode(softmax(rows) if self.contract.output == "logits" else rows, self._characters)
@@ -158,9 +134,15 @@ class Recogniser:
             readings.append(self.read_crop(image[top:bottom, left:right]))
         return readings
 
+    def _answer(self, crop: NDArray[np.uint8]) -> FloatArray:
+        """Values (steps, classes)."""
+        rows = answer(self._model, self.prepare(crop))
+        self._non_finite.count([rows])
+        return rows
+
     def _look_at_answer(self) -> None:
         """Check classes against dictionary, and see what the values are, on a grey crop."""
-        rows = self._network.run(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
+        rows = self._answer(np.full((48, 48, 3), 128, np.uint8))
         if rows.ndim != 2 or rows.shape[1] != len(self._characters):
             raise ModelError(
                 f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
@@ -184,49 +166,39 @@ class Recogniser:
         self.contract = replace(self.contract, output=seen, sources=sources)
 
 
-def is_recogniser(path: str | Path) -> bool:
-    """Whether the file is a recogniser by its graph and what lies beside it, without running it.
+def is_recogniser(model: OnnxModel) -> bool:
+    """Whether the model is a recogniser by its graph and what lies beside it, without running it.
 
     It takes one picture [N, 3, height, width], gives one answer [N, T, C], and either its metadata holds a
     dictionary under ``character`` or a contract, in a file beside it or its metadata, is of family "ppocr".
     """
-    path = Path(path)
-    try:
-        check_regular(path)
-        model = onnx.load(path, load_external_data=False)
-    except Exception:  # protobuf's DecodeError, without importing protobuf
+    if [len(entry.shape) for entry in model.inputs] != [4] or model.inputs[0].shape[1] != 3:
         return False
-    weights = {tensor.name for tensor in model.graph.initializer}
-    inputs = [entry.type.tensor_type.shape.dim for entry in model.graph.input if entry.name not in weights]
-    outputs = [entry.type.tensor_type.shape.dim for entry in model.graph.output]
-    if [len(dims) for dims in inputs] != [4] or inputs[0][1].dim_value != 3:
+    if [len(entry.shape) for entry in model.outputs] != [3]:
         return False
-    if [len(dims) for dims in outputs] != [3]:
-        return False
-    metadata = {entry.key: entry.value for entry in model.metadata_props}
-    if (beside := contract_file(path)) is None and DICTIONARY_KEY in metadata:
+    if (beside := contract_file(model.path)) is None and DICTIONARY_KEY in model.metadata:
         return True
     with suppress(ModelError):
-        stated = read_mapping(beside) if beside else metadata_mapping(metadata)
-        return isinstance(stated, dict) and stated.get("family") == TextContract.FAMILY
+        stated = read_mapping(beside) if beside else metadata_mapping(model.metadata)
+        return isinstance(stated, dict) and stated.get("family") in TEXT_PRESETS
     return False
 
 
-def _sized(network: Network, given: TextContract | Given | None) -> TextContract:
+def _sized(model: OnnxModel, given: TextContract | Given | None) -> TextContract:
     """Return the contract, PP-OCR's where nobody states one, with the graph's height where that is fixed."""
-    contract = stated_contract(TextContract, network.path, network.metadata, given)
+    contract = stated_contract(TEXT_PRESETS, model.path, model.metadata, given)
     if contract is None:
-        why = f"assumed: preset {TextContract.FAMILY}"
-        if DICTIONARY_KEY in network.metadata:
+        why = "assumed: preset ppocr"
+        if DICTIONARY_KEY in model.metadata:
             why += f", which metadata {DICTIONARY_KEY} suggests"
         contract = TextContract(sources=dict.fromkeys(TextContract.names(), why))
-    height = network.height_px
+    height, _ = fixed_size_px(model)
     if height is None:
         return contract
     source = contract.sources["height_px"]
     if contract.height_px != height and not source.startswith(("assumed", "preset")):
         raise ModelError(
-            f"{network.path.name}: height_px = {contract.height_px} ({source}), but the graph takes only {height}"
+            f"{model.path.name}: height_px = {contract.height_px} ({source}), but the graph takes only {height}"
         )
     return replace(contract, height_px=height, sources={**contract.sources, "height_px": "graph"})
 

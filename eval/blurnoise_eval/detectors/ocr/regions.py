@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.formats.candidates import FloatArray
 from blurnoise_eval.detectors.ocr.contract import RegionContract
+from blurnoise_eval.detectors.records import FloatArray
 
 _LEAST_SIDE_PX = 3  # of the map
 _MOST_REGIONS = 1000

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.formats.candidates import FloatArray
-from blurnoise_eval.detectors.formats.placement import lay_in
-from blurnoise_eval.detectors.model_files import fetched
-from blurnoise_eval.detectors.ocr.contract import Given, RegionContract, TextContract, stated_contract
+from blurnoise_eval.detectors.contract_files import Given, stated_contract
+from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, PictureModel
+from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, TextContract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
-from blurnoise_eval.detectors.ocr.network import Network, boxes_array, picture_size
+from blurnoise_eval.detectors.ocr.network import answer, boxes_array, check_form, fixed_size_px
 from blurnoise_eval.detectors.ocr.recogniser import Recogniser
 from blurnoise_eval.detectors.ocr.regions import Region, find_regions, straighten
-from blurnoise_eval.detectors.session import TIMEOUT_S
-from blurnoise_eval.system.storage import Location
+from blurnoise_eval.detectors.records import FloatArray
+from blurnoise_eval.system.urls import Location
 
 _STRIDE_PX = 32  # the network halves the picture five times
 
@@ -67,7 +67,7 @@ class SpottingContract:
         return {**values, "sources": sources}
 
 
-class TextSpotter:
+class TextSpotter(PictureModel):
     """An ONNX text detector (DB) before a recogniser. One instance serves any number of threads.
 
     It pickles as what opened it: in another process both files are opened again.
@@ -80,6 +80,8 @@ class TextSpotter:
     Attributes: ``name`` and ``sha256`` of both, ``path`` of the detector, ``recogniser``, ``contract``.
     """
 
+    contract: SpottingContract
+
     def __init__(
         self,
         detection_path: str | Location,
@@ -89,43 +91,35 @@ class TextSpotter:
         threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        self._opened_again = partial(
-            TextSpotter, detection_path, recogniser, contract=contract, threads=threads, timeout_s=timeout_s
-        )
-        self._network = Network(fetched(detection_path), threads, timeout_s)
+        model = OnnxModel(detection_path, threads, timeout_s)
+        further: Any = {"contract": contract, "threads": threads, "timeout_s": timeout_s}
+        super().__init__(model, partial(TextSpotter, model.source, recogniser, **further))
+        check_form(model)
         self.recogniser = recogniser
-        self.path = self._network.path
         self.name = f"{self.path.stem}+{recogniser.name}"
-        self.sha256 = hashlib.sha256((self._network.sha256 + recogniser.sha256).encode()).hexdigest()
-        regions = stated_contract(RegionContract, self._network.path, self._network.metadata, contract)
+        self.sha256 = hashlib.sha256((model.sha256 + recogniser.sha256).encode()).hexdigest()
+        regions = stated_contract(REGION_PRESETS, model.path, model.metadata, contract)
         if regions is None:
-            assumed = dict.fromkeys(RegionContract.names(), f"assumed: preset {RegionContract.FAMILY}")
+            assumed = dict.fromkeys(RegionContract.names(), "assumed: preset db")
             regions = RegionContract(sources=assumed)
         self.contract = SpottingContract(regions, recogniser.contract)
-        size = self._network.height_px or _STRIDE_PX, self._network.width_px or _STRIDE_PX
-        self._probabilities(np.zeros((1, 3, *size), np.float32))  # a graph of another form fails here
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return self._opened_again, (), {"name": self.name}
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field of the contracts that nothing stated."""
-        return self.contract.assumptions
+        height, width = fixed_size_px(model)
+        # A graph of another form fails here.
+        self._probabilities(np.zeros((1, 3, height or _STRIDE_PX, width or _STRIDE_PX), np.float32))
 
     @property
     def non_finite_values(self) -> int:
         """NaN and infinite output values of both networks seen so far."""
-        return self._network.non_finite.total + self.recogniser.non_finite_values
+        return self._non_finite.total + self.recogniser.non_finite_values
 
     @property
     def non_finite_values_here(self) -> int:
         """Those of the calling thread."""
-        return self._network.non_finite.here + self.recogniser.non_finite_values_here
+        return self._non_finite.here + self.recogniser.non_finite_values_here
 
     def interrupt(self) -> None:
         """End the inferences that run, in other threads; the next ones run as before."""
-        self._network.interrupt()
+        super().interrupt()
         self.recogniser.interrupt()
 
     def spot(self, image: NDArray[np.uint8]) -> list[Spotted]:
@@ -162,7 +156,8 @@ class TextSpotter:
         height, width = (
             max(_STRIDE_PX, round(side * scale / _STRIDE_PX) * _STRIDE_PX) for side in (height_px, width_px)
         )
-        return self._network.height_px or height, self._network.width_px or width
+        fixed_height, fixed_width = fixed_size_px(self._model)
+        return fixed_height or height, fixed_width or width
 
     def _regions(self, image: NDArray[np.uint8]) -> list[Region]:
         """Regions in px of the picture, best first."""
@@ -175,20 +170,21 @@ class TextSpotter:
 
     def _probabilities(self, blob: FloatArray) -> FloatArray:
         """The network's map (h, w) for its input (1, 3, H, W); values that are not finite are no text."""
-        answer = self._network.run(blob)
-        if answer.ndim != 3 or len(answer) != 1:
+        found = answer(self._model, blob)
+        self._non_finite.count([found])
+        if found.ndim != 3 or len(found) != 1:
             raise ModelError(
-                f"{self._network.path.name}: answers {list(answer.shape)} to a picture; a text detector "
+                f"{self.path.name}: answers {list(found.shape)} to a picture; a text detector "
                 "answers [1, height, width], a map of probabilities"
             )
-        if not np.isfinite(answer).all():
-            answer = np.nan_to_num(answer, nan=0.0, posinf=0.0, neginf=0.0)
-        if answer.min(initial=0.0) < -0.01 or answer.max(initial=0.0) > 1.01:
+        if not np.isfinite(found).all():
+            found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        if found.min(initial=0.0) < -0.01 or found.max(initial=0.0) > 1.01:
             raise ModelError(
-                f"{self._network.path.name}: answers {answer.min():g} to {answer.max():g}; "
+                f"{self.path.name}: answers {found.min():g} to {found.max():g}; "
                 "a map of probabilities is within 0 and 1"
             )
-        probabilities: FloatArray = answer[0]
+        probabilities: FloatArray = found[0]
         return probabilities
 
     def _read(self, image: NDArray[np.uint8], region: Region) -> Spotted:

@@ -1,4 +1,4 @@
-// A point p has a place on every axis of the run: p.at = [exposure, velocity, light, ...]. What can be drawn against
+// A row p has a place on every axis of the run: p.at = [exposure, velocity, light, ...]. What can be drawn against
 // (a view) goes along one of them; the other axes stand where their selects say, but for that of the lines.
 const EXPOSURE = 0, VELOCITY = 1;
 const speedOf = p => run.speeds_px_s[p.at[VELOCITY]];
@@ -39,7 +39,6 @@ function fromZero(x) {
 const several = along => run.axes[along].texts.length > 1;
 const selectOf = along => document.querySelector(`[data-axis="${along}"]`);
 const stands = along => Number(selectOf(along)?.value ?? 0);
-const placed = (exposure, velocity, setting) => [exposure, velocity, ...run.settings[setting]];
 
 // The axes that a chart does not use, which must stand somewhere, and the rows that stand there.
 const fixedBut = used => run.axes.map((_, along) => along).filter(along => !used.includes(along));

@@ -1,11 +1,11 @@
 const hidden = new Set();  // lines that the reader has switched off
 
+const ofGroup = (rows, model, group) => rows.filter(p => p.model === model && p.group === group);
+
 function rowsOf(model, {measure, group}) {
-  if (measure === null) return run.points.filter(p => p[0] === model && p[1] === group)
-    .map(([, , setting, velocity, exposure, y, low, high, n]) =>
-      ({at: placed(exposure, velocity, setting), y, low, high, count: `${n} targets`}));
-  return run.scores.filter(p => p[0] === model && p[5 + measure] !== null).map(([, setting, velocity, exposure, n, ...values]) =>
-    ({at: placed(exposure, velocity, setting), y: values[measure], low: values[run.measures.length + 2 * measure], high: values[run.measures.length + 2 * measure + 1], count: `${n} pictures`}));
+  if (measure === null) return ofGroup(run.points, model, group);
+  return run.scores.filter(p => p.model === model && p.y[measure] !== null)
+    .map(p => ({...p, y: p.y[measure], low: p.y_low[measure], high: p.y_high[measure]}));
 }
 
 const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confidence[model][group] : run.clean[model][measure];
@@ -13,27 +13,21 @@ const cleanOf = (model, {measure, group}) => measure === null ? run.clean_confid
 // One scale for all models and settings, up to the largest value; what is asked for: at least to 1.
 function largest({measure}) {
   if (measure === null) return run.highest;
-  const values = [...run.scores.map(p => p[5 + measure]), ...run.clean.map(row => row[measure])];
-  return values.reduce((most, value) => Math.max(most, value ?? 0), 0) || 1;
+  return [...run.scores.map(p => p.y), ...run.clean].reduce((most, values) => Math.max(most, values[measure] ?? 0), 0) || 1;
 }
 
-function hover(p, name) {
+function hover(p, {name, measure}) {
   const interval = p.low === null || p.high === null ? "" : ` (95 %: ${p.low.toFixed(2)} to ${p.high.toFixed(2)})`;
   const [exposure, speed, ...setting] = run.axes.map(({texts}, along) => texts[p.at[along]]);
   return `${name} ${p.y.toFixed(3)}${interval}<br>exposure ${exposure}<br>`
-    + `speed ${speed}, blur ${short(blurOf(p))} px<br>${setting.join(" · ")}<br>${p.count}`;
+    + `speed ${speed}, blur ${short(blurOf(p))} px<br>${setting.join(" · ")}<br>${p.n} ${measure === null ? "targets" : "pictures"}`;
 }
 
-// Failure points lie on curves over blur: of one exposure and setting, with no speed of their own.
-function failuresOf(model, {group, lines, fixed}) {
-  return standing(run.failures.filter(f => f[0] === model && f[1] === group)
-    .map(([, , setting, exposure, x, low, high, returned, last]) =>
-      ({at: placed(exposure, null, setting), x, low, high, returned, last})), fixed)
-    .map(f => ({...f, line: f.at[lines]}));
-}
+// Failure points lie on curves over blur, with no speed of their own; windows on curves over exposure.
+const onLines = (rows, model, {group, lines, fixed}) => standing(ofGroup(rows, model, group), fixed).map(p => ({...p, line: p.at[lines]}));
 
 function failureTrace(model, now) {
-  const here = failuresOf(model, now).filter(f => f.x !== null && !hidden.has(f.line));
+  const here = onLines(run.failures, model, now).filter(f => f.x !== null && !hidden.has(f.line));
   const {texts, colours} = run.axes[now.lines];
   const end = ({x, low, high, last}) => high ?? (low === null ? x : last);
   const text = ({line, x, low, high, returned}) => `${texts[line]}: fails at ${short(x)} px`
@@ -73,7 +67,7 @@ function drawCurve(panel, now) {
       y: [...bounded.map(p => p.low), ...bounded.map(p => p.high).reverse()],
       fill: "toself", fillcolor: colour + "26", line: {width: 0}, mode: "lines", hoverinfo: "skip"});
     if (view.joined) traces.push({...between(line, view), mode: "lines", line: {color: colour, width: 2}, hoverinfo: "skip"});
-    traces.push({x: line.map(view.x), y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now.name)}`),
+    traces.push({x: line.map(view.x), y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now)}`),
       hovertemplate: "%{text}<extra></extra>", mode: "markers",
       marker: {color: colour, size: 6, opacity: run.predicted && view.joined ? 0 : 1},
       ...(overExposure || !bounded.length ? {} : {error_y: {type: "data", symmetric: false, thickness: 0.8, width: 0, color: colour + "88",
@@ -81,7 +75,7 @@ function drawCurve(panel, now) {
   });
   if (measure === null && view === views.blur) traces.push(failureTrace(panel.model, now));
   const step = 0.035, bars = measure === null && overExposure ? texts.length : 0, most = largest(now);
-  if (bars) windowsOf(panel.model, now).filter(({line}) => !hidden.has(line)).forEach(({line, low, high, sure, bounds}) => {
+  if (bars) onLines(run.windows, panel.model, now).filter(({line}) => !hidden.has(line)).forEach(({line, low, high, sure, bounds}) => {
     const y = -0.05 - step * line, colour = colours[line];
     const bar = (from, to, half, opacity) => shapes.push({type: "rect", x0: 1e3 * from, x1: 1e3 * to, y0: y - half, y1: y + half,
       line: {width: 1, color: colour}, fillcolor: colour, opacity});
@@ -96,16 +90,9 @@ function drawCurve(panel, now) {
   panel.remark.textContent = remark(panel.model, now);
 }
 
-function windowsOf(model, {group, lines, fixed}) {
-  return standing(run.windows.filter(w => w[0] === model && w[1] === group)
-    .map(([, , setting, velocity, low, high, sure, ...bounds]) =>
-      ({at: placed(null, velocity, setting), low, high, sure, bounds})), fixed)
-    .map(w => ({...w, line: w.at[lines]}));
-}
-
 function remark(model, now) {
   if (now.measure !== null || now.view !== views.blur) return "";
-  const back = failuresOf(model, now).filter(f => f.returned).map(f => run.axes[now.lines].texts[f.line]);
+  const back = onLines(run.failures, model, now).filter(f => f.returned).map(f => run.axes[now.lines].texts[f.line]);
   return back.length ? `Non-monotonic at ${back.join(", ")}: below the threshold, and back again.` : "";
 }
 

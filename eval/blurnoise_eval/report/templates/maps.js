@@ -55,7 +55,7 @@ function drawMap(panel, now) {
   const px = (extent, range, room) => room * (extent[1] - extent[0]) / (range[1] - range[0]);
   const fits = tile => px(tile.tall, yRange, panel.map.clientHeight - 76) > (small ? 11 : 13)
     && px(tile.wide, xRange, panel.map.clientWidth - 64) > 26;
-  const text = tile => (tile.several > 1 ? `mean of ${tile.several} conditions: ${tile.value.toFixed(3)}<br>` : "") + hover(tile.p, now.name);
+  const text = tile => (tile.several > 1 ? `mean of ${tile.several} conditions: ${tile.value.toFixed(3)}<br>` : "") + hover(tile.p, now);
   Plotly.react(panel.map, [{type: "bar", x: found.map(({wide}) => (wide[0] + wide[1]) / 2), width: found.map(({wide}) => wide[1] - wide[0]),
     base: found.map(({tall}) => tall[0]), y: found.map(({tall}) => tall[1] - tall[0]),
     text: found.map(tile => fits(tile) ? tile.value.toFixed(2) + (untold(tile, now) ? "?" : "") : ""), customdata: found.map(text),

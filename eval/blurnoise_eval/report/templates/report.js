@@ -62,8 +62,6 @@ function chooseMap() {
 }
 
 function start() {
-  if (run.trades.length) drawTrades();
-  if (!byId("curves")) return;
   for (const id of ["model", "measure", "group"]) byId(id)?.addEventListener("change", draw);
   for (const select of document.querySelectorAll("[data-axis]")) select.addEventListener("change", draw);
   byId("lines").addEventListener("change", () => { hidden.clear(); draw(); });

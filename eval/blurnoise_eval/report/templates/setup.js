@@ -1,6 +1,10 @@
 "use strict";
 const byId = id => document.getElementById(id);
 const run = JSON.parse(byId("numbers").textContent);
+for (const name of ["points", "scores", "windows", "failures"]) {
+  const {columns, rows} = run[name];
+  run[name] = rows.map(row => Object.fromEntries(columns.map((column, place) => [column, row[place]])));
+}
 const models = [...document.querySelectorAll("#model option:not([value=all])")].map(option => option.textContent);
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const dark = matchMedia("(prefers-color-scheme: dark)").matches;
@@ -16,12 +20,6 @@ const common = {font: {family: "system-ui, sans-serif", size: 13, color: colour(
   dragmode: touch ? false : "zoom"};
 const axis = {gridcolor: colour("line"), zeroline: false, showline: true, linecolor: colour("soft"), automargin: true};
 const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
-
-// The library reads a few tags in labels; names are text.
-function label(name) {
-  const cut = [...name].length > 26 ? [...name].slice(0, 25).join("") + "…" : name;
-  return cut.replace(/[&<>]/g, sign => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign]);
-}
 
 function addPanel(parent, title, kind) {
   const figure = document.createElement("figure"), plot = document.createElement("div"), remark = document.createElement("p");

@@ -1,0 +1,1 @@
+"""Scores: detections against targets, curves, exposure windows."""

@@ -1,0 +1,116 @@
+"""A criterion: what of a detector's performance is enough.
+
+Domain: levels are shares, 0 to 1. Scores: :func:`names` by kind of model; "recall@0.1" is the recall at
+the confidence at which the untouched pictures give 0.1 false alarms each, the same under every condition.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from blurnoise._core.checks import in_range
+from blurnoise_eval.scoring.scores import BOTH, criteria
+
+CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
+RECALL = "recall@"
+PRECISIONS = ("ap50", "ap")
+"""Of all targets of a size together, never of one target: they have groups of their own."""
+KEPT, ENOUGH = 0.9, 0.6
+"""What is enough unless stated: the share kept on pictures of one's own, confidence in rendered signs and texts."""
+_MOST_ALARMS = 1e3
+
+
+def names(kind: str) -> list[str]:
+    """The scores that may be a criterion, of "detector" or "reader"."""
+    own = [score.name for score in criteria(kind)]
+    return own if kind == "reader" else [*own, f"{RECALL}RATE"]
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """Enough is ``level`` of a score or, where it is ``kept``, that share of what the same model reaches with the
+    same targets in the untouched pictures.
+
+    score: one of :func:`names`. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another score.
+    """
+
+    level: float
+    kept: bool
+    score: str = CONFIDENCE
+
+    def __post_init__(self) -> None:
+        in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
+        if self._words is None:
+            listed = dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind))
+            raise ValueError(
+                f"score = {self.score!r}: must be one of {', '.join(listed)}, RATE as in recall@0.1"
+            )
+
+    @property
+    def _words(self) -> tuple[str, str] | None:
+        """What the score is called where a share is kept, and by itself; None for one that is no criterion."""
+        if (rate := self.alarms_per_picture) is not None:
+            return (f"recall at {rate:g} false alarms per picture",) * 2
+        every = (score for kind in sorted(BOTH) for score in criteria(kind))
+        return next((score.criterion for score in every if score.name == self.score), None)
+
+    @property
+    def alarms_per_picture(self) -> float | None:
+        """At which rate of false alarms recall is asked for; None of another score, or for what is no rate."""
+        try:
+            rate = float(self.score.removeprefix(RECALL)) if self.score.startswith(RECALL) else math.nan
+        except ValueError:
+            return None
+        return rate if 0 < rate <= _MOST_ALARMS else None
+
+    def row(self) -> dict[str, Any]:
+        """As tables and JSON have it."""
+        return {"text": self.text, "level": self.level, "kept": self.kept, "score": self.score}
+
+    @property
+    def noun(self) -> str:
+        """What is asked for: of its 'confidence' where a share is kept, else 'mean confidence'."""
+        of_kept, of_itself = self._words or (self.score, self.score)
+        return of_kept if self.kept else of_itself
+
+    @property
+    def text(self) -> str:
+        """'keeps 0.9 of its confidence', 'mean confidence 0.6'."""
+        return f"keeps {self.level:g} of its {self.noun}" if self.kept else f"{self.noun} {self.level:g}"
+
+    @property
+    def title(self) -> str:
+        """What curves show: 'kept confidence', 'mean confidence'."""
+        return f"kept {self.noun}" if self.kept else self.noun
+
+
+def stated(
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
+    *,
+    rendered: bool,
+    reads: bool,
+    labelled: bool = True,
+) -> Criterion:
+    """The criterion of a run: as stated, else ``KEPT`` of what the untouched pictures give, and ``ENOUGH`` for
+    ``rendered`` pictures, whose every target a model should find.
+
+    reads: of text; on pictures of one's own such models are asked for exact matches. labelled: whether the pictures
+    say what is in them. Raises ``ValueError`` for both a threshold and a share to keep, or a score that such models
+    do not have, or not on such pictures.
+    """
+    if threshold is not None and keep is not None:
+        raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; state one of them")
+    kept = keep is not None or (threshold is None and not rendered)
+    level = next(level for level in (keep, threshold, KEPT if kept else ENOUGH) if level is not None)
+    found = Criterion(level, kept, score or (MATCHES if reads and kept and not rendered else CONFIDENCE))
+    known = names("reader" if reads else "detector")
+    if found.score not in known and (reads or found.alarms_per_picture is None):
+        kind = "text recognisers" if reads else "detectors"
+        raise ValueError(f"score = {score!r}: must be one of {', '.join(known)} for {kind}")
+    if found.alarms_per_picture is not None and not labelled:
+        raise ValueError(f"score = {score!r}: needs pictures with labels, which tell false alarms")
+    return found

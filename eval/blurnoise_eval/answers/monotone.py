@@ -1,0 +1,118 @@
+"""Answers that motion cannot improve: a table pooled over speeds, and curves whose intervals follow.
+
+Domain: velocities px/s. On average a detector finds no more in a picture that moves faster in the same direction, so
+where a mean rises with speed it is the noise of few pictures. Those speeds are pooled: isotonic regression by pool
+adjacent violators, weighted by what was counted, on the tree whose root is rest and whose branches are directions
+(Robertson, Wright and Dykstra, Order Restricted Statistical Inference, 1988, section 2.3). Each cluster is pooled
+alike, so that intervals are those of the pooled means.
+
+It holds for pictures that move as a whole. Where only targets or only the background move, where the camera drives,
+or along a trajectory of its own, a speed may undo another motion, and nothing is pooled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.answers.crossings import Curve
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.answers.uncertainty import Ends
+
+Array = NDArray[np.float64]
+Velocity = tuple[float, float]
+_SAME = 1e-6  # of an exposure by which it is the same
+_UNIFORM = ("moves", "ego_speed_m_s")
+"""Axes that must be 0 for the picture to move as a whole."""
+
+
+def is_uniform(setting: ScoreTable) -> bool:
+    """Whether the pictures of one setting move as a whole, at several speeds."""
+    moves_apart = any(setting.conditions[name].any() for name in _UNIFORM)
+    return len(set(setting.velocities_px_s)) > 1 and not moves_apart
+
+
+def pooled(setting: ScoreTable) -> ScoreTable:
+    """One setting with sums and counts pooled over speeds, so that its mean never rises with speed.
+
+    Directions are not compared with each other; rest belongs to each. The rest of the table stays.
+    """
+    weight, velocities = setting.counts.sum(axis=0), setting.velocities_px_s
+    sums, counts = setting.sums.copy(), setting.counts.copy()
+    exposures = setting.conditions["exposure_s"]
+    for exposure_s in np.unique(exposures):
+        here = np.flatnonzero((exposures == exposure_s) & setting.measured)
+        branches, root = _branches([velocities[place] for place in here])
+        for block in _blocks(setting.mean[here], weight[here], branches, root):
+            for values in (sums, counts):
+                values[:, here[block]] = values[:, here[block]].mean(axis=1, keepdims=True)
+    return replace(setting, sums=sums, counts=counts)
+
+
+def nested(curves: Sequence[Curve], velocities: Sequence[Velocity]) -> list[Curve]:
+    """The curves of a pooled table with intervals that never rise with speed: what surely works at one speed does at
+    all slower ones of its direction, and what surely does not work fails at all faster ones.
+
+    curves: one for each velocity. They are compared at the exposures that they share, and between two of these where
+    neither has another.
+    """
+    branches, root = _branches(velocities)
+    found = list(curves)
+    for v, curve in enumerate(curves):
+        chains = [[*root, *branch] for branch in branches if v in root or v in branch]
+        faster = {other for chain in chains for other in chain[chain.index(v) + 1 :]}
+        slower = {other for chain in chains for other in chain[: chain.index(v)]}
+        low = [_shared(curves[other], curves[other].ends.low, curve) for other in faster]
+        high = [_shared(curves[other], curves[other].ends.high, curve) for other in slower]
+        ends = Ends(np.fmax.reduce([curve.ends.low, *low]), np.fmin.reduce([curve.ends.high, *high]))
+        known = np.isfinite(curve.ends.low)
+        found[v] = replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends)))
+    return found
+
+
+def _shared(other: Curve, end: Array, curve: Curve) -> Array:
+    """The end of another curve's interval where this one's is known; NaN where the other's is not."""
+    if other.x == curve.x:
+        return end
+    place = np.searchsorted(other.fine, curve.fine * (1 - _SAME)).clip(max=len(other.fine) - 1)
+    return np.where(np.abs(other.fine[place] - curve.fine) <= _SAME * curve.fine, end[place], np.nan)
+
+
+def _branches(velocities: Sequence[Velocity]) -> tuple[list[list[int]], list[int]]:
+    """Places of the velocities of each direction, by increasing speed, and that of rest, if it is there."""
+    speed = [math.hypot(*velocity) for velocity in velocities]
+    directions: dict[float, list[int]] = {}
+    for v in sorted(range(len(speed)), key=speed.__getitem__):
+        if speed[v]:
+            x, y = velocities[v]
+            directions.setdefault(round(math.atan2(y, x), 9), []).append(v)
+    root = [v for v, each in enumerate(speed) if not each]
+    return list(directions.values()) or [[]], root
+
+
+def _blocks(mean: Array, weight: Array, branches: Sequence[list[int]], root: list[int]) -> list[list[int]]:
+    """Places to be pooled, each block of two or more."""
+
+    def of(block: list[int]) -> float:
+        return float(mean[block] @ weight[block] / weight[block].sum())
+
+    chains: list[list[list[int]]] = []
+    for branch in branches:
+        chain: list[list[int]] = []
+        for v in branch:
+            chain.append([v])
+            while len(chain) > 1 and of(chain[-1]) > of(chain[-2]):
+                last = chain.pop()
+                chain[-1] = chain[-1] + last
+        chains.append(chain)
+    rest = list(root)
+    while rest and (left := [chain for chain in chains if chain]):
+        best = max(left, key=lambda chain: of(chain[0]))
+        if of(best[0]) <= of(rest):
+            break
+        rest += best.pop(0)
+    return [block for block in (rest, *(each for chain in chains for each in chain)) if len(block) > 1]

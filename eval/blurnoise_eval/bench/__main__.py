@@ -1,0 +1,136 @@
+"""``python -m blurnoise_eval.bench``: what this machine and these methods do, measured."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli import given, run_alone
+from blurnoise_eval.cli._options import Contract, Json, Threads, new_folder
+from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show
+
+if TYPE_CHECKING:
+    from blurnoise_eval.bench.contest import Contest
+    from blurnoise_eval.datasets import PictureSet
+
+What = Literal["blur", "motion", "noise", "edges", "decide", "sweep", "augment"]
+OF_MODELS = ("decide", "sweep")
+
+
+def bench(
+    what: Annotated[What, Argument(metavar="WHAT", help="see above")],
+    *,
+    model: Annotated[
+        Path | None, Option(metavar="M.onnx", help="for sweep and decide (default: the built-in one)")
+    ] = None,
+    contract: Contract = None,
+    coco: Annotated[
+        Path | None,
+        Option(metavar="FILE", help="for sweep and decide: photographs (default: rendered signs)"),
+    ] = None,
+    images: Annotated[
+        Path | None,
+        Option(metavar="DIR", help="the folder of --coco's photographs, or photographs without labels"),
+    ] = None,
+    threads: Threads = None,
+    output: Annotated[
+        Path | None,
+        Option(
+            "-o",
+            "--output",
+            parser=new_folder,
+            metavar="DIR",
+            help="table, JSON and chart (default: bench-blur, bench-motion, ...)",
+        ),
+    ] = None,
+    quick: Annotated[bool, Option("--quick", help="fewer cases, in seconds or minutes")] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure on this machine: who does the same work, in which time and with which error.
+
+      blur     ways to blur by straight motion, beside Kornia and OpenCV
+      motion   ways to move an object, a picture, its rows or its road
+      noise    ways to draw a noisy digital number, beside the exact law
+      edges    ways to measure MTF50 of a slanted edge
+      decide   the search of 'blurnoise decide' beside grids: conditions asked, and how far off the windows are
+      sweep    a sweep beside bare onnxruntime, and where the time of a cell goes
+      augment  the augmentation beside a training step
+
+      python -m blurnoise_eval.bench motion --quick          in half a minute
+      python -m blurnoise_eval.bench sweep --model m.onnx    what your network costs in a sweep
+
+    Open DIR/WHAT.png: down and left is better. DIR/WHAT.csv has a row per contender and case.
+    """  # fmt: skip
+    for name, value in (("model", model), ("contract", contract), ("coco", coco), ("images", images)):
+        if value is not None and what not in OF_MODELS:
+            raise ValueError(f"{name}: goes with '{' and '.join(OF_MODELS)}'")
+    workers = given.threads(threads)
+    folder = output or new_folder(f"bench-{what}")
+
+    from blurnoise_eval.bench import contest, decide, edges, motion, noise, sweep
+
+    contests = {
+        "blur": motion.blur,
+        "motion": motion.motion,
+        "noise": noise.noise,
+        "edges": edges.edges,
+        "augment": _augment,
+    }
+    if what in contests:
+        chosen = contests[what](quick=quick)
+    else:
+        detector, pictures = given.detector(model, contract), _pictures(coco, images, what, quick=quick)
+        if what == "sweep":
+            chosen = sweep.sweep(detector, pictures, workers, quick=quick)
+        else:
+            chosen = decide.decide(detector, pictures, workers, folder, quick=quick)
+    with ProgressBar("bench", len(chosen.cases)) as advance:
+        result = contest.run(chosen, quick=quick, threads=workers, progress=advance)
+    folder.mkdir(parents=True, exist_ok=True)
+    result.write(folder)
+    if as_json:
+        say_json(result.document())
+        return
+    show(result.table())
+    for line in result.losses():
+        say_wrapped(line, hanging=2)
+    say(f"open {folder / f'{what}.png'}")
+
+
+def _pictures(coco: Path | None, images: Path | None, what: str, *, quick: bool) -> PictureSet:
+    from blurnoise_eval import datasets
+
+    if coco:
+        return datasets.coco(coco, images=images)
+    if images:
+        return datasets.image_folder(images)
+    return datasets.rendered_signs(count=3 if what == "sweep" else 8 if quick else 20)
+
+
+def _augment(*, quick: bool) -> Contest:
+    """Of the small detector's training, which the harness knows nothing of."""
+    import tempfile
+    from functools import partial
+
+    import numpy as np
+    from blurnoise_models import training
+    from blurnoise_models.mixes import blur_and_noise
+
+    from blurnoise_eval.bench.augment import augment
+
+    count = 8 if quick else training.BATCH
+    with tempfile.TemporaryDirectory() as folder:
+        pictures, boxes = training.batch(training.pool(Path(folder), count), np.arange(count))
+    step = partial(training.learn, *training.beginner(), pictures, boxes)
+    precisions = ["float32", *(["bfloat16"] if training.has_bfloat16() else [])]
+    return augment(
+        {name: partial(step, bfloat16=name == "bfloat16") for name in precisions}, pictures, blur_and_noise
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(run_alone(bench, "python -m blurnoise_eval.bench", sys.argv[1:]))

@@ -1,0 +1,104 @@
+"""Cameras by name or file, and their tables: the presets, a line each, and all figures of one with sources."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from blurnoise.optics import camera_files
+from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.optics.colour import FilterCurves
+from blurnoise.optics.lens import Lens
+from blurnoise.optics.spectra import Curve
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def find(name_or_file: str) -> Camera:
+    """The preset of that name, or the camera of that file.
+
+    Raises ``ValueError`` that lists the presets where it is neither, and what :meth:`Camera.load` raises.
+    """
+    if name_or_file in PRESETS:
+        return PRESETS[name_or_file]
+    if Path(name_or_file).is_file():
+        return Camera.load(name_or_file)
+    raise ValueError(
+        f"camera = {name_or_file!r}: neither a preset nor a file; presets are {', '.join(sorted(PRESETS))}"
+    )
+
+
+def derived(camera: Camera) -> dict[str, float]:
+    """What follows from a camera's figures: saturation in electrons and DN, threshold, and decibels."""
+    return {
+        "saturation_e": camera.saturation_e,
+        "clip_dn": float(camera.clip_dn),
+        "threshold_e": camera.threshold_e,
+        "snr_max_db": camera.snr_max_db,
+        "dynamic_range_db": camera.dynamic_range_db,
+    }
+
+
+def facts(camera: Camera) -> dict[str, object]:
+    """A camera's fields, and apart from them what follows from them, for JSON."""
+    return {"camera": camera.to_dict(), "derived": derived(camera)}
+
+
+def overview(cameras: list[Camera]) -> Table:
+    """One row per camera."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
+    table.add_column("\ncamera")
+    for heading in (
+        "pitch\nµm", "well\ne-", "read\ne-", "gain K\nDN/e-", "\nbits", "size\npx", "saturation\ne-",
+        "SNR\nmax dB", "range\ndB",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for camera in cameras:
+        table.add_row(
+            camera.name,
+            f"{camera.pixel_pitch_um:g}",
+            f"{camera.full_well_e:.0f}",
+            f"{camera.read_noise_e:.2f}",
+            f"{camera.system_gain_dn_per_e:.4g}",
+            f"{camera.bit_depth}",
+            f"{camera.width_px}x{camera.height_px}",
+            f"{camera.saturation_e:.0f}",
+            f"{camera.snr_max_db:.1f}",
+            f"{camera.dynamic_range_db:.1f}",
+        )
+    return table
+
+
+def figures(camera: Camera) -> Table:
+    """Every figure of a camera with its source, then what follows from them."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table("figure", "value", "source", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for name in camera.to_dict():
+        if name != "sources":
+            table.add_row(name, _shown(getattr(camera, name)), camera.sources.get(name, ""))
+    table.add_section()
+    for name, value in derived(camera).items():
+        table.add_row(name, _shown(value), "follows from the above")
+    return table
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, FilterCurves):
+        return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
+    if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
+        return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
+    if isinstance(value, Lens):
+        stated = {name: figure for name, figure in camera_files.plain(value).items() if figure}
+        return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"
+    if not isinstance(value, Curve):
+        return f"{value:.5g}" if isinstance(value, float) else str(value)
+    nm, values = value.wavelengths_nm, value.values
+    if len(nm) > 6:
+        return f"{len(nm)} samples, {nm[0]:g}-{nm[-1]:g} nm, at most {max(values):.3g}"
+    return "\n".join(f"{each:.3g} at {at:g} nm" for at, each in zip(nm, values, strict=True))

@@ -1,1 +1,0 @@
-"""Pictures with boxes, galleries, photon transfer."""

@@ -1,0 +1,399 @@
+"""An evaluation: models before pictures under a plan's conditions, computed, kept in a folder, and read from it.
+
+What ``blurnoise sweep`` does, for Python: the command calls :func:`evaluate`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+from blurnoise.optics.camera import Camera
+from blurnoise_eval import datasets
+from blurnoise_eval.answers.clusters import check_cluster
+from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.cameras import find
+from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.grid.axes import AXES, named
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.parts import Part
+from blurnoise_eval.report.findings import reflectance
+from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.store.checked import check_rows
+from blurnoise_eval.store.exports import write_exports, write_parquet
+from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.asked import Batch, ask, asked
+from blurnoise_eval.sweep.beginning import begun_or_gone
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.default_camera import default_for
+from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.model_notes import note_models
+from blurnoise_eval.sweep.plan_checks import check_plan
+from blurnoise_eval.sweep.refining import Refinement, left_to_refine
+from blurnoise_eval.sweep.run import Outcome
+from blurnoise_eval.sweep.run_folder import open_run
+from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.machine import usable_cores
+from blurnoise_eval.system.progress import Advance, ProgressBar
+from blurnoise_eval.system.tables import plain
+from blurnoise_eval.system.terminal import say
+from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
+
+Rows = list[dict[str, Any]]
+T = TypeVar("T")
+
+
+def evaluate(
+    models: str | Path | Model | Sequence[str | Path | Model] | None = None,
+    pictures: PictureSet | None = None,
+    camera: str | Camera | None = None,
+    plan: SweepPlan | None = None,
+    output: str | Path | WorkingFolder = "run",
+    *,
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
+    cluster: str | None = None,
+    engine: str | Engine = "threads",
+    threads: int | None = None,
+    address: str | None = None,
+    part: str | None = None,
+    refine: bool = True,
+    progress: bool | None = None,
+    command: str = "blurnoise_eval.evaluate",
+) -> Evaluation:
+    """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
+
+    models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
+    :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera; by
+    default :func:`~blurnoise_eval.sweep.default_camera.default_for` these models and pictures.
+    plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
+    URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
+    of what a model reaches on the untouched pictures that is enough, by default 0.9; threshold: in place of it, the
+    score that is enough, by default 0.6 for rendered pictures. score: of what, see
+    :mod:`blurnoise_eval.answers.criterion`. cluster: pictures in whose names this
+    regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
+    engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
+    threads: how many of the engine's workers, by default one per core. address: of the cluster,
+    for "ray"; without it one is started on this machine. part: "1/4": only the first quarter of the
+    pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. refine: whether to compute
+    more exposures where a window ends between two tested ones, to a quarter of a stop
+    (:mod:`blurnoise_eval.sweep.refining`); a part refines nothing. progress: whether to draw a
+    bar on the terminal. command: what the run's page gives as its origin.
+
+    Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
+    (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
+    (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
+    """
+    folder = working_folder(output)
+    computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
+    stated_camera = None if camera is None else _camera(camera)  # before anything is opened
+    opened = _opened(models)
+    shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
+    seen_by = default_for(opened, shown) if stated_camera is None else stated_camera
+    check_cluster(cluster, (picture.name for picture in shown))
+    whole, own = shown, None if part is None else Part.parse(part)
+    if own is not None:
+        shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
+        if not shown:
+            raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
+    plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
+    of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
+    stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
+    facts = {"command": command, **engine_facts(engine, threads)}
+    check_plan(plan, seen_by, shown)
+    with (
+        begun_or_gone(folder.path),
+        Store(folder.path, create=True) as store,
+        staying(computed_by) as engine_kept,
+    ):
+        opened, comparisons = contracts_chosen(opened, whole, say=progress)
+        open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
+        enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+        store.set_about(ENOUGH, enough)
+
+        def compute(plan: SweepPlan, advance: Advance) -> Outcome:
+            return sweep.run(
+                opened,
+                seen_by,
+                shown,
+                plan,
+                store,
+                engine=engine_kept,
+                progress=advance,
+                resumed=advance.already,
+                died=tell_of(advance),
+            )
+
+        with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
+            outcome = compute(plan, advance)
+        if outcome.skipped and len(outcome.skipped) == len(shown):
+            raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
+        if refine and own is None:
+            wanted = criterion_of(store, **enough)
+            _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
+        note_models(store, opened, shown, comparisons, computed=outcome.computed)
+    return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
+
+
+def _refine(
+    store: Store,
+    plan: SweepPlan,
+    criterion: Criterion,
+    cluster: str | None,
+    n_pictures: int,
+    compute: Callable[[SweepPlan, Advance], Outcome],
+    outcome: Outcome,
+    progress: bool | None,
+) -> None:
+    """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
+    before = tuple(at for batch in asked(store) for at in batch.conditions)
+    left = (
+        Refinement(before, 0, len(before), 1) if before else left_to_refine(store, plan, criterion, cluster)
+    )
+    if not left.conditions:
+        return
+    cells = n_pictures * plan.repeats * left.at_most
+    if progress and not before:
+        grid = n_pictures * plan.repeats * len(plan.conditions())
+        say(
+            f"refine: up to {cells} cells {left.about}, beside the {grid} of the grid "
+            "(refine: false in a plan: none)",
+            error=True,
+        )
+    if not before:
+        ask(store, Batch(n_pictures, (), left.conditions))
+    with progress_bar("refine", cells + n_pictures * left.rounds, progress) as advance:
+        more = left.conditions
+        while more:
+            outcome.add(compute(replace(plan, only=more, examples=False), advance))
+            noted = {at for batch in asked(store) for at in batch.conditions}
+            left = left_to_refine(store, plan, criterion, cluster)
+            more = tuple(at for at in left.conditions if at not in noted)
+            if more:
+                ask(store, Batch(n_pictures, (), more))
+
+
+def _as_measured(store: Store, measured: Tables) -> Tables:
+    return measured
+
+
+class Evaluation:
+    """A run in its folder: its rows, read when asked for, and its page.
+
+    ``cells``: a row per picture, condition and model. ``targets``: a row per target of these. ``scores``: a row
+    per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
+    ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where the ``criterion``
+    of ``threshold``, ``keep`` and ``score`` (as :func:`evaluate` takes them) is fulfilled, and the exposure to use.
+    ``threshold``: its level. ``outcome``: what was computed now, None for a run
+    opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is.
+    ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
+    can only be read. Raises
+    :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
+    """
+
+    _on_lines = staticmethod(_as_measured)
+
+    def __init__(
+        self,
+        folder: str | Path | WorkingFolder,
+        threshold: float | None = None,
+        *,
+        keep: float | None = None,
+        score: str | None = None,
+        cluster: str | None = None,
+        output: str | Path | WorkingFolder | None = None,
+        outcome: Outcome | None = None,
+        progress: bool | None = None,
+    ) -> None:
+        self._run = working_folder(folder)
+        self._written = self._run if output is None else working_folder(output)
+        self.folder, self.output = self._run.path, self._written.path
+        self.cluster = cluster
+        self.outcome = outcome
+        self._progress = progress
+        with Store(self.folder, shared=True) as store:
+            check_rows(store)
+            check_cluster(cluster, store.pictures())
+            self.criterion = criterion_of(store, threshold, keep, score)
+        self.threshold = self.criterion.level
+
+    @cached_property
+    def cells(self) -> Rows:
+        """A row per picture, condition and model, as results.csv has them."""
+        with Store(self.folder, shared=True) as store:
+            return [named(row) for row in store.cells()]
+
+    @cached_property
+    def targets(self) -> Rows:
+        """A row per cell and target, as targets.csv has them."""
+        with Store(self.folder, shared=True) as store:
+            return [named(row) for row in store.targets()]
+
+    @property
+    def scores(self) -> Rows:
+        """A row per model and condition, as scores.csv has them."""
+        return [named(row) for row in self.data.scores]
+
+    @property
+    def curves(self) -> Rows:
+        """A row per curve, as curves.csv has them, and the curve itself: ``x`` and ``confidence``."""
+        return [named(row) for row in self.data.endurances]
+
+    @property
+    def models(self) -> Rows:
+        """A row per model, as models.csv has them."""
+        return self.data.models
+
+    @property
+    def answers(self) -> Rows:
+        """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
+        return [named(row) for row in self.data.answers]
+
+    @property
+    def figures(self) -> list[Path]:
+        """The figures' files, drawn if they are not there yet."""
+        if not (self.output / "report.html").is_file():
+            self.report()
+        return sorted((self.output / "figures").glob("*.png"))
+
+    @property
+    def skipped(self) -> Rows:
+        """Pictures that could not be read, with the reason."""
+        return self.data.skipped
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What summary.json holds."""
+        summary: dict[str, Any] = {
+            "run": self._run.told(self.folder),
+            "report": self._written.told(self.output / "report.html"),
+            "cells": self.data.manifest["n_cells"],
+            "missing_cells": self.data.manifest["missing_cells"],
+            "refined": self.data.manifest["refined"],
+            "skipped": self.skipped,
+            "criterion": self.criterion.row(),
+            "threshold": self.threshold,
+            "withheld": self.data.manifest["withheld"],
+            "withheld_models": self.data.manifest["withheld_models"],
+            "targets_found": self.data.manifest.get("targets_found", {}),
+            "reflectance": reflectance(self.data),
+            "cluster": self.cluster,
+            "software": self.data.manifest["software"],
+            "models": self.models,
+            "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
+        }
+        if self.outcome is not None:
+            done = self.outcome
+            summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
+            summary |= {"workers_died": done.workers_died}
+        return summary
+
+    def parquet(self) -> list[Path]:
+        """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
+        self.output.mkdir(parents=True, exist_ok=True)
+        with Store(self.folder, shared=True) as store:
+            return write_parquet(store, self.output)
+
+    def report(self) -> Path:
+        """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
+        from blurnoise_eval.report import page  # matplotlib and plotly
+
+        self.output.mkdir(parents=True, exist_ok=True)
+        with Store(self.folder, shared=True) as store:
+            write_exports(store, self.output)
+        write_tables(self.data, self.output)
+        summary = json.dumps(self.summary, indent=1)
+        write_whole(self.output / "summary.json", summary.encode("utf-8"))
+        with progress_bar("draw", len(page.figures_of(self._shown)), self._progress) as advance:
+            return page.write_report(self._shown, self.output, advance)
+
+    @property
+    def _shown(self) -> RunData:
+        """What of the run stands on its page."""
+        return self.data
+
+    @cached_property
+    def data(self) -> RunData:
+        """Everything that the page shows."""
+        with Store(self.folder, shared=True) as store, ExitStack() as bar:
+            steps = store.count_different(*CONDITIONS, "model")
+            advance = bar.enter_context(progress_bar("score", steps, self._progress))
+            return read_run(
+                store, self.criterion, cluster=self.cluster, progress=advance, on_lines=self._on_lines
+            )
+
+
+def usual_detector() -> Detector:
+    """The built-in one, of stop signs."""
+    from blurnoise_models.detector import STOP_SIGN
+
+    return Detector(STOP_SIGN)
+
+
+def usual_pictures(models: Sequence[Model]) -> PictureSet:
+    """Rendered stop signs for detectors; for readers, the word on them."""
+    return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
+
+
+def usual_plan() -> SweepPlan:
+    """The conditions that a sweep tests if not told, with a noise field for each picture."""
+    return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
+
+
+def _camera(camera: str | Camera) -> Camera:
+    return find(camera) if isinstance(camera, str) else _of_kind("camera", camera, Camera)
+
+
+def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
+    if models is None:
+        from blurnoise_models.detector import STOP_SIGN
+
+        models = STOP_SIGN
+    each = list(models) if isinstance(models, Sequence) and not isinstance(models, str) else [models]
+    if not each:
+        raise ValueError("models = []: must hold at least one")
+    for model in each:
+        if not isinstance(model, (str, Path, Detector)) and not hasattr(model, "read"):
+            raise TypeError(f"models: {model!r}: must be a file, a Detector or a reader of text")
+    paths = [model for model in each if isinstance(model, (str, Path))]
+    opened = iter(open_models(paths) if paths else ())
+    found = [next(opened) if isinstance(model, (str, Path)) else model for model in each]
+    if len({isinstance(model, Detector) for model in found}) > 1:
+        raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
+    return found
+
+
+def _of_kind(name: str, value: object, kind: type[T]) -> T:
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
+    return value
+
+
+def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
+    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
+    return ProgressBar(label, total) if progress else nullcontext(Advance())
+
+
+def tell_of(advance: Advance) -> Callable[[int], None]:
+    """Takes how many workers died to the bar's line."""
+    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
+
+
+def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
+    """What a run notes of who computed it."""
+    if not isinstance(engine, str):
+        return {"engine": repr(engine)}
+    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

@@ -1,0 +1,369 @@
+"""The figures of a run for print: curves, what exposure makes of pictures, examples with boxes.
+
+Every function takes the run and returns a matplotlib ``Figure``; none keeps global state. Figures hold at most
+``MAX_PANELS`` panels and ``MAX_LINES`` lines each and say so when they leave some out.
+Domain: confidences in [0, 1], exposures in s (drawn in ms), speeds in px/s, blur in px.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+
+from blurnoise_eval.grid.axes import (
+    BLUR,
+    EXPOSURE,
+    MOVES,
+    SPEED,
+    Axis,
+    Coordinate,
+    velocity_of,
+    velocity_text,
+)
+from blurnoise_eval.plots.annotate import OTHER_SCORE, drawn_example, short_text
+from blurnoise_eval.plots.style import (
+    MAX_LINES,
+    line_colours,
+    plain_numbers,
+    say_only,
+    small_multiples,
+    spread,
+    tidy,
+)
+from blurnoise_eval.report.run import Point, RunData, by_speed
+from blurnoise_eval.report.settings import Setting, Settings, axis_label
+from blurnoise_eval.report.words import WORKS, outcome_text, title_text
+from blurnoise_eval.system.tables import finite
+
+MAX_PANELS, MAX_COLUMNS = 12, 4
+MAX_EXAMPLES = 12
+MAX_TICKS = 8  # of an axis whose tested values are its ticks
+MOST_EXPOSURES, MOST_OF_MOVES = 3, 9  # of what moves: exposures side by side, panels in all
+MOVE_COLOURS = ("0.25", "#c23b22", "#1f77b4")  # all, targets, background
+MOVE_LABELS = (
+    "all of the picture moves",
+    "targets move, the background is still",
+    "the camera tracks the targets: the background moves",
+)
+_APART, _HIGHEST = 0.018, 1.5  # bars side by side, of the axis; intervals beyond that are cut off
+_BAR, _BAR_STEP = 0.05, 0.045  # of the first window below zero, and from bar to bar
+_OF_PICTURES = (
+    ("applied_gain_db", "Gain / dB"),
+    ("snr_db", "SNR of the mean light / dB"),
+    ("brightness", "Mean of the picture, 0-1"),
+    ("saturated", "Share of saturated pixels"),
+)
+Key = tuple[str, str, Setting]  # model, group, setting
+
+
+# --- curves -----------------------------------------------------------------
+
+
+def confidence_exposure(data: RunData) -> Figure:
+    """Confidence against exposure on a log axis: one panel per model, group and setting, one line per velocity.
+
+    Bars below zero are the exposure window of each velocity, pale where the pictures cannot tell, thin over the
+    intervals of its ends, with a tick at the recommended exposure; the shaded range is surely in the window of every
+    velocity tested there.
+    """
+    grid = _panels(data, data.settings)
+    velocities = sorted({point.velocity_px_s for point in data.points}, key=by_speed)
+    shown = spread(velocities, MAX_LINES)
+    for key, axes in grid:
+        answers = [a for a in data.answers if (a["model"], a["group"], data.settings.of(a)) == key]
+        for low, high in common_windows([answer["sure_windows_s"] for answer in answers]):
+            axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
+        colours = line_colours("viridis", len(shown))
+        for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
+            line = [p for p in data.points if p[:4] == (*key, velocity)]
+            _draw_line(data, axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
+            for answer in (a for a in answers if velocity_of(a) == velocity):
+                _draw_window(axes, answer, -_BAR - _BAR_STEP * row, colour)
+        axes.set_ylim(-0.07 - _BAR_STEP * len(shown), 1.03 * data.highest)
+        _exposure_axis(axes, [p.exposure_s for p in data.points])
+    return grid.finish(
+        axis_label(EXPOSURE),
+        "Speed; bars: exposure window (pale: cannot tell; thin: its ends' intervals), tick: recommended",
+        _left_out(shown, velocities, "velocities"),
+        [Patch(color="0.5", alpha=0.2, label="surely in the window at every speed")],
+    )
+
+
+def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
+    """Confidence against motion blur, speed, or an axis of the settings (at the middle velocity), line by exposure.
+
+    One panel per model, group and setting, but for the axis that is drawn against; lines only where no two
+    directions share a speed.
+    """
+    settings, measured, notes = data.settings, data.points, []
+    at: Callable[[Point], float] = attrgetter(x.name)
+    key_of: Callable[[Point], Key] = lambda point: point[:3]  # noqa: E731
+    label = axis_label(x)
+    if isinstance(x, Axis):
+        place, settings = data.settings.axes.index(x), data.settings.without(x)
+        velocity = data.velocities_px_s[len(data.velocities_px_s) // 2]
+        measured = [point for point in data.points if point.velocity_px_s == velocity]
+        at = lambda point: x.shown(point.setting[place])  # noqa: E731
+        key_of = lambda p: (p.model, p.group, p.setting[:place] + p.setting[place + 1 :])  # noqa: E731
+        if len(data.velocities_px_s) > 1:
+            notes.append(f"At {velocity_text(velocity)}, one of {len(data.velocities_px_s)} velocities.")
+    elif x is BLUR:
+        label += " (linear below 1 px, logarithmic above)"
+        notes.append(
+            "Along a line only the speed changes; from one line to the next the light per picture changes too."
+        )
+    grid = _panels(data, settings)
+    exposures = sorted({point.exposure_s for point in measured}.intersection(data.exposures_s))
+    shown = spread(exposures, MAX_LINES)
+    joined = isinstance(x, Axis) or data.one_velocity_per_speed
+    for key, axes in grid:
+        own = [point for point in measured if key_of(point) == key]
+        for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
+            line = sorted((point for point in own if point.exposure_s == exposure_s), key=at)
+            _draw_line(
+                data, axes, list(map(at, line)), line, colour, EXPOSURE.text(exposure_s), joined, band=False
+            )
+        if x is BLUR:
+            axes.set_xscale("symlog", linthresh=1)
+            plain_numbers(axes.xaxis)
+            axes.set_xlim(left=-0.08)
+        elif isinstance(x, Axis):
+            values = [x.shown(value) for value in data.settings.values(x)]
+            if x.logarithmic and values[0] > 0:
+                axes.set_xscale("log")
+            plain_numbers(axes.xaxis)
+            axes.set_xticks(spread(values, MAX_TICKS))
+    return grid.finish(label, "Exposure", [*notes, *_left_out(shown, exposures, "exposures")])
+
+
+def score_moves(data: RunData) -> Figure:
+    """The score against speed, a line with its intervals for each of what moves: one panel per model, group and
+    exposure, under the brightest light; a row for each model where there are several."""
+    place, others = data.settings.axes.index(MOVES), data.settings.without(MOVES)
+    exposures = spread(data.exposures_s, MOST_EXPOSURES)
+    settings = Settings(
+        (*others.axes, EXPOSURE), tuple((*others.every[-1], at) for at in exposures), others.held
+    )
+    grid = _panels(data, settings, MOST_OF_MOVES)
+    apart = _APART * max(point.speed_px_s for point in data.points)
+    highest = data.highest
+    for (model, group, setting), axes in grid:
+        *rest, exposure_s = setting
+        for value in data.settings.values(MOVES):
+            own = (model, group, (*rest[:place], value, *rest[place:]))
+            line = [p for p in data.points if p[:3] == own and p.exposure_s == exposure_s]
+            line.sort(key=lambda point: point.speed_px_s)
+            x, colour = [point.speed_px_s + apart * (value - 1) for point in line], MOVE_COLOURS[int(value)]
+            label = MOVE_LABELS[int(value)]
+            _draw_line(data, axes, x, line, colour, label, data.one_velocity_per_speed, band=False)
+            for at, point in zip(x, line, strict=True):
+                if point.low is not None and point.high is not None:
+                    axes.plot([at, at], [point.low, point.high], color=colour, lw=2.4, alpha=0.35)
+                    highest = max(highest, min(_HIGHEST, point.high))
+        axes.set_ylim(-0.03, 1.03 * highest)
+        axes.yaxis.set_major_locator(MultipleLocator(0.2))
+    notes = ["Bars: 95 % intervals over pictures.", *_left_out(exposures, data.exposures_s, "exposures")]
+    notes += _left_out(others.every[-1:], others.every, "settings")
+    return grid.finish(axis_label(SPEED), MOVES.title, notes)
+
+
+def common_windows(windows_s: Sequence[Sequence[Sequence[float]]]) -> list[tuple[float, float]]:
+    """The ranges, in s, that lie inside a window of every list; empty where there is none."""
+    if not windows_s:
+        return []
+    common = [(low, high) for low, high in windows_s[0]]
+    for windows in windows_s[1:]:
+        overlaps = [(max(a, c), min(b, d)) for a, b in common for c, d in windows]
+        common = [(low, high) for low, high in overlaps if low <= high]
+    return common
+
+
+def _draw_line(
+    data: RunData,
+    axes: Axes,
+    x: list[float],
+    line: list[Point],
+    colour: str,
+    label: str,
+    joined: bool = True,
+    band: bool = True,
+) -> None:
+    """A line with a marker where something was measured; where answers are predicted, nothing was."""
+    style = "o" if not joined else "-" if data.searched else "o-"
+    axes.plot(x, [p.confidence for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
+    bounded = [(at, p.low, p.high) for at, p in zip(x, line, strict=True) if None not in (p.low, p.high)]
+    if band and bounded:
+        at, low, high = zip(*bounded, strict=True)
+        axes.fill_between(at, low, high, color=colour, alpha=0.16, lw=0)
+
+
+def _draw_window(axes: Axes, answer: dict[str, Any], y: float, colour: str) -> None:
+    first, last = answer["exposures_s"][0], answer["exposures_s"][-1]
+    alpha = 0.75 if answer["verdict"] == WORKS else 0.25
+    for low, high in answer["windows_s"]:
+        axes.plot([1e3 * low, 1e3 * high], [y, y], color=colour, lw=3, alpha=alpha, solid_capstyle="butt")
+    for low, high in (*answer["windows_low_s"], *answer["windows_high_s"]):
+        if low is not None or high is not None:
+            ends = first if low is None else low, last if high is None else high
+            axes.plot([1e3 * end for end in ends], [y, y], color=colour, lw=1)
+    if answer["recommended_s"] is not None:
+        axes.plot(1e3 * answer["recommended_s"], y, "|", color="black", ms=6, mew=1.3)
+
+
+def _exposure_axis(axes: Axes, exposures_s: Iterable[float]) -> None:
+    known = [exposure_s for exposure_s in exposures_s if math.isfinite(exposure_s)]  # not the camera's own
+    if not known:
+        return
+    axes.set_xscale("log")
+    axes.set_xlim(1e3 * min(known) / 1.15, 1e3 * max(known) * 1.15)
+    narrow = max(known) / min(known) < 30
+    plain_numbers(axes.xaxis, digits=(1, 2, 5) if narrow else (1, 3))
+
+
+def _left_out(shown: Sequence[object], every: Sequence[object], what: str) -> list[str]:
+    return [f"{len(shown)} of {len(every)} {what} shown."] if len(shown) < len(every) else []
+
+
+@dataclass(frozen=True)
+class _Panels:
+    """A figure, its axes by (model, group, setting), what was left out, and what values are shown."""
+
+    figure: Figure
+    axes: dict[Key, Axes]
+    notes: list[str]
+    shown: str
+
+    def __iter__(self) -> Iterator[tuple[Key, Axes]]:
+        return iter(self.axes.items())
+
+    def finish(
+        self, x_label: str, legend_title: str, notes: Sequence[str], entries: Sequence[Patch] = ()
+    ) -> Figure:
+        """The figure with its labels, its notes and one legend for all panels."""
+        if not self.axes:
+            return self.figure
+        self.figure.supxlabel("\n".join([x_label, *self.notes, *notes]), fontsize=9)
+        self.figure.supylabel(f"{self.shown} (dashed: what is asked)", fontsize=9)
+        handles, _ = next(iter(self.axes.values())).get_legend_handles_labels()
+        every = [*handles, *entries]
+        self.figure.legend(
+            handles=every, title=legend_title, loc="outside upper center", fontsize=8, title_fontsize=8,
+            ncols=min(len(every), 3 if len(self.axes) == 1 else 6), frameon=False,
+        )  # fmt: skip
+        return self.figure
+
+
+def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panels:
+    """At most so many empty panels: a row of settings per target group, first of all groups of one model, then of the
+    next."""
+    models = list(dict.fromkeys(answer["model"] for answer in data.answers))
+    shown_models = models[:most]
+    rows_left = most // max(1, len(shown_models))
+    shown_settings = spread(settings.every, min(MAX_COLUMNS, rows_left) if rows_left > 1 else 1)
+    groups = data.largest_groups(rows_left // max(1, len(shown_settings)))
+    asked = {(answer["model"], answer["group"]) for answer in data.answers}
+    keys = [
+        (model, group, at)
+        for model in shown_models for group in groups for at in shown_settings if (model, group) in asked
+    ]  # fmt: skip
+    columns = len(shown_settings) if len(shown_settings) > 1 else min(3, max(1, len(keys)))
+    if len(shown_settings) == 1 < len(shown_models) and 1 < len(groups) <= MAX_COLUMNS:
+        columns = len(groups)  # a row for each model
+    wide = 3.5 if columns < MAX_COLUMNS else 3.0
+    around = max(5.0, wide * columns) + 0.4 - wide * columns
+    figure, grid = small_multiples(max(1, len(keys)), columns, (wide, 2.7), (around, 1.5), sharey=True)
+    if not keys:
+        say_only(grid[0], "No targets in these pictures.")
+    counts = (
+        (len(shown_models), len(models), "models"),
+        (len(groups), len({answer["group"] for answer in data.answers}), "target groups"),
+        (len(shown_settings), len(settings.every), "settings" if settings.further else "light levels"),
+    )
+    notes = [f"{shown} of {total} {what} shown." for shown, total, what in counts if shown < total]
+    if special := settings.special_text(data.manifest["camera"]):
+        notes.append(f"Held: {special}.")
+    if any(data.unseen_below(model, group) is not None for model, group, _ in keys):
+        notes.append("Grey: below the lowest score that leaves the graph.")
+    found = _Panels(figure, dict(zip(keys, grid, strict=False)), notes, title_text(data.criterion))
+    for (model, group, at), axes in found:
+        n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
+        between = "\n" if settings.further else ", "
+        title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {n_targets})"
+        tidy(axes, title=title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
+        axes.set_ylim(-0.03, 1.03 * data.highest)
+        axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1.0])
+        if (unseen := data.unseen_below(model, group)) is not None:
+            axes.axhspan(-0.03, unseen, color="0.88", lw=0, zorder=0)
+        axes.axhline(data.criterion.level, color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
+    return found
+
+
+# --- pictures ---------------------------------------------------------------
+
+
+def gain_snr_brightness(data: RunData) -> Figure:
+    """Gain, signal to noise and brightness over exposure, so that a dark picture can be told from a noisy one.
+
+    A panel each, a line per setting, at the slowest motion: means over the pictures.
+    """
+    figure, grid = small_multiples(len(_OF_PICTURES), len(_OF_PICTURES), (3.3, 3.6), (0.0, 0.0))
+    shown = spread(data.settings.every, MAX_LINES)
+    first, slowest = data.model_names[0], data.velocities_px_s[:1]
+    rows = [
+        row
+        for row in data.scores
+        if not row["clean"] and row["model"] == first and velocity_of(row) in slowest
+    ]
+    for axes, (name, label) in zip(grid, _OF_PICTURES, strict=True):
+        for setting, colour in zip(shown, line_colours("viridis", len(shown)), strict=True):
+            line = [
+                (1e3 * row["exposure_s"], value)
+                for row in rows
+                if data.settings.of(row) == setting and (value := finite(row.get(name))) is not None
+            ]
+            if line:
+                text = data.settings.text(setting)
+                axes.plot(*zip(*sorted(line), strict=True), "o-", ms=3, lw=1.4, color=colour, label=text)
+        tidy(axes, title=label, x="Exposure / ms")
+        _exposure_axis(axes, data.exposures_s)
+    handles, labels = grid[0].get_legend_handles_labels()
+    if handles:
+        columns = min(4, len(labels))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    return figure
+
+
+def contact_sheet(data: RunData) -> Figure:
+    """Example pictures with their boxes: green found, dashed orange missed, thin blue other detections."""
+    threshold = data.found_from
+    chosen = data.spread_examples(MAX_EXAMPLES)
+    drawn = [drawn_example(example, 640, threshold) for example in chosen]
+    tallest = max((each.shape[0] / each.shape[1] for each in drawn if each is not None), default=0.7)
+    columns = min(MAX_COLUMNS, max(1, len(chosen)))
+    figure, grid = small_multiples(max(1, len(chosen)), columns, (3.4, 3.4 * tallest + 0.5), (0.2, 0.4))
+    for axes in grid:
+        axes.set_axis_off()
+    for axes, example, picture in zip(grid, chosen, drawn, strict=False):
+        if picture is None:
+            say_only(axes, "picture file is missing")
+        else:
+            axes.imshow(picture, interpolation="antialiased")
+        lines = [data.settings.condition_text(example), short_text(outcome_text(example, threshold), 52)]
+        several = [short_text(example["model"], 52)] if len(data.model_names) > 1 else []
+        axes.set_title("\n".join([*several, *lines]), fontsize=8, parse_math=False)
+    legend = (
+        f"green: target at or above {threshold:g}; dashed orange: target below; "
+        f"thin blue: other detections from {OTHER_SCORE:g}"
+    )
+    if len(chosen) < len(data.examples):
+        legend += f". {len(chosen)} of {len(data.examples)} examples shown"
+    figure.supxlabel(legend if chosen else "No example pictures were kept.", fontsize=9)
+    return figure

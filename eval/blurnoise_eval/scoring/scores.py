@@ -1,0 +1,184 @@
+"""The scores of a model, one table: columns, the page's charts, the table of models and criteria follow from it.
+
+Domain: shares in [0, 1] where the scale is "share", numbers from 0 up where it is "count".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from blurnoise_eval.scoring.estimates import Estimate
+
+if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
+    from blurnoise_eval.scoring.judged import Judged
+
+DETECTOR = frozenset({"detector"})
+READER = frozenset({"reader"})
+BOTH = DETECTOR | READER
+NEITHER: frozenset[str] = frozenset()
+_CURVES = "needs targets at two or more of them"
+_UNKNOWN = "no labelled target that the model knows"
+_NO_TEXT = "no text to read"
+
+
+@dataclass(frozen=True)
+class Score:
+    """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
+
+    kinds: of "detector" and "reader", as a run's manifest names them. of: its estimate of the answers under one
+    condition, or a number without an interval, None where it is undefined; without, the score is of a model as a
+    whole. charted: whether the page draws it. of_models: of which kinds the table of models has it, as of the
+    original pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written.
+    criterion: what it is called where a share of it is kept, and where it reaches a level; without, it is none.
+    """
+
+    name: str
+    title: str
+    kinds: frozenset[str] = BOTH
+    of: Callable[[Judged], Estimate | float | None] | None = None
+    better: Literal["higher", "lower"] | None = "higher"
+    scale: Literal["share", "count"] = "share"
+    charted: bool = False
+    of_models: frozenset[str] = NEITHER
+    meaning: str = ""
+    missing: str = ""
+    digits: str = ".3f"
+    criterion: tuple[str, str] | None = None
+
+    @property
+    def most(self) -> float:
+        """The greatest value."""
+        return 1.0 if self.scale == "share" else math.inf
+
+    def estimate(self, judged: Judged) -> Estimate:
+        """The score of answers under one condition, undefined where there is nothing to score."""
+        found = None if self.of is None else self.of(judged)
+        return found if isinstance(found, Estimate) else Estimate(found)
+
+
+def of_conditions() -> list[Score]:
+    """Those that answers under each condition have: the columns of scores.csv."""
+    return [score for score in SCORES if score.of is not None]
+
+
+def of_models(kind: str) -> list[Score]:
+    """Those of the table of models."""
+    return [score for score in SCORES if kind in score.of_models]
+
+
+def criteria(kind: str) -> list[Score]:
+    """Those of which a level, or a share that is kept, may be what is enough."""
+    return [score for score in SCORES if score.criterion and kind in score.kinds]
+
+
+def _mean(column: str) -> Callable[[Judged], Estimate]:
+    return lambda judged: judged.mean(column)
+
+
+def _coco(name: str) -> Callable[[Judged], Estimate]:
+    return lambda judged: judged.coco[name]
+
+
+def _false_per_image(judged: Judged) -> Estimate | None:
+    return None if judged.alarms is None else judged.alarms.false_per_image
+
+
+def _calibration(judged: Judged) -> Estimate | None:
+    return None if judged.alarms is None else judged.alarms.calibration_error
+
+
+SCORES: tuple[Score, ...] = (
+    Score(
+        "p", "P", DETECTOR, of_models=DETECTOR, missing=_UNKNOWN,
+        meaning="AP (IoU 0.50 to 0.95) on the untouched pictures",
+    ),
+    Score(
+        "p", "P", READER, of_models=READER, missing=_NO_TEXT,
+        meaning="exact matches on the untouched pictures",
+    ),
+    Score(
+        "mpc", "mPC", of_models=BOTH, missing="no condition scored",
+        meaning="mean of the same over all conditions but the untouched, each weighted alike",
+    ),
+    Score(
+        "mpc_uniform", "mPC, uniform", of_models=BOTH, missing="no condition scored",
+        meaning="mean of the same over light x time and motion, log-uniform over what was tested, whatever the grid",
+    ),
+    Score("rpc", "rPC", of_models=BOTH, missing="needs mPC, and P above 0", meaning="mPC / P"),
+    Score(
+        "auc_exposure", "AUC over exposure", of_models=BOTH, missing=_CURVES,
+        meaning="mean over all curves of the area under mean confidence, divided by the range of exposures",
+    ),
+    Score(
+        "auc_blur", "AUC over blur", of_models=BOTH, missing=_CURVES,
+        meaning="the same over motion blur in px, at each exposure",
+    ),
+    Score(
+        "target_confidence", "Target confidence", BOTH, _mean("target_confidence"),
+        of_models=DETECTOR, missing="no target",  # of a reader: as read
+        criterion=("confidence", "mean confidence"),
+    ),
+    Score(
+        "detection_rate", "Detection rate", DETECTOR, _mean("detection_rate"), charted=True,
+        criterion=("detection rate", "detection rate"),
+    ),
+    Score("confidence_when_found", "Confidence when found", BOTH, _mean("confidence_when_found")),
+    Score(
+        "target_confidence_swept", "Target confidence, swept box", DETECTOR, _mean("target_confidence_swept")
+    ),
+    Score(
+        "detection_rate_swept", "Detection rate, swept box", DETECTOR, _mean("detection_rate_swept"),
+        charted=True,
+    ),
+    Score("ap", "AP", DETECTOR, _coco("ap"), charted=True, criterion=("AP", "AP")),
+    Score(
+        "ap50", "AP50", DETECTOR, _coco("ap50"), charted=True, of_models=DETECTOR, missing=_UNKNOWN,
+        criterion=("AP50", "AP50"),
+    ),
+    Score("ap75", "AP75", DETECTOR, _coco("ap75")),
+    Score("ap50_swept", "AP50, swept box", DETECTOR, lambda judged: judged.swept_ap50, charted=True),
+    Score("ap_small", "AP, small", DETECTOR, _coco("ap_small")),
+    Score("ap_medium", "AP, medium", DETECTOR, _coco("ap_medium")),
+    Score("ap_large", "AP, large", DETECTOR, _coco("ap_large")),
+    Score(
+        "ar100", "AR100", DETECTOR, _coco("ar100"), of_models=DETECTOR, missing=_UNKNOWN,
+        meaning="recall with 100 detections a picture",
+    ),
+    Score(
+        "false_positives_per_image", "False positives per picture", DETECTOR, _false_per_image, "lower", "count",
+        charted=True, of_models=DETECTOR, missing="not scored",
+        meaning="detections from 0.25 on that answer for no target",
+    ),
+    Score(
+        "calibration_error", "Calibration error", DETECTOR, _calibration, "lower", charted=True,
+        of_models=DETECTOR, missing="nothing detected",
+        meaning="of detections from 0.25 on: |score - share of right ones|, ten bins",
+    ),
+    Score(
+        "read_confidence", "Confidence, right or wrong", READER, _mean("read_confidence"), charted=True,
+        of_models=READER, missing=_NO_TEXT, meaning="of what was read",
+    ),
+    Score(
+        "exact_match", "Exact match", READER, _mean("exact_match"), charted=True,
+        criterion=("exact matches", "share of exact matches"),
+    ),
+    Score(
+        "character_error_rate", "Character error rate", READER, _mean("character_error_rate"), "lower", "count",
+        charted=True, of_models=READER, missing=_NO_TEXT, meaning="edits / characters",
+    ),
+    Score(
+        "latency_ms", "Latency, median", better="lower", of_models=BOTH, missing="not measured", digits=".3g",
+        meaning="CPU time of one picture on one thread, from picture to answer",
+    ),
+    Score(
+        "latency_p95_ms", "Latency, 95th percentile", better="lower", of_models=BOTH, missing="not measured",
+        digits=".3g",
+    ),
+    Score(
+        "latency_threads", "Threads for the latency", better=None, of_models=BOTH, missing="not measured",
+        digits="d",
+    ),
+)  # fmt: skip

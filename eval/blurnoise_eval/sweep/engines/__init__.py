@@ -1,0 +1,54 @@
+"""Engines: who computes a sweep's blocks. The rows are the same whatever the engine, its workers or their order.
+
+Few blocks are in flight at a time, so that a sweep of any length takes the same memory. Closing what ``map``
+returns ends the engine: no other block is begun, nobody is left behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+
+from blurnoise._core.checks import one_of
+from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
+from blurnoise_eval.sweep.engines.processes import ProcessEngine, check_not_a_worker
+from blurnoise_eval.sweep.engines.ray_tasks import RayEngine
+from blurnoise_eval.sweep.engines.threads import ThreadEngine
+from blurnoise_eval.system.machine import usable_cores
+
+__all__ = [
+    "ENGINES",
+    "Answers",
+    "Engine",
+    "ProcessEngine",
+    "RayEngine",
+    "ThreadEngine",
+    "WorkerDied",
+    "engine_of",
+    "staying",
+]
+
+ENGINES: dict[str, Callable[[int], Engine]] = {
+    "threads": ThreadEngine,
+    "processes": ProcessEngine,
+    "ray": RayEngine,
+}
+
+
+def staying(engine: Engine) -> AbstractContextManager[Engine]:
+    """The engine; its workers, if they are processes, stay from one ``map`` to the next of the same work."""
+    return engine if isinstance(engine, Staying) else nullcontext(engine)
+
+
+def engine_of(name: str, workers: int | None, address: str | None = None) -> Engine:
+    """The engine of that name. address: of a Ray cluster; then workers None are one for each of its cores.
+
+    Raises ``ValueError`` for another name, for less than one worker, and for an address that goes with no engine.
+    """
+    check_not_a_worker()
+    one_of("engine", name, ENGINES)
+    if address is not None:
+        if name != "ray":
+            raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
+        return RayEngine(workers, address)
+    return ENGINES[name](usable_cores() if workers is None else workers)

@@ -1,0 +1,139 @@
+"""What all engines share: how they answer, and what runs in each of their worker processes."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterable, Iterator
+from itertools import islice
+from math import ceil
+from typing import Protocol, Self, TypeVar
+
+import cv2
+import torch
+
+from blurnoise_eval.datasets import UnreadablePicture
+from blurnoise_eval.store.store import CellResult
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.work import Work, Worker
+
+T = TypeVar("T")
+Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
+BlockResult = tuple[list[CellResult], list[tuple[str, type[Warning]]]]
+"""Results of a block, and the warnings that were given meanwhile."""
+
+_PICTURES_HELD = 3  # by a worker process
+_BLOCKS_READ = 8  # for each worker, before they are shared out
+_BLOCKS_JOINED = 8  # at most: a worker that is killed loses the cells of one task
+
+_worker: tuple[str, Worker] | None = None  # of this process: the key of the work that it has opened
+
+
+class Engine(Protocol):
+    """Something that computes blocks."""
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """Yield each block with its results, or with what a worker raised, in any order.
+
+        Blocks are taken as needed, and may be joined with others of the same picture. For each worker that died a
+        :class:`WorkerDied` is yielded with the block that it computed. Closing the generator ends the engine's work.
+        """
+
+
+class Staying(ABC):
+    """An engine whose workers stay from one ``map`` to the next inside its context, else until a ``map`` ends."""
+
+    _users = 0
+
+    def __enter__(self) -> Self:
+        self._users += 1
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._users -= 1
+        if not self._users:
+            self.stop()
+
+    @abstractmethod
+    def stop(self) -> None:
+        """End all workers at once, whatever they are computing."""
+
+
+class WorkerDied(Exception):
+    """A worker died while it computed the block. No answer yet: the block comes again."""
+
+
+def given_up(picture: str) -> UnreadablePicture:
+    """The answer for a picture on which two workers died, the second one with nothing else to do."""
+    return UnreadablePicture(
+        f"{picture}: the worker that computed it died, and so did the next one with nothing else to do "
+        "(killed, out of memory, or a crash in native code)"
+    )
+
+
+def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
+    """Join blocks of one picture, so that few workers need to prepare the same picture.
+
+    Preparing costs as much as a cell or two. A picture is split where it has many cells, or where there are fewer
+    pictures than workers.
+    """
+    left = iter(blocks)
+    while some := list(islice(left, _BLOCKS_READ * workers)):
+        of_picture: dict[str, list[Block]] = {}
+        for block in some:
+            of_picture.setdefault(block.picture.name, []).append(block)
+        for own in of_picture.values():
+            size = min(ceil(len(own) * len(of_picture) / workers), _BLOCKS_JOINED)
+            for start in range(0, len(own), size):
+                yield Block.joined(own[start : start + size])
+
+
+def pickled(engine: str, what: str, pickle_it: Callable[[], T]) -> T:
+    """What ``pickle_it`` makes for another process. Raises ``ValueError`` that names what cannot be sent."""
+    try:
+        return pickle_it()
+    except Exception as error:  # pickling runs anybody's code
+        raise ValueError(
+            f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
+        ) from None
+
+
+def pickled_block(engine: str, block: Block) -> bytes:
+    """A block for a worker process."""
+    return pickled(engine, f"picture {block.picture.name!r}", lambda: pickle.dumps(block))
+
+
+def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockResult:
+    """In a worker process: the results of a pickled block; None only opens the models.
+
+    key: of the work. ``opened`` gives it where this process has not opened it yet. Raises what opening the models and
+    :meth:`~blurnoise_eval.sweep.work.Worker.compute` raise.
+    """
+    global _worker
+    results: list[CellResult] = []
+    with warnings.catch_warnings(record=True) as caught:
+        if _worker is None or _worker[0] != key:
+            torch.set_num_threads(1)
+            cv2.setNumThreads(1)
+            _worker = None  # closes the models of the work before
+            _worker = key, opened().open(_PICTURES_HELD)
+        if block is not None:
+            results = _worker[1].compute(pickle.loads(block))
+    return results, [(str(each.message), each.category) for each in caught]
+
+
+class Warnings:
+    """Gives the warnings of worker processes here, each text once."""
+
+    def __init__(self) -> None:
+        self._given = set[str]()
+
+    def results(self, told: BlockResult) -> list[CellResult]:
+        """The results, once the warnings that came with them are given."""
+        results, caught = told
+        for text, category in caught:
+            if text not in self._given:
+                self._given.add(text)
+                warnings.warn(text, category, stacklevel=2)
+        return results

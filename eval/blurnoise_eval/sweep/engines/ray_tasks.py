@@ -1,0 +1,219 @@
+"""Tasks of Ray, one for each core of a cluster: cells travel to them, and rows back; pictures do not."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import socket
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.sweep.engines import base
+from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
+from blurnoise_eval.sweep.engines.model_bundle import ModelBundle
+from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.system.machine import versions
+
+_NAME = "ray"
+_HINT = "; one that asks for a token, as Ray's own do from 2.60 on, needs RAY_AUTH_MODE=token here, too"
+_REACHED_S = 10.0
+_LOOK_S = 1.0  # between looks at which nodes there are
+_STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
+
+
+@dataclass
+class RayEngine(base.Staying):
+    """Tasks of Ray, each on a core, with sessions and prepared pictures of its own.
+
+    workers: how many at a time; None: one for each core of the cluster. address: of a cluster that runs, as
+    ``ray.init`` takes it; None: the one that this process is connected to, else one on this machine, started and
+    stopped again. patience_s: how long to wait while no node has a core. Every node has this package in the same
+    version, and reads pictures by the same names. Used as a context manager, the connection stays from one
+    :meth:`map` to the next. Raises ``ValueError`` for less than one worker, without the package ray, and for what
+    does not pickle; ``ChildProcessError`` where no worker is available.
+
+    A block whose worker died is computed once more, alone on another one. If that dies, too, the block's picture is
+    given up.
+    """
+
+    workers: int | None = None
+    address: str | None = None
+    patience_s: float = 300.0
+    _connected: bool = field(default=False, init=False, repr=False, compare=False)  # by this engine
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"ray = {self.workers}: must be >= 1")
+        if importlib.util.find_spec("ray") is None:
+            raise ValueError("engine = 'ray': needs the package ray: pip install 'blurnoise[ray]'")
+
+    def stop(self) -> None:
+        """Stop a cluster that was started here; no connection stays that was not there before."""
+        if self._connected:
+            self._connected = False
+            _imported().shutdown()
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
+        bundle = base.pickled(_NAME, "models", lambda: ModelBundle.of(work))
+        left = iter(blocks)
+        first = next(left, None)
+        if first is None:
+            return
+        with self:
+            ray = _imported()
+            if not ray.is_initialized():
+                _connect(ray, self.workers, self.address)
+                self._connected = True
+            try:
+                yield from self._computed(ray, bundle, chain([first], left))
+            except ray.exceptions.RayError as error:
+                raise ChildProcessError(
+                    f"engine = {_NAME!r}: the cluster is gone ({_line(error)}); what was finished is kept"
+                ) from None
+
+    def _computed(self, ray: Any, bundle: ModelBundle, blocks: Iterable[Block]) -> Answers:
+        task = ray.remote(num_cpus=1, max_retries=0, scheduling_strategy="SPREAD")(_compute)
+        work = (
+            bundle.key,
+            [ray.put(bundle)],
+            versions(),
+        )  # in a list: fetched only where the models are opened
+        todo = base.shared_out(blocks, self.workers or _cores(ray))
+        again, lost, warned = deque[tuple[Block, int]](), dict[str, Exception](), base.Warnings()
+        flying: dict[Any, tuple[Block, int]] = {}  # how many workers have died on the block
+        last_core_s = time.monotonic()
+        try:
+            while True:
+                cores = _cores(ray)
+                while len(flying) < (self.workers or max(cores, 1)):
+                    block, deaths = again.popleft() if again else (next(todo, None), 0)
+                    if block is None:
+                        break
+                    if block.picture.name in lost:
+                        yield block, lost[block.picture.name]
+                        continue
+                    flying[task.remote(*work, base.pickled_block(_NAME, block))] = block, deaths
+                if not flying:
+                    return
+                done, _ = ray.wait(list(flying), timeout=_LOOK_S)
+                if done or cores:
+                    last_core_s = time.monotonic()
+                elif time.monotonic() - last_core_s > self.patience_s:
+                    raise ChildProcessError(
+                        f"engine = {_NAME!r}: no worker was available for {self.patience_s} s; "
+                        "what was finished is kept"
+                    )
+                for each in done:
+                    block, deaths = flying.pop(each)
+                    try:
+                        yield block, warned.results(ray.get(each))
+                    except ray.exceptions.RayTaskError as error:
+                        yield block, _raised(error)
+                    except ray.exceptions.RayError as error:
+                        yield block, WorkerDied(block.picture.name)
+                        deaths += not isinstance(
+                            error, ray.exceptions.NodeDiedError
+                        )  # which is no fault of a picture
+                        if deaths > 1:
+                            lost[block.picture.name] = base.given_up(block.picture.name)
+                        again.append((block, deaths))
+        finally:
+            for each in flying:
+                with suppress(ray.exceptions.RayError):
+                    ray.cancel(each, force=True)
+
+
+def _compute(key: str, bundle: list[Any], wanted: Mapping[str, str], block: bytes) -> BlockResult:
+    """In a worker of a node. Raises ``ValueError`` unless the packages are those ``wanted``: other bits may come of
+    others."""
+
+    def opened() -> Work:
+        found = versions()
+        if found != wanted:
+            others = [
+                f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
+            ]
+            raise ValueError(
+                f"engine = {_NAME!r}: node {socket.gethostname()} has {', '.join(others)} as here"
+            )
+        import ray
+
+        sent: ModelBundle = ray.get(bundle[0])
+        return sent.open()
+
+    return base.compute(key, opened, block)
+
+
+def _raised(error: Any) -> Exception:
+    """What the worker itself raised: the text of a RayTaskError is a traceback."""
+    cause = error.cause
+    if cause is not None and not isinstance(cause, Exception):  # an interrupt, an exit
+        raise cause
+    return cause or error
+
+
+def _cores(ray: Any) -> int:
+    return int(ray.cluster_resources().get("CPU", 0))
+
+
+def _imported() -> Any:
+    """The package; what it would print of deaths is told by the engine."""
+    os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".")
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+
+    return ray
+
+
+def _connect(ray: Any, cores: int | None, address: str | None) -> None:
+    """To the cluster at the address, or to one that is started here. Raises ``ChildProcessError``."""
+    if address is not None:
+        _check_reached(address)
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    here: dict[str, Any] = {
+        "address": "local",
+        "num_cpus": cores,
+        "num_gpus": 0,
+        "include_dashboard": False,
+        "object_store_memory": _STORE_BYTES,
+        "_node_ip_address": "127.0.0.1",
+    }
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+    tries = 2 if address is None else 1  # Ray gives its own node 30 s, few where others compute
+    for tries_left in reversed(range(tries)):
+        try:
+            ray.init(**(here if address is None else {"address": address}), **quiet)
+            return
+        except BaseException as error:
+            ray.shutdown()
+            if not isinstance(error, Exception):
+                raise
+            if not tries_left:
+                hint = "" if address is None else _HINT
+                raise ChildProcessError(
+                    f"engine = {_NAME!r}: no cluster at {address or 'this machine'} ({_line(error)}){hint}"
+                ) from None
+
+
+def _check_reached(address: str) -> None:
+    """Raise ``ChildProcessError`` where nobody listens: Ray itself would try for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon or not port.isdecimal():  # "auto", which Ray finds by its files
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), _REACHED_S).close()
+    except (OSError, OverflowError) as error:
+        raise ChildProcessError(f"engine = {_NAME!r}: no cluster at {address} ({_line(error)})") from None
+
+
+def _line(error: BaseException) -> str:
+    """The first line of what is wrong."""
+    return next(iter(str(error).splitlines()), type(error).__name__)

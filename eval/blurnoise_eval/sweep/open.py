@@ -1,0 +1,133 @@
+"""A run that is there, opened: its plan, camera, models and pictures as objects, beside its store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise.scene.scene import Exposure
+from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.grid.nodes import NodePlan, Plan
+from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.checked import check_rows
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.asked import Batch, asked
+from blurnoise_eval.sweep.blocks import cells_per_picture
+
+
+class Run:
+    """A run that has begun, in its open store. Raises :class:`StoreError` for one that has not.
+
+    manifest: what the run says of itself, plain values: title, models (name, kind, file, sha256, contract), camera,
+    images (kind, source, count, labelled, notes), versions, and what was measured of the models. planned: the plan's
+    plain values, by which runs are told apart.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self.store, self.folder = store, store.folder
+        manifest, identity = store.about("manifest"), store.about("identity")
+        if manifest is None or identity is None:
+            raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
+        self.manifest: dict[str, Any] = manifest
+        self.planned: dict[str, Any] = identity["plan"]
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: str | Path, *, shared: bool = True) -> Iterator[Run]:
+        """The run in a folder, whose rows are checked first. shared: other readers may have it open, too.
+
+        Raises :class:`StoreError` that names the run and what is wrong.
+        """
+        with Store(Path(folder), shared=shared) as store:
+            run = cls(store)
+            check_rows(store)
+            yield run
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera that pictures were taken with."""
+        return Camera.from_dict(self.manifest["camera"])
+
+    @property
+    def models(self) -> dict[str, dict[str, Any]]:
+        """What the manifest says of each model, by its name."""
+        return {model["name"]: model for model in self.manifest["models"]}
+
+    @property
+    def labelled(self) -> bool:
+        """Whether the pictures came with labels."""
+        return bool(self.manifest["images"]["labelled"])
+
+    @cached_property
+    def asked(self) -> tuple[Batch, ...]:
+        """What a search, or the refinement of a grid's windows, has asked for."""
+        return asked(self.store)
+
+    @property
+    def grid(self) -> Mapping[str, list[float]]:
+        """Values by axis; none of a search."""
+        values: Mapping[str, list[float]] = self.planned.get("grid", {})
+        return values
+
+    @cached_property
+    def auto_exposure(self) -> AutoExposure:
+        """What sets gain and exposure where they are left to the camera."""
+        return AutoExposure(**self.planned["auto_exposure"]) if "auto_exposure" in self.planned else USUAL
+
+    @cached_property
+    def objects(self) -> Objects:
+        """What moves where not all of a picture does."""
+        return Objects(**self.planned["objects"]) if "objects" in self.planned else USUAL_OBJECTS
+
+    @cached_property
+    def vehicle(self) -> Vehicle | None:
+        """The vehicle that drives."""
+        return Vehicle(**self.planned["ego"]) if self.planned.get("ego") else None
+
+    @cached_property
+    def trajectory(self) -> TrajectorySpec | None:
+        """What pictures do beside their velocity."""
+        held = self.manifest.get("trajectory")
+        return TrajectorySpec(held["text"], held["content"]) if held else None
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The plan of the grid, or the nodes that a search has asked for so far."""
+        shared: dict[str, Any] = {
+            **self.planned,
+            "auto_exposure": self.auto_exposure,
+            "objects": self.objects,
+        }
+        if self.grid:
+            return SweepPlan(**{**shared, "trajectory": self.trajectory, "ego": self.vehicle})
+        if "direction" not in shared:
+            raise StoreError(f"run = {str(self.folder)!r}: its plan has neither 'grid' nor 'direction'")
+        x, y = shared["direction"]
+        nodes = tuple(at for batch in self.asked for at in batch.conditions)
+        return NodePlan(**{**shared, "direction": (x, y), "nodes": nodes})
+
+    def missing_cells(self) -> int:
+        """How many of the plan's cells are not there, those of skipped pictures apart."""
+        chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.asked)
+        n_pictures = self.manifest["images"]["count"]
+        if self.grid:
+            per_picture = chosen + cells_per_picture(self.plan)
+        else:
+            n_pictures = self.asked[-1].n_pictures if self.asked else 0
+            per_picture = 1 + chosen
+        there = queries.count_cells_of_read(self.store)
+        return int((n_pictures - len(self.store.skipped())) * per_picture - there)
+
+    def exposure(self, at: Mapping[str, Any]) -> Exposure:
+        """The exposure under the conditions of a row, which is not of an original picture."""
+        conditions = Conditions(**{axis: at[axis] for axis in NAMES})
+        return conditions.exposure(self.camera, vehicle=self.vehicle)

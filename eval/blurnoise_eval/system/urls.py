@@ -1,0 +1,291 @@
+"""Files at URLs: objects of S3, Google Cloud Storage and Hugging Face, through fsspec and universal_pathlib.
+
+A ``Location`` is a ``Path`` or, at a URL, a ``UPath``. What is read is copied into this machine's cache first, whole,
+under the version that it has there: BLURNOISE_CACHE names the folder, by default ``blurnoise`` in XDG_CACHE_HOME or
+~/.cache. Endpoints and credentials come from the environment, as botocore (AWS_ENDPOINT_URL, AWS_PROFILE,
+AWS_ACCESS_KEY_ID) and fsspec (FSSPEC_S3_ANON) read it; none is printed or kept.
+
+The libraries try again what may pass. What fails is an ``OSError`` of one line with the URL: ``FileNotFoundError``
+for what is missing, ``PermissionError`` for what is denied.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import posixpath
+import re
+import stat
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from blurnoise_eval.system.files import written_whole
+from blurnoise_eval.system.progress import ProgressBar
+
+if TYPE_CHECKING:
+    from upath import UPath
+
+    Location = Path | UPath
+else:
+    Location = (
+        Path  # as options of commands are declared; imported late, a UPath would cost every command 0.1 s
+    )
+
+_EXTRAS = {"s3": "s3", "gs": "gcs", "hf": "hf", "memory": "s3"}
+"""Scheme, and the extra of this package that brings what it needs. ``memory`` is of this process, for tests."""
+_SAME = {"gcs": "gs", "s3a": "s3"}
+_S3_WAITS = {"connect_timeout": 10, "read_timeout": 20, "retries": {"max_attempts": 2}}  # s, s, tries again
+_AT_ONCE = 16  # requests that only wait
+_FEW = 200  # objects that are asked for one by one rather than by a listing of their folder
+_VERSION = ("ETag", "etag", "generation", "md5Hash", "blob_id", "LastModified", "updated", "mtime", "created")
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+
+
+def is_url(text: object) -> bool:
+    """Whether it is meant as a URL."""
+    return isinstance(text, str) and _URL.match(text) is not None
+
+
+def without_secrets(text: str) -> str:
+    """A word of a command, or a message, without the users, passwords and queries of URLs in it."""
+    text = re.sub(r"(\b[A-Za-z][A-Za-z0-9+.-]*://)[^/\s@]*@", r"\1", text)
+    return re.sub(r"(\b[A-Za-z][A-Za-z0-9+.-]*://[^\s?'\"]*)\?[^\s'\"]*", r"\1", text)
+
+
+def location(text: str | Location) -> Any:
+    """The ``Path`` or ``UPath`` that is named; ``file://`` is a path.
+
+    Raises ``ValueError`` for no text, a scheme that is not known, an address without a bucket, one that leaves it,
+    and one with a password or a query in it; ``OSError`` where a package is missing.
+    """
+    if text == "":
+        raise ValueError("'': must name a file or folder")
+    if not isinstance(text, str) or not is_url(text):
+        return Path(text) if isinstance(text, str) else text
+    scheme, _, rest = text.partition("://")
+    scheme, shown = _SAME.get(scheme.lower(), scheme.lower()), without_secrets(text)
+    if scheme == "file":
+        return _local(text)
+    if scheme not in _EXTRAS:
+        known = ", ".join(f"{each}://" for each in _EXTRAS if each != "memory")
+        raise ValueError(f"{shown}: must begin with {known} or file://")
+    bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
+    if "@" in bucket:
+        raise ValueError(
+            f"{shown}: must hold no user or password; state them in the environment, as AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY"
+        )
+    if "?" in rest:
+        raise ValueError(f"{shown}: must hold no query (?...)")
+    if "\0" in rest or not bucket.strip("."):
+        raise ValueError(f"{shown!r}: must name a bucket, as {scheme}://bucket/folder")
+    if path != bucket and not path.startswith(f"{bucket}/"):
+        raise ValueError(f"{shown!r}: leaves the bucket")
+    with explained(f"{scheme}://{path}"):
+        from upath import UPath
+
+        return UPath(f"{scheme}://{path}", **_options(scheme))
+
+
+def _options(scheme: str) -> dict[str, Any]:
+    """Of fsspec's file system: what is there is asked each time, and a server that is silent is given up."""
+    from fsspec.config import conf
+
+    own = {"config_kwargs": {**_S3_WAITS, **conf.get("s3", {}).get("config_kwargs", {})}}
+    return {"use_listings_cache": False, **(own if scheme == "s3" else {})} if scheme in ("s3", "gs") else {}
+
+
+def _local(text: str) -> Path:
+    found = urlsplit(text)
+    if found.netloc not in ("", "localhost"):
+        raise ValueError(f"{without_secrets(text)}: must be of this machine, as file:///folder")
+    return Path(url2pathname(text.partition("://")[2].removeprefix(found.netloc)))
+
+
+@contextmanager
+def explained(url: object) -> Iterator[None]:
+    """What fails inside becomes an ``OSError`` of one line with the URL; each storage has exceptions of its own."""
+    try:
+        yield
+    except Exception as error:
+        raise _os_error(error, str(url)) from None
+
+
+def _os_error(error: Exception, url: str) -> OSError:
+    kind = type(error).__name__
+    told = " ".join(without_secrets(str(error)).split())[:200] or kind
+    status = getattr(error, "status", getattr(error, "code", None))
+    if isinstance(error, ImportError):
+        extra = _EXTRAS[url.partition(":")[0]]
+        return OSError(errno.ENOPKG, f"needs more packages: pip install 'blurnoise[{extra}]' ({told})", url)
+    if isinstance(error, OSError) and error.filename == url:
+        return error
+    if isinstance(error, (FileNotFoundError, IsADirectoryError)) or status == 404:
+        return FileNotFoundError(errno.ENOENT, "no such object, folder or bucket", url)
+    if isinstance(error, PermissionError) or status in (401, 403):
+        return PermissionError(errno.EACCES, f"denied ({told})", url)
+    if "Credential" in kind or "TokenRetrieval" in kind:
+        how = "set AWS_PROFILE or AWS_ACCESS_KEY_ID, or FSSPEC_S3_ANON=true for a public bucket"
+        return PermissionError(errno.EACCES, f"no credentials{f': {how}' * url.startswith('s3:')}", url)
+    if "Timeout" in kind:
+        return TimeoutError(errno.ETIMEDOUT, f"no answer ({told})", url)
+    if kind == "gaierror" or ("Connect" in kind and "Closed" not in kind):
+        return OSError(errno.EHOSTUNREACH, f"no such host, or it does not answer ({told})", url)
+    return OSError(getattr(error, "errno", None) or errno.EIO, f"failed ({told})", url)
+
+
+def version(file: Location) -> str:
+    """What changes whenever the file does: size and times here, size and tag of an object. Raises ``OSError``."""
+    if isinstance(file, Path):
+        found = file.stat()
+        return f"{found.st_size} {found.st_mtime_ns} {found.st_ctime_ns} {found.st_ino}"
+    with explained(file):
+        file.fs.invalidate_cache(file.path)
+        info = file.fs.info(file.path)
+    if info["type"] != "file":
+        raise FileNotFoundError(errno.ENOENT, "is a folder, no object", str(file))
+    return _version_in(info)
+
+
+def _version_in(info: Mapping[str, Any]) -> str:
+    tag = next((info[name] for name in _VERSION if info.get(name)), "")
+    tag = tag.timestamp() if isinstance(tag, datetime) else tag  # listings tell it so or so
+    return f"{info.get('size')} {str(tag).strip(chr(34))}"
+
+
+def listing(folder: Location) -> dict[str, str]:
+    """Versions of all files in the folder and below, by their names in it, as sub/picture.png. Raises ``OSError``.
+
+    Links to folders stay shut. Objects whose names lead elsewhere, or mark a folder, are left out.
+    """
+    if isinstance(folder, Path):
+        return dict(_walk(folder))
+    with explained(folder):
+        folder.fs.invalidate_cache(folder.path)
+        found = folder.fs.find(folder.path, detail=True)
+        start = len(folder.fs._strip_protocol(str(folder)).rstrip("/")) + 1
+    files = ((name[start:], info) for name, info in found.items() if info["type"] == "file")
+    return {name: _version_in(info) for name, info in files if _is_below(name)}
+
+
+def _walk(folder: Path) -> Iterator[tuple[str, str]]:
+    def stop(error: OSError) -> None:
+        raise error
+
+    for root, _, names in os.walk(folder, onerror=stop):
+        below = Path(root).relative_to(folder)
+        for name in names:
+            file = Path(root, name)
+            with suppress(OSError):  # a link that leads nowhere, or to itself
+                if stat.S_ISREG(file.stat().st_mode):
+                    yield (below / name).as_posix(), version(file)
+
+
+def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
+    """Versions of the files of these names in a folder, without those that are missing or denied.
+
+    Many objects are listed; few, or those of a folder that must not be listed, are asked for one by one. Raises
+    ``OSError`` where all of them are denied, or storage does not answer.
+    """
+    if not isinstance(folder, Path) and len(names) > _FEW:
+        try:
+            every = listing(folder)
+            return {name: every[name] for name in names if name in every}
+        except PermissionError:
+            pass
+        except FileNotFoundError:
+            return {}
+    denied: list[OSError] = []
+
+    def found(name: str) -> tuple[str, str | None]:
+        try:
+            return name, version(folder / name)
+        except (FileNotFoundError, NotADirectoryError):
+            return name, None
+        except OSError as error:
+            if not isinstance(folder, Path) and not isinstance(error, PermissionError):
+                raise
+            denied.append(error)
+            return name, None
+
+    if isinstance(folder, Path):
+        return {name: each for name, each in map(found, names) if each}
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        looked = list(pool.map(found, names))
+    if denied and len(denied) == len(names):
+        raise denied[0]
+    return {name: each for name, each in looked if each}
+
+
+def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
+    """The file on this machine: a ``Path`` as it is; an object as its copy, together with others of its folder.
+
+    beside: names that are left out where they are missing, or lead elsewhere. known: the object's version, where that
+    has been looked up. Raises ``OSError``, also for an object that is another by now.
+    """
+    if isinstance(file, Path):
+        return file
+    company = versions(file.parent, [name for name in beside if _is_below(name)]) if beside else {}
+    wanted = {
+        file.name: known or version(file),
+        **{name: company[name] for name in beside if name in company},
+    }
+    folder = cache_folder() / "objects" / _digest(f"{file.parent} {sorted(wanted.items())}")
+    for name, of_it in wanted.items():
+        if not (folder / name).exists():
+            _download(file.parent / name, of_it, folder / name)
+    return folder / file.name
+
+
+def _download(url: UPath, known: str, copy: Path) -> None:
+    try:
+        copy.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = (
+            f"the cache {cache_folder()} cannot be written ({error.strerror}); BLURNOISE_CACHE names another"
+        )
+        raise OSError(error.errno, why, str(url)) from None
+    with explained(url), written_whole(copy) as unfinished:
+        url.fs.get_file(url.path, str(unfinished))
+        if version(url) != known:
+            raise OSError(errno.ESTALE, "has changed since it was looked up", str(url))
+        if known.partition(" ")[0] not in (str(unfinished.stat().st_size), "None"):
+            raise OSError(errno.EIO, "was cut off while it was read", str(url))
+
+
+def fetch_ahead(folder: Location, wanted: Mapping[str, str]) -> None:
+    """Copy objects of a folder, given by name and version, several at a time, before they are read one by one.
+
+    Nothing to do for a ``Path``. What is missing or denied says so when it is read; the rest raises ``OSError``.
+    """
+    if isinstance(folder, Path) or not wanted:
+        return
+
+    def fetch(entry: tuple[str, str]) -> None:
+        with suppress(FileNotFoundError, PermissionError):
+            local_file(folder / entry[0], known=entry[1])
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool, ProgressBar("fetch files", len(wanted)) as advance:
+        for _ in pool.map(fetch, wanted.items()):
+            advance(1)
+
+
+def cache_folder() -> Path:
+    """Where copies are kept; what is not needed any more is removed by hand."""
+    usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "blurnoise"
+    return Path(os.environ.get("BLURNOISE_CACHE") or usual)
+
+
+def _digest(key: str) -> str:
+    return hashlib.blake2b(key.encode("utf-8", "surrogatepass"), digest_size=20).hexdigest()
+
+
+def _is_below(name: str) -> bool:
+    return not any(part in ("", ".", "..") for part in name.split("/"))

@@ -1,0 +1,261 @@
+"""The one rule of recommendation against values worked out by hand, and against a search by brute force."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.answers.recommendation import (
+    CANNOT_TELL,
+    FAILS,
+    MOST_COMMON,
+    SURE,
+    averages,
+    best_exposure,
+    curves,
+    recommendations,
+    without_saturated,
+)
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.grid.axes import SETTING
+from hypothesis import given
+from hypothesis import strategies as st
+from made_tables import table
+
+OWN = dict.fromkeys(SETTING, 0.0) | {"f_number": 2.8, "temperature_c": 25.0}
+
+
+def kept_table(
+    values: dict[float, dict[float, float]],
+    lux: float = 50.0,
+    group: str = "sign",
+    *,
+    gain_db: float = 0.0,
+    pictures: int = 40,
+    spread: float = 0.02,
+    saturated: dict[float, float] | None = None,
+    counts: float = 1.0,
+) -> ScoreTable:
+    """values: mean by speed and exposure, about which ``pictures`` are spread evenly."""
+    speeds, exposures = sorted(values), sorted(next(iter(values.values())))
+    mean = np.array([[values[speed][each] for speed in speeds] for each in exposures])
+    each = mean + np.linspace(-spread, spread, pictures)[:, None, None]
+    share = np.array([[(saturated or {}).get(each, 0.0)] * len(speeds) for each in exposures])
+    velocities = [(speed, 0.0) for speed in speeds]
+    own: dict[str, Any] = {"group": group, "clean": 0.9, "at": {"illuminance_lux": lux, "gain_db": gain_db}}
+    return table(counts * each, exposures, velocities, counts, saturated=share, **own)
+
+
+def rows(
+    *every: ScoreTable, level: float = 0.9
+) -> dict[tuple[float | None, float | None], dict[str, object]]:
+    found = recommendations(averages(list(every), level))
+    return {(row["illuminance_lux"], row["speed"]): row for row in found}
+
+
+def test_the_exposure_that_keeps_most_on_average_wins_over_the_one_that_is_surest() -> None:
+    """1 ms is sure at one light; 3 ms keeps more on average. Another light at which only the average counts."""
+    bright = kept_table({0.0: {0.001: 0.96, 0.003: 0.95, 0.01: 0.60}}, 1000.0)
+    dim = kept_table({0.0: {0.001: 0.40, 0.003: 0.85, 0.01: 0.88}}, 2.0)
+    found = rows(bright, dim)
+    whole = found[None, None]
+    assert whole["exposure_s"] == 0.003
+    assert whole["value"] == pytest.approx((0.95 + 0.85) / 2)
+    assert whole["loss"] == pytest.approx((0.01 + 0.03) / 2)
+    assert (whole["sure"], whole["fails"], whole["conditions"]) == (1, 1, 2)
+    assert (found[2.0, None]["exposure_s"], found[2.0, None]["verdict"]) == (0.01, FAILS)
+    assert (found[1000.0, None]["exposure_s"], found[1000.0, None]["verdict"]) == (0.001, SURE)
+    assert found[2.0, None]["at_common"] == pytest.approx(0.85)
+
+
+def test_a_light_is_averaged_over_its_speeds_and_each_speed_has_its_own() -> None:
+    """30 ms is best at rest alone; over both speeds 10 ms keeps more."""
+    dim = kept_table({0.0: {0.01: 0.85, 0.03: 0.95}, 600.0: {0.01: 0.77, 0.03: 0.53}}, 2.0)
+    found = rows(dim)
+    assert found[2.0, None]["exposure_s"] == 0.01
+    assert found[2.0, None]["value"] == pytest.approx(0.81)
+    assert (found[2.0, 0.0]["exposure_s"], found[2.0, 600.0]["exposure_s"]) == (0.03, 0.01)
+
+
+def test_groups_count_alike_whatever_their_number_of_pictures() -> None:
+    many = kept_table({0.0: {0.001: 0.9, 0.004: 0.5}}, group="large", pictures=200)
+    few = kept_table({0.0: {0.001: 0.2, 0.004: 0.8}}, group="small", pictures=10)
+    assert rows(many, few)[None, None]["exposure_s"] == 0.004
+    assert rows(many, few)[None, None]["value"] == pytest.approx(0.65)
+
+
+def test_what_saturates_a_tenth_is_not_used_while_another_works() -> None:
+    values = {0.0: {0.001: 0.92, 0.01: 0.99}}
+    assert rows(kept_table(values))[None, None]["exposure_s"] == 0.01
+    bright = kept_table(values, saturated={0.01: 0.95})
+    assert rows(bright)[None, None]["exposure_s"] == 0.001
+    weak = kept_table({0.0: {0.001: 0.5, 0.01: 0.99}}, saturated={0.01: 0.95})
+    assert rows(weak)[None, None]["exposure_s"] == 0.01  # nothing else works
+    assert rows(weak)[None, None]["saturated"] == pytest.approx(0.95)
+    every = kept_table(values, saturated={0.001: 0.3, 0.01: 0.9})
+    assert rows(every)[None, None]["exposure_s"] == 0.001  # all that work saturate: the least of them
+
+
+def test_saturation_is_averaged_as_the_values_are() -> None:
+    """14 % at one of three lights is not a tenth of what this exposure sees."""
+    lights = [kept_table({0.0: {0.001: 0.90, 0.003: 0.96}}, lux) for lux in (2.0, 50.0)]
+    bright = kept_table({0.0: {0.001: 0.91, 0.003: 0.95}}, 1000.0, saturated={0.003: 0.14})
+    assert rows(*lights, bright)[None, None]["exposure_s"] == 0.003
+    assert rows(*lights, bright)[1000.0, None]["exposure_s"] == 0.001
+
+
+def test_each_light_has_the_gain_that_keeps_most() -> None:
+    every = [
+        kept_table({0.0: {0.001: value}}, lux, gain_db=gain)
+        for lux, gain, value in ((2.0, 0.0, 0.3), (2.0, 20.0, 0.8), (1000.0, 0.0, 0.95), (1000.0, 20.0, 0.4))
+    ]
+    found = rows(*every)
+    assert found[None, None]["value"] == pytest.approx((0.8 + 0.95) / 2)
+    assert (found[2.0, None]["gain_db"], found[1000.0, None]["gain_db"]) == (20.0, 0.0)
+    assert found[None, None]["gain_db"] is None
+
+
+def test_an_exposure_that_one_light_lacks_is_not_for_all() -> None:
+    one = kept_table({0.0: {0.001: 0.5, 0.002: 0.99}}, 2.0)
+    other = kept_table({0.0: {0.001: 0.6}}, 50.0)
+    found = rows(one, other)
+    assert found[None, None]["exposure_s"] == 0.001
+    assert found[2.0, 0.0]["exposure_s"] == 0.002
+
+
+def test_from_few_pictures_nothing_is_sure() -> None:
+    found = rows(kept_table({0.0: {0.001: 1.0}}, pictures=7))
+    assert found[None, None]["verdict"] == CANNOT_TELL
+    assert found[None, None]["low"] is found[None, None]["high"] is None
+
+
+def test_the_interval_of_an_average_is_paired_by_picture() -> None:
+    """The same pictures in two lights: their mean varies as each does, and as a Student interval says."""
+    lights = [kept_table({0.0: {0.001: 0.6}}, lux, pictures=50, spread=0.2) for lux in (2.0, 50.0)]
+    (whole,) = [row for row in recommendations(averages(lights, 0.5)) if row["scope"] == "all"]
+    spread = np.linspace(-0.2, 0.2, 50).std(ddof=1) / np.sqrt(50)
+    assert whole["value"] - whole["low"] == pytest.approx(2.01 * spread, rel=0.15)
+
+
+def test_curves_have_a_line_for_each_speed_and_one_for_all() -> None:
+    found = curves(
+        averages([kept_table({0.0: {0.001: 0.8, 0.004: 0.6}, 600.0: {0.001: 0.6, 0.004: 0.2}})], 0.5)
+    )
+    values = {row["speed"]: row["values"] for row in found}
+    assert values[None] == pytest.approx([0.7, 0.4])
+    assert values[600.0] == pytest.approx([0.6, 0.2])
+
+
+def test_on_a_plateau_the_middle_is_taken() -> None:
+    exposures = (0.001, 0.002, 0.004, 0.008, 0.016)
+    assert best_exposure(exposures, [0.2, 0.950, 0.949, 0.948, 0.3]) == 2
+    assert best_exposure(exposures, [0.2, 0.95, 0.90, 0.949, 0.3]) == 1  # another top beyond a worse one
+    assert best_exposure(exposures, [np.nan, np.nan, 0.1, 0.2, np.nan]) == 3
+    assert best_exposure(exposures, [np.nan] * 5) is None
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=9), st.lists(st.floats(0, 1), min_size=9, max_size=9))
+def test_nothing_is_recommended_that_keeps_clearly_less(values: list[float], shares: list[float]) -> None:
+    exposures = [0.001 * 2**place for place in range(len(values))]
+    saturated = shares[: len(values)]
+    counted = without_saturated(values, saturated, 0.5)
+    chosen = best_exposure(exposures, counted)
+    assert chosen is not None
+    fine = [value for value, share in zip(values, saturated, strict=True) if share <= 0.1 and value >= 0.5]
+    assert not fine or saturated[chosen] <= 0.1
+    assert values[chosen] >= (max(fine) if fine else 0.0) - 0.005
+
+
+def test_what_is_sure_at_a_speed_is_at_slower_ones_too() -> None:
+    """At rest the level is missed by a hair; a faster speed has it surely, so that rest has."""
+    some = [kept_table({0.0: {0.001: 0.92}, 600.0: {0.001: 0.97}, 900.0: {0.001: 0.2}})]
+    verdicts = [
+        [
+            row["verdict"]
+            for row in recommendations(averages(some, 0.9, monotone=pooled))
+            if row["scope"] == "condition"
+        ]
+        for pooled in (False, True)
+    ]
+    assert verdicts == [[CANNOT_TELL, SURE, FAILS], [SURE, SURE, FAILS]]
+
+
+def test_the_next_exposure_is_the_top_of_a_parabola_in_log_exposure() -> None:
+    """0.9 - 0.1 (log2 t - log2 5 ms)^2, tested at 1, 3, 10 and 30 ms."""
+    exposures = (0.001, 0.003, 0.01, 0.03)
+    kept = {each: 0.9 - 0.1 * np.log2(each / 0.005) ** 2 for each in exposures}
+    of = averages([kept_table({0.0: kept}, lux) for lux in (2.0, 50.0)], 0.9)
+    assert of.next_exposure() == pytest.approx(0.005, rel=0.005)
+    finer = kept | {0.005: 0.9}
+    assert averages([kept_table({0.0: finer})], 0.9).next_exposure() == pytest.approx(
+        0.00707
+    )  # the wider gap
+
+
+@pytest.mark.parametrize("first", np.geomspace(0.001, 0.003, 6, endpoint=False).tolist())
+def test_a_few_further_exposures_find_the_best_from_wherever_a_coarse_grid_begins(first: float) -> None:
+    """A factor of 3 apart; what is kept rises slowly towards 9 ms and falls four times as fast."""
+
+    def kept(exposure_s: float) -> float:
+        stops = float(np.log2(exposure_s / 0.009))
+        return 0.8 - (0.05 * stops**2 if stops < 0 else 0.2 * stops**2)
+
+    tested = {each: kept(each) for each in (first * 3.0 ** np.arange(4)).tolist()}
+    for _ in range(MOST_COMMON):
+        further = averages([kept_table({0.0: tested})], 0.5).next_exposure()
+        tested |= {} if further is None else {further: kept(further)}
+    assert averages([kept_table({0.0: tested})], 0.5).next_exposure() is None
+    (whole,) = [
+        row for row in recommendations(averages([kept_table({0.0: tested})], 0.5)) if row["scope"] == "all"
+    ]
+    assert abs(np.log2(whole["exposure_s"] / 0.009)) < 1 / 3
+    assert whole["value"] > 0.8 - 0.01
+
+
+def test_no_further_exposure_where_none_promises_more() -> None:
+    flat = {0.001: 0.949, 0.004: 0.95, 0.016: 0.949}
+    assert averages([kept_table({0.0: flat})], 0.9).next_exposure() is None
+    near = {0.0118: 0.85, 0.016: 0.9}
+    assert averages([kept_table({0.0: near})], 0.9).next_exposure() is None
+    assert averages([kept_table({0.0: {0.016: 0.9}})], 0.9).next_exposure() is None
+
+
+def test_at_an_end_of_what_was_tested_the_gap_beside_it_is_halved() -> None:
+    rising = {0.001: 0.5, 0.004: 0.7, 0.016: 0.9}
+    assert averages([kept_table({0.0: rising})], 0.9).next_exposure() == pytest.approx(0.008)
+
+
+def test_what_is_predicted_is_measured_where_nothing_near_was() -> None:
+    """The middle of the best on a fine line of exposures, unless one within a fifth of a stop was measured."""
+    kept = {each: 0.9 - 0.1 * np.log2(each / 0.005) ** 2 for each in np.geomspace(0.001, 0.03, 60).tolist()}
+    of = averages([kept_table({0.0: kept})], 0.9)
+    assert of.unmeasured([]) == pytest.approx(0.005, rel=0.03)
+    assert of.unmeasured([0.003]) == of.unmeasured([])
+    assert of.unmeasured([0.003, 0.0056]) is None
+
+
+def test_towards_saturation_the_gap_is_halved() -> None:
+    kept = {0.001: 0.90, 0.004: 0.95, 0.016: 0.99}
+    of = averages([kept_table({0.0: kept}, saturated={0.016: 0.5})], 0.9)
+    assert of.next_exposure() == pytest.approx(0.008)
+
+
+def test_a_group_of_few_pictures_widens_the_interval_and_does_not_take_it_away() -> None:
+    """What keeps .1 surely misses .9, though one of two groups has four pictures."""
+    large = kept_table({0.0: {0.001: 0.15}}, group="large", pictures=14)
+    small = kept_table({0.0: {0.001: 0.05}}, group="small", pictures=4)
+    (alone,), (both,) = (
+        [row for row in recommendations(averages(each, 0.9)) if row["scope"] == "all"]
+        for each in ([large], [large, small])
+    )
+    assert both["verdict"] == alone["verdict"] == FAILS
+    assert both["high"] - both["low"] > alone["high"] - alone["low"]
+
+
+def test_shares_of_pictures_take_the_place_of_those_of_targets() -> None:
+    values = {0.0: {0.001: 0.92, 0.01: 0.99}}
+    of = averages([kept_table(values)], 0.9)
+    assert of.choose().exposure_s == 0.01  # type: ignore[union-attr]
+    seen = of.with_saturated(lambda setting, velocity, exposure_s: 0.4 if exposure_s == 0.01 else None)
+    assert seen.choose().exposure_s == 0.001  # type: ignore[union-attr]

@@ -1,0 +1,73 @@
+"""Tables of AP: means and intervals are those of the score and its jackknife."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.answers import uncertainty
+from blurnoise_eval.answers.crossings import Curve
+from blurnoise_eval.answers.table import Sized, tables_by_size
+from blurnoise_eval.scoring.estimates import Estimate, left_out
+from plans import OWN
+
+PICTURES = 12
+GENERATOR = np.random.default_rng(2)
+
+
+def estimate(value: float) -> Estimate:
+    """A value, and those without each picture."""
+    return left_out(np.concatenate([[value], value + 0.01 * GENERATOR.normal(size=PICTURES)]))
+
+
+def sized(exposure_s: float | None, speed: float, large: Estimate, **pictures: Any) -> Sized:
+    row = {"model": "m", "exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, **OWN}
+    row |= {"velocity_y_px_s": 0.0, "saturated": None, "brightness": None, **pictures}
+    nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
+    return Sized(row, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
+
+
+CLEAN = estimate(0.5)
+CONDITIONS = {
+    (0.01, 0.0): estimate(0.4),
+    (0.01, 90.0): estimate(0.2),
+    (0.02, 0.0): estimate(0.6),
+    (0.02, 90.0): estimate(0.1),
+}
+
+
+def scored() -> list[Sized]:
+    exposed = [sized(*at, found, saturated=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
+    return [sized(None, 0.0, CLEAN), *exposed[::-1]]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_values_and_intervals_are_the_scores_own(kept: bool) -> None:
+    (table,) = tables_by_size(scored(), kept)
+    assert (table.group, table.n_targets, table.clean) == ("large", 5, 0.5)
+    assert table.reference == pytest.approx(2.5)
+    assert table.most == (2.0 if kept else 1.0)
+    at = list(zip(table.conditions["exposure_s"].tolist(), table.speeds_px_s.tolist(), strict=True))
+    assert at == [(0.01, 0.0), (0.02, 0.0), (0.01, 90.0), (0.02, 90.0)]
+    assert table.saturated[2:] == pytest.approx([0.01, 0.02])
+    assert table.brightness[0] == 0.3
+    for (exposure_s, speed), own in CONDITIONS.items():
+        (line,) = table.take([at.index((exposure_s, speed))]).along("exposure_s")
+        assert own.value is not None
+        assert own.influence is not None
+        assert line.mean[0] == pytest.approx(own.value / (0.5 if kept else 1.0))
+        curve = Curve.of(line, "exposure_s")
+        ends = curve.interval()
+        assert ends is not None
+        away = own.influence
+        if kept:
+            assert CLEAN.influence is not None
+            away = (away - own.value / 0.5 * CLEAN.influence) / 0.5
+        expected = uncertainty.of_level(line.mean[0], away, table.most)
+        assert (ends.low[0], ends.high[0]) == pytest.approx((float(expected.low), float(expected.high)))
+
+
+def test_a_size_without_targets_has_no_table() -> None:
+    """There is no AP of small targets, and none of medium ones in the untouched pictures."""
+    assert [table.group for table in tables_by_size(scored(), kept=False)] == ["large"]

@@ -1,0 +1,250 @@
+"""Frames that no camera can be measured from are refused in one line that says which they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import made_frames
+import numpy as np
+import pytest
+import torch
+from blurnoise_eval.calibration.fit import measure
+from blurnoise_eval.calibration.frames import frames_of, read_plane
+
+from blurnoise.optics.colour import srgb_from_linear
+
+CAMERA = replace(
+    made_frames.drawn_camera(2),
+    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
+    bit_depth=12,
+)  # fmt: skip
+SIZE = (96, 121)
+Planes = dict[tuple[str, float], list[np.ndarray]]
+
+
+@pytest.fixture(scope="module")
+def planes() -> Planes:
+    return made_frames.exposed(CAMERA, 1, size=SIZE)
+
+
+def flats(
+    planes: Planes, change: Callable[[np.ndarray, int], np.ndarray], only: float | None = None
+) -> Planes:
+    """The planes with each flat frame, or those of one exposure, changed; the number of the frame is passed, too."""
+    return {
+        (kind, exposure_s): [
+            change(plane, number).astype(plane.dtype)
+            if kind == "flat" and only in (None, exposure_s)
+            else plane
+            for number, plane in enumerate(each)
+        ]
+        for (kind, exposure_s), each in planes.items()
+    }
+
+
+def refused(folder: Path, planes: Planes, **how: object) -> str:
+    with pytest.raises(ValueError, match=r"\S") as caught:
+        measure(made_frames.save(folder / "frames", planes), **how)  # type: ignore[arg-type]
+    told = str(caught.value)
+    assert "\n" not in told
+    return told
+
+
+def test_what_the_others_change_is_sound(planes: Planes, tmp_path: Path) -> None:
+    assert measure(made_frames.save(tmp_path / "frames", planes)).bit_depth == 12
+
+
+def test_gamma_is_not_linear(planes: Planes, tmp_path: Path) -> None:
+    def coded(plane: np.ndarray, _: int) -> np.ndarray:
+        return 4095 * srgb_from_linear(torch.from_numpy(plane / 4095.0)).numpy()
+
+    both = {key: [coded(plane, 0).astype(np.uint16) for plane in each] for key, each in planes.items()}
+    assert "not linear" in refused(tmp_path, both)
+
+
+def test_a_level_off_the_line_is_named(planes: Planes, tmp_path: Path) -> None:
+    told = refused(tmp_path, flats(planes, lambda plane, _: plane * 0.85, only=0.05))
+    assert "flat 50 ms: not linear" in told
+
+
+def test_everything_clipped(planes: Planes, tmp_path: Path) -> None:
+    told = refused(tmp_path, flats(planes, lambda plane, _: np.minimum(plane, 300)))
+    assert (
+        "clipped, 8 of 8 flat levels reach 300 DN" in told
+        or "clipped, 7 of 8 flat levels reach 300 DN" in told
+    )
+
+
+def test_dark_frames_cut_off_at_zero(planes: Planes, tmp_path: Path) -> None:
+    low = {
+        key: [np.maximum(plane.astype(int) - 20, 0).astype(np.uint16) for plane in each]
+        for key, each in planes.items()
+    }
+    assert "clipped" in (told := refused(tmp_path, low))
+    assert told.startswith("dark")
+
+
+def test_a_flickering_lamp(planes: Planes, tmp_path: Path) -> None:
+    told = refused(tmp_path, flats(planes, lambda plane, number: plane * (1 - 0.04 * number), only=0.05))
+    assert "flat 50 ms: flickering, its frames' light differs by 4" in told
+
+
+def test_bands_of_flicker(planes: Planes, tmp_path: Path) -> None:
+    rows = 1 + 0.01 * np.sin(np.arange(SIZE[0]) / 5)[:, None]
+    told = refused(tmp_path, flats(planes, lambda plane, number: plane * (rows if number else 1 / rows)))
+    assert "flickering in bands" in told
+
+
+def test_frames_that_were_filtered(planes: Planes, tmp_path: Path) -> None:
+    told = refused(tmp_path, flats(planes, lambda plane, _: cv2.blur(plane.astype(float), (2, 2))))
+    assert "filtered or lossy" in told
+
+
+def test_frames_that_were_compressed(planes: Planes, tmp_path: Path) -> None:
+    """8 bits through JPEG, then saved as something else."""
+
+    def squeezed(plane: np.ndarray, _: int) -> np.ndarray:
+        return cv2.imdecode(cv2.imencode(".jpg", (plane / 16).astype(np.uint8))[1], cv2.IMREAD_UNCHANGED)
+
+    eight = {key: [squeezed(plane, 0) for plane in each] for key, each in planes.items()}
+    assert "filtered or lossy" in refused(tmp_path, eight)
+
+
+def test_the_same_frame_twice(planes: Planes, tmp_path: Path) -> None:
+    twice = {key: [each[0], each[0]] for key, each in planes.items()}
+    assert "all the same" in refused(tmp_path, twice)
+
+
+@pytest.mark.parametrize("kept", [1, 2])
+def test_too_few_exposures(planes: Planes, tmp_path: Path, kept: int) -> None:
+    few = {key: each for place, (key, each) in enumerate(planes.items()) if place < 2 * kept}
+    assert f"flat ones of {kept} exposure" in refused(tmp_path, few)
+
+
+def test_no_dark_frames(planes: Planes, tmp_path: Path) -> None:
+    assert "no dark ones" in refused(
+        tmp_path, {key: each for key, each in planes.items() if key[0] == "flat"}
+    )
+
+
+def test_one_frame_of_a_level(planes: Planes, tmp_path: Path) -> None:
+    alone = {**planes, ("flat", 0.05): planes["flat", 0.05][:1]}
+    assert "flat_50.0000ms_0.npy: alone; must be two" in refused(tmp_path, alone)
+
+
+def test_mixed_sizes(planes: Planes, tmp_path: Path) -> None:
+    first, second = planes["flat", 0.05]
+    told = refused(tmp_path, {**planes, ("flat", 0.05): [first, second[:, :-1]]})
+    assert "mixed sizes, 120 x 96 px; the frames before it: 121 x 96" in told
+
+
+def test_mixed_depths(planes: Planes, tmp_path: Path) -> None:
+    first, second = planes["flat", 0.05]
+    told = refused(tmp_path, {**planes, ("flat", 0.05): [first, (second // 16).astype(np.uint8)]})
+    assert "mixed depths, 8 bits; the frames before it: 16" in told
+
+
+def test_more_than_the_bits_hold(planes: Planes, tmp_path: Path) -> None:
+    assert "bit_depth = 10: frames hold" in refused(tmp_path, planes, bit_depth=10)
+
+
+def test_numbers_at_the_top_of_16_bits_are_counted_in_steps(planes: Planes, tmp_path: Path) -> None:
+    low = measure(made_frames.save(tmp_path / "low", planes))
+    high = measure(
+        made_frames.save(
+            tmp_path / "high", {key: [16 * plane for plane in each] for key, each in planes.items()}
+        )
+    )
+    assert high.bit_depth == 12
+    assert any("multiples of 16" in note for note in high.notes)
+    for name, told in low.estimates.items():
+        assert high.estimates[name].value == pytest.approx(told.value, rel=1e-6), name
+
+
+def test_files(tmp_path: Path) -> None:
+    plane = np.arange(40 * 50, dtype=np.uint16).reshape(40, 50)
+    cv2.imwrite(str(tmp_path / "a.png"), plane)
+    cv2.imwrite(str(tmp_path / "a.tiff"), plane)
+    cv2.imwrite(str(tmp_path / "a.pgm"), plane)
+    np.save(tmp_path / "a.npy", plane.astype(float))
+    plane.astype("<u2").tofile(tmp_path / "a.raw")
+    for name in ("a.png", "a.tiff", "a.pgm", "a.npy", "a.raw"):
+        np.testing.assert_array_equal(read_plane(tmp_path / name, (50, 40)), plane)
+    cv2.imwrite(str(tmp_path / "a.jpg"), plane.astype(np.uint8))
+    (tmp_path / "jpeg.png").write_bytes((tmp_path / "a.jpg").read_bytes())
+    cv2.imwrite(str(tmp_path / "colour.png"), np.zeros((40, 50, 3), np.uint8))
+    np.save(tmp_path / "mean.npy", plane + 0.5)
+    cv2.imwrite(str(tmp_path / "small.png"), plane[:20])
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG")
+    for name, why in (
+        ("a.jpg", "JPEG is a lossy format"),
+        ("jpeg.png", "JPEG is a lossy format"),
+        ("colour.png", "not colours"),
+        ("mean.npy", "whole numbers"),
+        ("small.png", "at least 32 x 32"),
+        ("broken.png", "that OpenCV can decode"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            read_plane(tmp_path / name)
+    with pytest.raises(ValueError, match="--raw-size"):
+        read_plane(tmp_path / "a.raw")
+    with pytest.raises(ValueError, match="4000 bytes: must be 2 x 50 x 41"):
+        read_plane(tmp_path / "a.raw", (50, 41))
+
+
+def test_raw_files_need_rawpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "rawpy", None)
+    (tmp_path / "a.cr2").write_bytes(b"II*\0")
+    with pytest.raises(ValueError, match=r"pip install 'blurnoise\[raw\]'"):
+        read_plane(tmp_path / "a.cr2")
+
+
+def test_raw_files_are_read_by_rawpy(tmp_path: Path) -> None:
+    pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
+    plane = np.arange(64 * 96, dtype=np.uint16).reshape(64, 96)
+    made_frames.write_dng(tmp_path / "a.dng", plane, {50708: (2, "Made Up")})
+    np.testing.assert_array_equal(read_plane(tmp_path / "a.dng"), plane)
+    (tmp_path / "b.dng").write_bytes(b"II*\0nothing")
+    with pytest.raises(ValueError, match="LibRaw"):
+        read_plane(tmp_path / "b.dng")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("file,kind\n", "no column exposure_s"),
+        ("file,kind,exposure_s,iso\n", "column 'iso' is unknown"),
+        ("file,kind,exposure_s\na.npy,bias,0.1\n", "line 2: kind = 'bias': must be one of 'dark', 'flat'"),
+        ("file,kind,exposure_s\na.npy,dark,soon\n", "line 2: exposure_s = 'soon': must be a number"),
+        ("file,kind,exposure_s\na.npy,dark,-1\n", "line 2: exposure_s = -1"),
+        ("file,kind,exposure_s\n,dark,1\n", "line 2: file: must not be empty"),
+        ("file,kind,exposure_s\n../a.npy,dark,1\n", r"line 2: file name '\.\./a\.npy' leaves the folder"),
+        ("file,kind,exposure_s\n/dev/zero,dark,1\n", "line 2: file name '/dev/zero' leaves the folder"),
+        ("file,kind,exposure_s\nb.npy,dark,1\n", "file 'b.npy': must be a file"),
+        ("file,kind,exposure_s\n", "no frames"),
+    ],
+)
+def test_lists(tmp_path: Path, text: str, why: str) -> None:
+    (tmp_path / "a.npy").touch()
+    (tmp_path / "frames.csv").write_text(text)
+    with pytest.raises(ValueError, match=why):
+        frames_of(tmp_path)
+
+
+def test_names(tmp_path: Path) -> None:
+    for name in (
+        "dark_10ms_0.png",
+        "FLAT_2.5ms_b.TIF",
+        "flat_500us_1.npy",
+        "dark_1s.dng",
+        "flat_10_1.png",
+        "x.png",
+    ):
+        (tmp_path / name).touch()
+    found = {(frame.kind, frame.exposure_s) for frame in frames_of(tmp_path)}
+    assert found == {("dark", 0.01), ("flat", 0.0025), ("flat", 0.0005), ("dark", 1.0)}
+    with pytest.raises(ValueError, match="must be a folder"):
+        frames_of(tmp_path / "x.png")

@@ -1,0 +1,230 @@
+"""A run explored: its cells computed anew are the cells that it kept, bit for bit."""
+
+from __future__ import annotations
+
+import builtins
+import io
+import json
+import os
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval import SweepPlan, evaluate
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import (
+    PictureSet,
+    encode,
+    image_folder,
+    read_picture,
+    rendered_signs,
+    write_picture,
+)
+from blurnoise_eval.deciding.decision import Decision
+from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.run import Run
+from blurnoise_eval.explorer.snippets import command, python
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_models.detector import STOP_SIGN
+from commands import Output
+
+GRID = {
+    "exposure_s": (0.02, 0.06),
+    "illuminance_lux": (1.0, 50.0),
+    "velocity_x_px_s": (0.0, 800.0),
+    "gain_db": (float("inf"),),
+}
+
+
+def swept(folder: Path, pictures: PictureSet, grid: Any = GRID, **more: Any) -> Path:
+    evaluate(pictures=pictures, plan=SweepPlan(grid, **more), output=folder, threads=1, progress=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    signs = rendered_signs((50, 32), count=2)
+    return Run(swept(tmp_path_factory.mktemp("explored") / "run", signs, seed=3, grey_anchor="mean"))
+
+
+def rows(run: Run) -> list[dict[str, object]]:
+    with Store(run.folder, shared=True) as store:
+        return list(store.cells())
+
+
+def frame(run: Run, row: dict[str, object]) -> Any:
+    """The picture of a row's cell, computed anew."""
+    cell = run.cell(str(row["cell_id"]))
+    return run.expose(run.scene(run.picture(cell.image)), cell).image
+
+
+def test_a_picture_and_the_answer_are_held_to_what_the_run_was_asked(tmp_path: Path) -> None:
+    """Not to what is usual: a run with --keep 0.8 has its windows at 0.8 in the explorer, too."""
+    plan = SweepPlan({"exposure_s": (0.02,), "illuminance_lux": (50.0,), "gain_db": (float("inf"),)})
+    signs = rendered_signs((32,), count=1)
+    evaluate(pictures=signs, plan=plan, output=tmp_path / "run", keep=0.8, threads=1, progress=False)
+    assert Run(tmp_path / "run").criterion == Criterion(0.8, kept=True)
+    assert "of its confidence" in Run(tmp_path / "run").answer[0]
+
+
+def test_every_kept_picture_is_computed_anew(run: Run) -> None:
+    kept = [row for row in rows(run) if row["example"]]
+    assert len(kept) > 4
+    for row in kept:
+        if not row["clean"]:
+            assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
+
+
+def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) -> None:
+    catalogue = Catalogue(run.folder)
+    row = next(
+        row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
+    )
+    shown = catalogue.render(catalogue.start(f"cell={row['cell_id']}"))
+    criterion = Decision(run.folder, progress=False).data.criterion
+    assert shown.standard is not None
+    assert shown.standard.criterion == criterion
+    assert shown.standard.enough == criterion.level == 0.6  # rendered signs: a confidence of their own
+    assert np.array_equal(shown.image, read_picture(run.folder / str(row["example"])))
+    assert shown.confidence == row["target_confidence"]
+    cell, model = str(row["cell_id"]), str(row["model"])
+    with Store(run.folder, shared=True) as store:
+        targets = [each["confidence"] for each in queries.targets_of(store, cell, model)]
+        detections = store.detections(cell, model)
+    assert shown.sight is not None
+    assert [each["confidence"] for each in shown.sight.targets] == targets
+    assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
+
+
+def test_command_and_script_give_the_cell_and_what_it_was_moved_to(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    catalogue = Catalogue(run.folder)
+    first = next(str(row["cell_id"]) for row in rows(run) if row["velocity_x_px_s"])
+    cell = catalogue.start(f"cell={first}")
+    assert cell.query(catalogue.base) == f"cell={first}"
+    for state in (cell, cell.put("illuminance_lux", 7.0)):
+        shown = catalogue.render(state).image
+        assert main(shlex.split(command(catalogue, state))[1:]) == 0
+        assert np.array_equal(read_picture(Path("seen.png")), shown)
+        Path("seen.png").unlink()
+        exec(compile(python(catalogue, state), "script", "exec"), {})
+        assert np.array_equal(read_picture(Path("seen.png")), shown)
+    picture = catalogue.take("picture", "mine.png", encode(np.zeros((60, 90, 3), np.uint8)))
+    with pytest.raises(ValueError, match="camera: the run's"):
+        command(catalogue, replace(cell, picture=picture))
+    mine = replace(cell, picture=picture, camera="imx250", cell="")
+    assert f"mine.png --model {STOP_SIGN} --at" in command(catalogue, mine)
+    capsys.readouterr()
+
+
+def test_the_map_has_the_runs_means(run: Run) -> None:
+    found = run.heat_map(run.models[0], {"velocity_x_px_s": 800.0})
+    assert (found.across.name, found.down and found.down.name) == ("exposure_s", "illuminance_lux")
+    assert [each.name for each in found.fixed] == ["velocity_x_px_s"]
+    for lux in found.rows:
+        for exposure_s in found.columns:
+            own = [
+                each["target_confidence"]
+                for each in rows(run)
+                if (each["exposure_s"], each["illuminance_lux"], each["velocity_x_px_s"])
+                == (exposure_s, lux, 800.0)
+            ]
+            mean = np.mean(own)  # type: ignore[arg-type]  # as many targets in each
+            assert found.mean(exposure_s, lux) == pytest.approx(mean)
+    at = found.condition(0.02, 50.0)
+    assert (at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"]) == (0.02, 50.0, 800.0)
+    cell = run.cell(run.cell_at(at, run.pictures[1]))
+    assert cell.conditions is not None
+    assert found.is_at(0.02, 50.0, cell.conditions)
+    assert not found.is_at(0.06, 50.0, cell.conditions)
+    assert cell.image == run.pictures[1]
+
+
+def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    (picture,) = rendered_signs((50,), count=1).pictures
+    write_picture(folder / "a.png", picture.load())
+    run = Run(
+        swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
+    )
+    row = next(row for row in rows(run) if row["example"] and not row["clean"])
+    kept = read_picture(run.folder / str(row["example"]))
+    with pytest.raises(ValueError, match=r"outside the run's folder; --trust .* --images"):
+        frame(run, row)
+    assert np.array_equal(frame(Run(run.folder, trusted=True), row), kept)
+    moved = folder.rename(tmp_path / "moved")
+    with pytest.raises(ValueError, match="pictures"):
+        frame(Run(run.folder, trusted=True), row)
+    assert np.array_equal(frame(Run(run.folder, moved), row), kept)
+    write_picture(moved / "a.png", 255 - picture.load())
+    with pytest.raises(ValueError, match="is not what it was"):
+        frame(Run(run.folder, moved), row)
+
+
+@pytest.mark.parametrize("what", ["images", "labels", "plates", "model", "trajectory"])
+def test_files_outside_a_foreign_run_are_not_opened(
+    what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does a pipe hold up a run that is trusted."""
+    folder = shutil.copytree(run.folder, tmp_path / "run")
+    cell = next(row["cell_id"] for row in rows(run) if not row["clean"])
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with Store(folder) as store:
+        manifest, identity = store.about("manifest"), store.about("identity")
+        if what in ("images", "labels", "plates"):
+            manifest["images"] |= {"kind": "coco" if what == "labels" else "folder", "source": str(pipe)}
+            name = run.pictures[0]
+            store.note_picture(name, f"{name} 1 2 3 4", store.pictures()[name][1])
+        if what == "plates":
+            identity["plan"] |= {"objects": {"plates": str(pipe)}}
+            identity["plan"]["grid"] |= {"moves": [1.0]}
+        if what == "model":
+            manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
+        if what == "trajectory":
+            identity["plan"]["trajectory"] = str(pipe)
+        store.set_about("manifest", manifest)
+        store.set_about("identity", identity)
+    opened: list[str] = []
+    for holder, name in ((builtins, "open"), (io, "open"), (os, "stat")):
+        honest = getattr(holder, name)
+
+        def recorded(path: Any, *args: Any, honest: Any = honest, name: str = name, **named: Any) -> Any:
+            if str(path) == str(pipe):
+                opened.append(name)
+                assert name == "stat"
+            return honest(path, *args, **named)
+
+        monkeypatch.setattr(holder, name, recorded)
+    for trusted, told in ((False, "--trust" if what != "trajectory" else "moved along"), (True, str(pipe))):
+        assert opened == []
+        found = Run(folder, trusted=trusted)
+        looked = {
+            "trajectory": lambda found=found: frame(found, {"cell_id": cell}),
+            "model": lambda found=found: found.model(run.models[0]),
+        }.get(what, lambda found=found: found.picture(run.pictures[0]))
+        with pytest.raises((ValueError, OSError), match=told):
+            looked()
+
+
+def test_what_is_no_cell_is_refused(run: Run, tmp_path: Path) -> None:
+    clean = next(str(row["cell_id"]) for row in rows(run) if row["clean"])
+    with pytest.raises(ValueError, match="none of the run's"):
+        run.cell("nonsense")
+    with pytest.raises(ValueError, match="untouched"):
+        run.cell(clean)
+    with pytest.raises(StoreError):
+        Run(tmp_path)
+
+
+def test_the_run_without_a_page(run: Run, tmp_path: Path, capsys: Output) -> None:
+    assert main(["explore", str(run.folder), "-o", str(tmp_path / "seen.png"), "--json"]) == 0
+    assert 0 < json.loads(capsys.readouterr().out)["confidence"] < 1

@@ -1,0 +1,39 @@
+"""Boxes on example pictures: many, and far outside."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import write_picture
+from blurnoise_eval.plots import annotate
+
+
+def example(folder: Path, boxes: list[tuple[float, float, float, float]]) -> dict[str, Any]:
+    write_picture(folder / "p.png", np.full((40, 60, 3), 90, np.uint8))
+    targets = [{"box_xyxy": box, "confidence": 0.0, "text": None, "label": "sign"} for box in boxes]
+    return {"path": str(folder / "p.png"), "detections": [], "targets": targets}
+
+
+def test_of_many_targets_the_largest_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[float] = []
+    monkeypatch.setattr(annotate, "_draw_box", lambda _, box, *rest, **options: drawn.append(box[2]))
+    sides = np.random.default_rng(3).permutation(1000) + 1.0
+    annotate.drawn_example(example(tmp_path, [(0.0, 0.0, side, 9.0) for side in sides.tolist()]), 60, 0.6)
+    assert drawn == [side for side in sides.tolist() if side > 700]
+    drawn.clear()
+    annotate.drawn_example(example(tmp_path, [(0.0, 0.0, 5.0, 5.0)] * 300), 60, 0.6)
+    assert len(drawn) == 300
+
+
+def test_boxes_that_reach_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The part inside the picture is drawn as ever, in a number of dashes that the picture bounds."""
+    lines: list[Any] = []
+    line = annotate.cv2.line
+    monkeypatch.setattr(annotate.cv2, "line", lambda *given: (lines.append(given), line(*given))[1])
+    picture = annotate.drawn_example(example(tmp_path, [(-1e12, 20.0, 1e12, 1e300)]), 60, 0.6)
+    assert picture is not None
+    assert 4 < len(lines) < 200
+    assert (picture[19:22] == annotate.MISSED_RGB).all(axis=-1).any()

@@ -1,0 +1,240 @@
+"""Programs made from planes that have a closed form: good, within limits, refused beyond what was tested."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.recommendation import NEAR
+from blurnoise_eval.deciding.predicted import Predicted
+from blurnoise_eval.program.inputs import Inputs
+from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.optimise import ENOUGH, Program, _interval, _regret, optimise
+from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.program.text import sentence
+from made_planes import METERING, made_planes, made_problem, made_response
+
+LIMITS = Limits(readout_s=0.003)
+
+
+@pytest.fixture(scope="module")
+def program() -> Program:
+    return optimise(made_problem(LIMITS))
+
+
+def value(found: Program, name: str) -> float:
+    (rival,) = [rival for rival in found.baselines if rival.name == name]
+    assert rival.schedule is not None
+    assert rival.schedule.value is not None
+    return rival.schedule.value
+
+
+def test_never_longer_in_more_light(program: Program) -> None:
+    for way in (program.schedule, program.best):
+        assert all(a >= b * (1 - 1e-9) for a, b in pairwise(way.exposures_s))
+        assert max(way.exposures_s) <= LIMITS.rule.limit_s
+    assert program.schedule.exposures_s[0] > 4 * program.schedule.exposures_s[-1]
+
+
+def test_better_than_what_else_a_camera_may_do(program: Program) -> None:
+    assert program.schedule.value is not None
+    assert program.best.value is not None
+    assert (
+        program.best.value >= program.schedule.value - 1e-3
+    )  # times between the lattice's are free to the stages
+    assert program.best.value - program.schedule.value < ENOUGH + 1e-3
+    for name in (
+        "best fixed time",
+        "libcamera imx296 normal, to 30.3 ms",
+        "libcamera imx296 short, to 30.3 ms",
+        "whole periods of 50 Hz mains",
+    ):
+        assert value(program, name) < program.schedule.value - 0.005, name
+
+
+def test_a_program_without_rivals_is_a_whole_sentence(program: Program) -> None:
+    told = sentence(replace(program, baselines=()))
+    assert "of made's confidence. " in told
+
+
+def test_the_fixed_time_is_the_best(program: Program) -> None:
+    problem = made_problem(LIMITS)
+    for time_s in np.geomspace(0.001, 0.029, 12):
+        tried = problem.schedule([time_s] * len(problem.lights_lux))
+        assert tried.value is None or tried.value <= value(program, "best fixed time") + NEAR + 2e-3
+
+
+def test_a_fixed_time_that_is_known_is_taken_where_it_is_allowed(program: Program) -> None:
+    assert optimise(made_problem(LIMITS), fixed_s=0.005).best_fixed_s == 0.005
+    assert optimise(made_problem(LIMITS), fixed_s=0.2).best_fixed_s == program.best_fixed_s
+
+
+@pytest.mark.parametrize(
+    ("more", "same"),
+    [
+        ({}, True),
+        ({"lights_lux": (2.0, 30.0, 300.0)}, True),  # what lies between is the program's own choice
+        ({"speeds_px_s": {0.0: 2.0, 200.0: 2.0}}, True),
+        ({"lights_lux": (2.0, 100.0)}, False),
+        ({"speeds_px_s": {0.0: 0.3, 200.0: 0.7}}, False),
+        ({"speeds_px_s": {0.0: 1.0}}, False),
+        ({"targets": {"large": 1.0}}, False),
+        ({"objective": "worst"}, False),
+    ],
+)
+def test_the_report_s_exposure_answers_the_report_s_question_alone(
+    more: dict[str, object], same: bool
+) -> None:
+    asked = {"lights_lux": (2.0, 300.0), "speeds_px_s": {0.0: 1.0, 200.0: 1.0}}
+    scenario = Scenario(**{**asked, "targets": {"large": 1.0, "small": 1.0}, **more})  # type: ignore[arg-type]
+    material = Inputs(
+        "made",
+        Criterion(0.9, True),
+        made_planes(),
+        METERING,
+        (2.0, 300.0),
+        (1e-3, 0.1),
+        (0.0, 200.0),
+        (),
+        0.004,
+    )
+    assert material.recommended_for(scenario) == (0.004 if same else None)
+
+
+def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
+    """By hand at one light: by shares of speeds, targets alike."""
+    response, planes = made_response(), made_planes()
+    place, light = 7, response.scenario.lights_lux[7]
+    time_s = program.schedule.exposures_s[place]
+    expected = 0.0
+    for speed, share in ((0.0, 0.3), (200.0, 0.5), (800.0, 0.2)):
+        for plane in planes.values():
+            there = plane.on([(np.log2(light * time_s), np.log2(max(speed * time_s, 0.5)))])
+            expected += share / 2 * float(there.sums.sum() / there.counts.sum())
+    assert program.schedule.values[place] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_uncertainty(program: Program) -> None:
+    assert program.low is not None
+    assert program.high is not None
+    assert program.schedule.value is not None
+    assert program.low < program.schedule.value < program.high
+    assert program.regret_95 is not None
+    assert 0 < program.regret_95 < 0.1
+    few = optimise(made_problem(LIMITS, pictures=6))
+    assert (few.low, few.high, few.regret_95) == (None, None, None)
+
+
+def test_another_exposure_gains_no_more_than_is_open_of_the_difference() -> None:
+    """Beside the program's exposure the surface is off as there: half a percent away nothing can be gained."""
+    problem, times = made_problem(lights_lux=(30.0,)), [0.004, 0.00402]
+    there = problem.response.uncertain([30.0, 30.0], times)
+    regret = _regret(problem, problem.schedule(times[:1]), times, np.zeros((1, 2)))
+    assert regret is not None
+    assert regret < 0.25 * float(np.sqrt(there.open[1, 1]))
+
+
+def test_the_interval_stays_within_what_can_be_kept() -> None:
+    """Pictures that all keep all: a picture nobody has seen may not, and none keeps more."""
+    problem = made_problem(lights_lux=(30.0, 100.0))
+    whole = problem.response
+    counts = {name: np.ones((24, len(plane.places))) for name, plane in whole.planes.items()}
+    planes = {
+        name: Predicted(plane.places, plane.clusters, counts[name], counts[name])
+        for name, plane in whole.planes.items()
+    }
+    problem = replace(problem, response=replace(whole, planes=planes))
+    low, high = _interval(problem, problem.schedule([0.004, 0.002]))
+    assert low is not None
+    assert high == 1
+    assert 0.7 < low < 0.97
+
+
+def test_departures_are_those_of_pictures_drawn_again() -> None:
+    """Standard error by departures beside the bootstrap of the planes' own pictures, at the same nodes."""
+    response = made_response()
+    lights, times = [10.0, 50.0], [0.004, 0.002]
+    there = response.uncertain(lights, times)
+    error = there.departures.std(axis=0, ddof=1) / np.sqrt(len(there.departures))
+    generator = np.random.default_rng(0)
+    drawn = []
+    cases = [response._case(case, lights, times) for case in response.scenario.cases]
+    for _ in range(400):
+        weight = generator.multinomial(24, np.full(24, 1 / 24))[:, None]
+        ratios = np.array([(case.sums * weight).sum(0) / (case.counts * weight).sum(0) for case in cases])
+        drawn.append((response.scenario.shares[:, None] * ratios).sum(0))
+    # standard deviation of 400 draws is known to 1/sqrt(800) = 3.5 %; the jackknife exceeds the bootstrap by n/(n-1)
+    assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("objective", ["worst", "tail"])
+def test_the_worst_is_better_served_by_its_own_program(program: Program, objective: str) -> None:
+    careful = optimise(made_problem(LIMITS, objective=objective))
+    assert careful.schedule.worst_speed is not None
+    assert program.schedule.worst_speed is not None
+    assert careful.schedule.worst_speed > program.schedule.worst_speed
+    assert careful.schedule.value is not None
+    assert program.schedule.value is not None
+    assert careful.schedule.value < program.schedule.value
+
+
+@pytest.mark.slow
+def test_few_stages_are_enough_and_more_are_no_worse() -> None:
+    values = []
+    for n in (1, 2, 4):
+        made = optimise(made_problem(LIMITS), stages=n)
+        assert len(made.stages.gains) <= n + 1
+        values.append(made.schedule.value)
+    assert values[0] < values[1] <= values[2] + 1e-3
+
+
+def test_whole_periods_at_every_light() -> None:
+    made = optimise(made_problem(Limits(mains_hz=50.0)))
+    periods = np.array(made.schedule.exposures_s) / 0.01
+    assert np.abs(periods - periods.round()).max() < 1e-9
+    assert value(made, "without anti-flicker") > made.schedule.value  # type: ignore[operator]
+
+
+def test_reached_gain_is_shown() -> None:
+    dark = optimise(made_problem(Limits(fps=200.0), lights_lux=(0.25, 0.5, 1.0, 8.0)))
+    assert dark.schedule.lacks_gain[0]
+    assert not dark.schedule.lacks_gain[-1]
+    assert dark.schedule.gains_db[0] == METERING.camera.gain_max_db
+
+
+def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light() -> None:
+    with pytest.raises(
+        ValueError, match=r"most_gain_db = 6: leaves no exposure at 2 lux.*30.* ms.*needs 2\d"
+    ):
+        optimise(made_problem(Limits(most_gain_db=6.0, readout_s=1 / 30 - 0.03)))
+
+
+@pytest.mark.slow
+def test_a_gain_limit_holds(program: Program) -> None:
+    made = optimise(made_problem(Limits(most_gain_db=28.0)))
+    assert max(made.schedule.gains_db) <= 28.01
+    assert max(program.schedule.gains_db) > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [
+        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run tells of light x exposure 0.000488 to 8 lux s"),
+        ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
+        ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 1e\+07 px/s.*motion 0.5 to 64 px"),
+    ],
+)
+def test_what_was_not_tested_is_refused_with_the_range(more: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        optimise(made_problem(Limits(fps=100.0), **more))  # type: ignore[arg-type]
+
+
+def test_nothing_is_said_outside_the_range() -> None:
+    response = made_response(lights_lux=(1e4,))
+    assert np.isnan(response.at([1e4], [0.01]).objective).all()

@@ -1,0 +1,370 @@
+"""Ways into a network compared: a network that takes pictures in a known way, with contracts right and wrong.
+
+The network, made here, finds squares of one red: rgb, 0-1. Nodes
+before it turn the way under test into its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnx
+import pytest
+from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract
+from blurnoise_eval.detectors.contract_files import preset
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.sweep import contract_checks, input_variants
+from blurnoise_eval.sweep.contract_checks import compared, output_problems
+from blurnoise_eval.sweep.input_variants import Known
+from numpy.typing import NDArray
+from onnx import helper, numpy_helper
+
+SHARED = Path(__file__).resolve().parents[3].parent / "shared" / "real"
+ASSUMED = "assumed: preset x, which the graph suggests"
+
+
+def ways() -> Iterator[tuple[str, str]]:
+    yield from ((colour, values) for colour in ("rgb", "bgr") for values in INPUT_VALUES)
+
+
+def fields(colour: str, values: str) -> dict[str, Any]:
+    span, mean, std = INPUT_VALUES[values]
+    mean, std = (each and (each[::-1] if colour == "bgr" else each) for each in (mean, std))
+    return {"colour": colour, "value_range": span, "mean": mean, "std": std}
+
+
+def behind(source: Path, own: tuple[str, str], taken: tuple[str, str], path: Path) -> Path:
+    """The network of ``source``, which takes pictures ``own``, behind nodes that let it take them ``taken``."""
+    model = onnx.load(source)
+    graph = model.graph
+    image = graph.input[0].name
+    for node in graph.node:
+        node.input[:] = ["as_its_own" if name == image else name for name in node.input]
+    at = fields(*taken)
+    scale = 255.0 if (at["value_range"] == "0-1") else 1.0
+    scale /= 255.0 if fields(*own)["value_range"] == "0-1" else 1.0
+    shape = (1, 3, 1, 1)
+    gain = np.array(at["std"] or (1, 1, 1), np.float32).reshape(shape) * np.float32(scale)
+    shift = np.array(at["mean"] or (0, 0, 0), np.float32).reshape(shape) * np.float32(scale)
+    order = [2, 1, 0] if taken[0] != own[0] else [0, 1, 2]
+    for name, values in (("gain", gain), ("shift", shift), ("order", np.array(order, np.int64))):
+        graph.initializer.append(numpy_helper.from_array(values, f"{name}_before"))
+    before = [
+        helper.make_node("Mul", [image, "gain_before"], ["scaled"]),
+        helper.make_node("Add", ["scaled", "shift_before"], ["shifted"]),
+        helper.make_node("Gather", ["shifted", "order_before"], ["as_its_own"], axis=1),
+    ]
+    nodes = [*before, *graph.node]
+    del graph.node[:]
+    graph.node.extend(nodes)
+    onnx.save(model, path)
+    return path
+
+
+def assumed(path: Path, contract: Contract) -> Detector:
+    """The network with a contract that nothing stated."""
+    guessed = {"colour", "value_range", "mean", "std", "resize"}
+    sources = {name: ASSUMED if name in guessed else "given" for name in Contract.names()}
+    return Detector(path, contract=replace(contract, sources=sources))
+
+
+RED, BLUE = (204, 51, 51), (51, 51, 204)
+
+
+def squares(count: int = 4, colours: Sequence[tuple[int, int, int]] = (RED,)) -> list[Known]:
+    """Pictures of three squares of 32 px each, of these colours by chance, on grey noise."""
+    random = np.random.default_rng(1)
+    made: list[Known] = []
+    for _ in range(count):
+        image = random.integers(40, 200, (128, 128, 1)).repeat(3, axis=2).astype(np.uint8)
+        for left, top in ((10, 10), (80, 20), (45, 80)):
+            x, y = np.add((left, top), random.integers(-6, 7, 2))
+            image[y : y + 32, x : x + 32] = colours[int(random.integers(len(colours)))]
+        made.append((image, None))
+    return made
+
+
+@pytest.fixture(scope="module")
+def reds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A YOLOX of one class on 128 x 128 px, whose boxes are of 32 px, at stride 8. Their score is the share of pixels
+    that are of that red: 1 in the very colour, 0 from 0.2 off in all channels together."""
+    weight = np.zeros((6, 1, 32, 32), np.float32)
+    weight[5] = 0.98 / 32**2
+    constants = {
+        "weight": weight, "offsets": np.array([0.5, 0.5, np.log(4), np.log(4), 1, 0.01], np.float32),
+        "colour": np.array([0.8, 0.2, 0.2], np.float32).reshape(1, 3, 1, 1), "slope": np.float32(5),
+        "none": np.float32(0), "one": np.float32(1), "channels": np.array([1], np.int64),
+        "flat": np.array([1, 6, -1], np.int64), "rest": np.zeros((1, 80, 6), np.float32),
+    }  # fmt: skip
+    steps = (
+        ("Sub", "images colour", "off"), ("Abs", "off", "far"), ("ReduceSum", "far channels", "in_all"),
+        ("Mul", "in_all slope", "falls"), ("Sub", "one falls", "peak"), ("Clip", "peak none one", "red"),
+        ("Conv", "red weight offsets", "found"), ("Reshape", "found flat", "columns"),
+        ("Transpose", "columns", "rows"), ("Concat", "rows rest", "out"),
+    )  # fmt: skip
+    options: dict[str, dict[str, Any]] = {
+        "Conv": {"strides": [8, 8], "pads": [12, 12, 12, 12]},
+        "Transpose": {"perm": [0, 2, 1]},
+        "Concat": {"axis": 1},
+    }
+    graph = helper.make_graph(
+        [
+            helper.make_node(kind, given.split(), [output], **options.get(kind, {}))
+            for kind, given, output in steps
+        ],
+        "reds",
+        [helper.make_tensor_value_info("images", onnx.TensorProto.FLOAT, [1, 3, 128, 128])],
+        [helper.make_tensor_value_info("out", onnx.TensorProto.FLOAT, [1, 336, 6])],
+        [numpy_helper.from_array(np.asarray(values), name) for name, values in constants.items()],
+    )
+    path = tmp_path_factory.mktemp("network") / "reds.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def own() -> Contract:
+    return Contract("yolox", ("red",), input_size_px=(128, 128))
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[Known]:
+    return squares()
+
+
+@pytest.mark.parametrize("taken", list(ways()))
+def test_what_nothing_states_is_chosen_and_its_source_says_so(
+    taken: tuple[str, str], tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
+) -> None:
+    detector = assumed(behind(reds, ("rgb", "0-1"), taken, tmp_path / "m.onnx"), own)
+    found = compared(detector, pictures)
+    assert {name: getattr(found.contract, name) for name in fields(*taken)} == fields(*taken)
+    assert found.contract.sources["colour"].startswith("chosen by comparing 11 variants on 4 pictures")
+    assert "do not tell it from 'stretch', by which 100% of what" in found.contract.sources["resize"]
+    assert found.doubts == ()
+    assert found.inferences <= 120
+    assert found == replace(compared(detector, pictures), seconds=found.seconds)
+
+
+def test_what_is_stated_is_only_doubted(
+    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
+) -> None:
+    path = behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx")
+    stated = Detector(path, contract=own)
+    found = compared(stated, pictures)
+    assert found.contract == own
+    (doubt,) = found.doubts
+    assert "(given): read as rgb, 0-255, " in doubt
+    right = Detector(path, contract=replace(own, value_range="0-255"))
+    assert compared(right, pictures).doubts == ()
+
+
+def test_what_the_pictures_leave_open_is_doubted(reds: Path, own: Contract) -> None:
+    """Of red and blue squares the network finds the red ones, and as many blue ones where it is fed with bgr."""
+    found = compared(assumed(reds, own), squares(8, (RED, BLUE)))
+    (doubt,) = found.doubts
+    assert f"colour may be wrong ({ASSUMED}): read as " in doubt
+    assert "% of what the two find is the same; " in doubt
+    assert "more pictures would tell; if the former is right: --contract yolox,classes=red," in doubt
+    assert found.contract.sources["colour"].startswith("assumed, doubtful: ")
+    assert found.contract.sources["value_range"].startswith("chosen")
+
+
+def test_what_an_exporter_s_code_fixes_is_not_questioned(tmp_path: Path, reds: Path, own: Contract) -> None:
+    path = behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx")
+    known = replace(own, nms_iou=None, sources=dict.fromkeys(Contract.names(), f"preset yolov8 ({EXPORTER})"))
+    found = compared(Detector(path, contract=known), squares(1))
+    assert (found.doubts, found.inferences, found.text) == ((), 1, "")
+
+
+def test_pictures_that_tell_nothing_leave_what_was_assumed(reds: Path, own: Contract) -> None:
+    grey = np.full((96, 130, 3), 118, np.uint8)
+    found = compared(assumed(reds, own), [(grey, None)] * 20)
+    assert found.contract == own
+    assert found.doubts == (
+        "nothing is found again in 8 pictures, however they enter: nothing confirms the contract",
+    )
+    assert all(found.contract.sources[name].startswith(ASSUMED) for name in ("colour", "value_range"))
+
+
+def test_garbage_in_any_way_is_doubted(reds: Path, own: Contract) -> None:
+    """What is fed with noise in the picture's place answers the same, wherever things are."""
+    noise = np.random.default_rng(0)
+
+    class Guessing(Detector):
+        def decode(self, *_: Any, **__: Any) -> Detections:
+            corners = noise.uniform(0, 80, (40, 2))
+            boxes = np.concatenate([corners, corners + 8], axis=1).astype(np.float32)
+            return Detections(boxes, np.full(40, 0.7, np.float32), np.zeros(40, np.int64))
+
+    found = compared(Guessing(reds, contract=own), squares(2))
+    assert "family, input or export are probably wrong" in found.doubts[0]
+
+
+def test_labels_are_one_more_view(reds: Path, own: Contract) -> None:
+    """Labels where nothing is found take from what agrees; those that are found again add to it."""
+    (picture, _), detector = squares(1)[0], Detector(reds, contract=own)
+    found = detector.detect(picture, min_score=0.25)
+    right = Detections(found.boxes_xyxy[:1], np.ones(1, np.float32), found.class_ids[:1])
+    wrong = Detections(np.array([[0, 0, 9, 9]], np.float32), np.ones(1, np.float32), np.zeros(1, np.int64))
+    shares = []
+    for labels in (wrong, None, right):
+        first = compared(detector, [(picture, labels)]).variants[0]
+        shares.append(first["agreed"] / first["found"])
+    assert shares[0] < 0.8 * shares[1] < 0.8 * 1
+    assert shares[2] > shares[0]
+
+
+def test_each_variant_has_its_ap50_where_labels_are(reds: Path, own: Contract) -> None:
+    detector = Detector(reds, contract=own)
+    found = [detector.detect(image, min_score=0.25) for image, _ in squares()]
+    labelled = [
+        (image, replace(each, scores=np.ones(len(each), np.float32)))
+        for (image, _), each in zip(squares(), found, strict=True)
+    ]
+    best, *_, worst = compared(detector, labelled).variants
+    assert (best["colour"], best["value_range"], best["ap50"]) == ("rgb", "0-1", pytest.approx(1))
+    assert worst["ap50"] < 0.5
+    assert compared(detector, squares()).variants[0]["ap50"] is None
+
+
+@pytest.mark.parametrize(
+    ("labelled", "misses", "doubted"), [(True, 12, False), (True, 1, True), (False, 12, True)]
+)
+def test_labels_decide_where_they_tell_surely(
+    labelled: bool, misses: int, doubted: bool, own: Contract
+) -> None:
+    """Of two orders of colours as much is found again; the other one's boxes are beside the labels in so many of 12
+    pictures. AP50 is 0 instead of 1 there, or hardly less."""
+    contract = replace(own, sources=dict.fromkeys(Contract.names(), ASSUMED))
+    box, beside = np.array([[10, 10, 40, 40]], np.float32), np.array([[60, 60, 90, 90]], np.float32)
+
+    def found(at: NDArray[np.float32]) -> Detections:
+        return Detections(at, np.array([0.9], np.float32), np.zeros(1, np.int64))
+
+    labels = Detections(box, np.ones(1, np.float32), np.zeros(1, np.int64)) if labelled else None
+    shown: list[Known] = [(np.zeros((99, 99, 3), np.uint8), labels)] * 12
+    one = input_variants.Variant(contract, [0.8] * 12, [0.9] * 12, [found(box)] * 12)
+    seen = [found(beside)] * misses + [found(box)] * (12 - misses)
+    other = input_variants.Variant(replace(contract, colour="bgr"), [0.79, 0.81] * 6, [0.9] * 12, seen)
+    chosen, doubts = contract_checks._judged([one, other], shown)
+    assert chosen.colour == "rgb"
+    assert bool(doubts) == doubted
+    assert chosen.sources["colour"].startswith("assumed, doubtful" if doubted else "chosen by comparing")
+
+
+def test_a_view_shows_what_was_found_where_it_is_in_it() -> None:
+    image = np.zeros((50, 100, 3), np.uint8)
+    image[20:30, 30:50] = 255
+    found = Detections(np.array([[30, 20, 50, 30], [0, 0, 3, 9]], np.float32), np.ones(2), np.zeros(2))  # type: ignore[arg-type]
+    for view in input_variants._VIEWS:
+        seen, moved = input_variants._view(image, *view), input_variants._seen_in(found, image, *view)
+        rows, columns = np.nonzero(seen[..., 0] == 255)
+        box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+        np.testing.assert_allclose(moved.boxes_xyxy[0], box)
+        assert len(moved) == (1 if view[1] else 2)  # 4 % of 100 px are cut from the second
+        assert seen.shape[0] != 50
+        assert seen.shape[1] != 100
+
+
+def answering(path: Path, value: float, top: float) -> Detector:
+    """A YOLOX of one class for 64 x 64 px whose columns are all ``value``, the scores ``top``."""
+    rows = np.full((1, 84, 6), value, np.float32)
+    rows[..., 4:] = top
+    graph = helper.make_graph(
+        [
+            helper.make_node("ReduceMin", ["images"], ["least"], keepdims=0),
+            helper.make_node("Mul", ["least", "none"], ["nothing"]),
+            helper.make_node("Add", ["rows", "nothing"], ["output"]),
+        ],
+        "fixed",
+        [helper.make_tensor_value_info("images", onnx.TensorProto.FLOAT, [1, 3, 64, 64])],
+        [helper.make_tensor_value_info("output", onnx.TensorProto.FLOAT, rows.shape)],
+        [numpy_helper.from_array(rows, "rows"), numpy_helper.from_array(np.float32(0), "none")],
+    )
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    return Detector(path, contract=replace(preset("yolox"), classes=("red",)))
+
+
+@pytest.mark.parametrize(
+    ("value", "top", "words"),
+    [
+        (0.5, 0.0, "every score is exactly 0"),
+        (0.5, 1.5, "score 2.25 > 1"),
+        (np.nan, 0.5, "336 values that are NaN"),
+    ],
+)
+def test_outputs_that_no_picture_explains(value: float, top: float, words: str, tmp_path: Path) -> None:
+    """An int8 export whose scores are all 0 is doubted, and nothing is said to be chosen for it."""
+    detector = answering(tmp_path / "m.onnx", value, top)
+    image = np.zeros((40, 60, 3), np.uint8)
+    (problem,) = output_problems(detector, image)
+    assert words in problem
+    assert detector.non_finite_values == 0  # the caller's pictures are counted, not these
+    found = compared(assumed(detector.path, detector.contract), [(image, None)] * 3)
+    assert words in found.doubts[0]
+    assert found.doubts[0].startswith("3 of 3 pictures: ")
+    assert not any(source.startswith("chosen") for source in found.contract.sources.values())
+
+
+def test_scores_that_are_all_0_are_no_doubt_where_the_chosen_contract_has_others(
+    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
+) -> None:
+    model = onnx.load(behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx"))
+    offsets = next(each for each in model.graph.initializer if each.name == "offsets")
+    values = numpy_helper.to_array(offsets).copy()
+    values[5] = 0  # the score where nothing is red
+    offsets.CopyFrom(numpy_helper.from_array(values, "offsets"))
+    onnx.save(model, tmp_path / "m.onnx")
+    detector = assumed(tmp_path / "m.onnx", own)
+    assert "every score is exactly 0" in output_problems(detector, pictures[0][0])[0]
+    found = compared(detector, pictures)
+    assert (found.contract.value_range, found.doubts) == ("0-255", ())
+
+
+def photographs(places: Sequence[int]) -> list[Known]:
+    paths = sorted((SHARED / "photos").glob("*.jpg"))
+    images = [cv2.imread(str(paths[place])) for place in places]
+    return [(np.ascontiguousarray(image[..., ::-1]), None) for image in images]
+
+
+REAL = pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared models and photos")
+NETWORKS = (("yolox_nano", "yolox", ("bgr", "0-255")), ("fastestdet_upstream", "fastestdet", ("bgr", "0-1")))
+
+
+def same_input(one: Contract, other: Contract) -> NDArray[np.bool_]:
+    """Whether colour, and whether range, mean and std are the same."""
+    values = [
+        (each.value_range, each.mean and sorted(each.mean), each.std and sorted(each.std))
+        for each in (one, other)
+    ]
+    return np.array([one.colour == other.colour, values[0] == values[1]])
+
+
+@REAL
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "family", "own"), NETWORKS)
+def test_real_networks_behind_every_way(file: str, family: str, own: tuple[str, str], tmp_path: Path) -> None:
+    """Nothing that is chosen is wrong, whatever is wrong is doubted; the right contract, stated, is not."""
+    source = SHARED / "models" / f"{file}.onnx"
+    some = photographs(range(0, 35, 2))
+    chosen = 0
+    for taken in list(ways())[::3]:
+        detector = assumed(behind(source, own, taken, tmp_path / "m.onnx"), preset(family))
+        right = replace(detector.contract, **fields(*taken), sources={})
+        found = compared(detector, some)
+        told = np.array(
+            [found.contract.sources[name].startswith("chosen") for name in ("colour", "value_range")]
+        )
+        assert same_input(found.contract, right)[told].all(), (taken, found.text)
+        all_right = same_input(found.contract, right).all() and found.contract.resize == right.resize
+        assert found.doubts or all_right
+        chosen += int(told.sum())
+        assert compared(Detector(tmp_path / "m.onnx", contract=right), some).doubts == ()
+    assert chosen >= 2  # of 8

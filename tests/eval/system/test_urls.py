@@ -1,0 +1,153 @@
+"""Locations: what a URL means and what is shown of it; listings, versions and copies of what is there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.system.urls import (
+    fetch_ahead,
+    listing,
+    local_file,
+    location,
+    version,
+    versions,
+    without_secrets,
+)
+
+pytest.importorskip("upath")
+URL = "memory://bucket/set"
+
+
+@pytest.fixture
+def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """Three objects, of this process."""
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    found = location(URL)
+    for name in ("a.bin", "sub/größe b.bin", "sub/none"):
+        (found / name).write_bytes(b"" if "none" in name else name.encode())
+    yield found
+    found.fs.store.clear()
+
+
+@pytest.mark.parametrize("text", ["a/b", "/a", "s3:/a", "~/a", "C:/a"])
+def test_paths_stay_paths(text: str) -> None:
+    assert location(text) == Path(text)
+    assert location(Path(text)) == Path(text)
+
+
+def test_files_by_url_are_paths(tmp_path: Path) -> None:
+    strange = tmp_path / "with space %20 größe"
+    assert location(strange.as_uri()) == strange
+    assert location(f"file://localhost{tmp_path}") == tmp_path
+    with pytest.raises(ValueError, match="must be of this machine"):
+        location("file://server/a")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("s3://bucket/a/b.png", "s3://bucket/a/b.png"),
+        ("S3://bucket/a/", "s3://bucket/a"),
+        ("gcs://bucket//a/./b", "gs://bucket/a/b"),
+        ("s3://bucket/a/../b", "s3://bucket/b"),
+        ("s3://bucket/with space/größe", "s3://bucket/with space/größe"),
+        ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
+    ],
+)
+def test_urls(text: str, shown: str) -> None:
+    assert str(location(text)) == shown
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "must name a file or folder"),
+        ("ftp://host/a", "must begin with s3://, gs://, hf:// or file://"),
+        ("s3://", "must name a bucket"),
+        ("s3:///a", "must name a bucket"),
+        ("s3://../a", "must name a bucket"),
+        ("s3://bucket/../a", "leaves the bucket"),
+        ("s3://bucket/a?versionId=secret", "must hold no query"),
+        ("s3://key:secret@bucket/a?token=secret", "must hold no user or password"),
+        ("https://user:secret@host/a?token=secret", "must begin with"),
+    ],
+)
+def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
+    with pytest.raises(ValueError, match=told) as error:
+        location(text)
+    assert "secret" not in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_secrets_are_not_shown() -> None:
+    command = "sweep --images s3://k:secret@b/a?token=secret -o 'https://b/c?x=secret' --lux 1,2"
+    assert without_secrets(command) == "sweep --images s3://b/a -o 'https://b/c' --lux 1,2"
+
+
+def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "upath", None)
+    with pytest.raises(OSError, match=r"needs more packages: pip install 'blurnoise\[s3\]'"):
+        location("s3://bucket/a")
+
+
+def test_a_listing_is_that_of_a_folder(bucket: Any, tmp_path: Path) -> None:
+    """Names that lead elsewhere are left out, links to folders stay shut, broken links are no files."""
+    for name in ("a.bin", "sub/größe b.bin", "sub/none"):
+        (tmp_path / "set" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "set" / name).write_bytes((bucket / name).read_bytes())
+    (tmp_path / "set/shut").symlink_to(tmp_path)
+    (tmp_path / "set/broken").symlink_to(tmp_path / "nothing")
+    os.mkfifo(tmp_path / "set/pipe")
+    for path in ("../x", "./y", "/z"):
+        bucket.fs.store[f"{bucket.path}/{path}"] = bucket.fs.store[f"{bucket.path}/a.bin"]
+    for folder in (bucket, tmp_path / "set"):
+        found = listing(folder)
+        assert set(found) == {"a.bin", "sub/größe b.bin", "sub/none"}
+        assert found["sub/none"] == version(folder / "sub" / "none")
+        assert versions(folder, ["a.bin", "missing"]) == {"a.bin": found["a.bin"]}
+    many = {f"{number}.bin": b"x" for number in range(201)}
+    bucket.fs.pipe({f"{bucket.path}/many/{name}": data for name, data in many.items()})
+    assert set(versions(bucket / "many", [*many, "missing"])) == set(many)
+    assert versions(location("memory://other/none"), list(many)) == {}
+
+
+def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
+    known = version(bucket / "a.bin")
+    copy = local_file(bucket / "a.bin", known=known)
+    assert (copy.name, copy.read_bytes()) == ("a.bin", b"a.bin")
+    (bucket / "a.bin").write_bytes(b"other")
+    assert local_file(bucket / "a.bin", known=known) == copy, "as it was"
+    assert local_file(bucket / "a.bin").read_bytes() == b"other"
+    with pytest.raises(OSError, match="has changed since it was looked up") as error:
+        local_file(bucket / "sub" / "none", known=known)
+    assert error.value.filename == f"{URL}/sub/none"
+    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.*")) == ["a.bin", "a.bin"]
+    assert local_file(tmp_path) == tmp_path
+
+
+def test_a_file_with_its_company(bucket: Any) -> None:
+    """What stands beside it, in one folder; what is missing is left out, and what leads elsewhere."""
+    found = local_file(bucket / "a.bin", ["sub/none", "c.bin", "../x.bin"])
+    assert {each.name for each in found.parent.rglob("*") if each.is_file()} == {"a.bin", "none"}
+
+
+def test_what_is_fetched_ahead_is_not_asked_for_again(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = listing(bucket)
+    fetch_ahead(bucket, {**known, "missing": "5 tag"})
+    monkeypatch.setattr(type(bucket.fs), "get_file", None)
+    assert {name: local_file(bucket / name, known=known[name]).stat().st_size for name in known} == {
+        "a.bin": 5,
+        "sub/größe b.bin": 17,
+        "sub/none": 0,
+    }
+
+
+def test_a_cache_that_cannot_be_written(bucket: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "file"))
+    with pytest.raises(OSError, match=r"cannot be written .*; BLURNOISE_CACHE names another"):
+        local_file(bucket / "a.bin")

@@ -1,0 +1,137 @@
+"""Objects of a real S3 server, over a wire that is slow, cut, busy or closed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blurnoise_eval.system import urls
+from blurnoise_eval.system.urls import listing, local_file, location, version, versions
+from s3_servers import BUCKET, Wire, at, s3_server, wire_to
+
+pytestmark = pytest.mark.slow  # the server takes seconds to import
+A = f"s3://{BUCKET}/a.bin"
+CONTENT = b"a.bin" * 1000
+
+
+@pytest.fixture(scope="module")
+def held() -> Iterator[Wire]:
+    """To a server with an empty bucket."""
+    with pytest.MonkeyPatch.context() as patch, s3_server() as server, wire_to(server) as (address, wire):
+        at(address, patch.setenv)
+        location(A).fs.mkdir(BUCKET)
+        yield wire
+
+
+@pytest.fixture
+def wire(held: Wire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
+    """Of a bucket with three objects, through an empty cache."""
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    held.mend()
+    for name in ("a.bin", "sub/b.bin", "no bytes.bin"):
+        (location(f"s3://{BUCKET}") / name).write_bytes(b"" if "no" in name else name.encode() * 1000)
+    yield held
+    held.mend()
+
+
+def read(url: Any, known: str | None = None) -> bytes:
+    return local_file(location(url), known=known).read_bytes()
+
+
+def test_reads_once(wire: Wire) -> None:
+    """A version is fetched once and then stays; another version is another object."""
+    known = version(location(A))
+    wire.requests.clear()
+    assert read(A, known) == read(A, known) == CONTENT
+    assert len(wire.requests) == 2  # its bytes, and whether it has changed meanwhile
+    location(A).write_bytes(b"new")
+    assert read(A) == b"new"
+    assert read(A, known) == CONTENT, "as it was"
+
+
+def test_listing_of_a_folder(wire: Wire) -> None:
+    bucket = location(f"s3://{BUCKET}")
+    found = listing(bucket)
+    assert list(found) == ["a.bin", "no bytes.bin", "sub/b.bin"]
+    assert list(listing(location(f"s3://{BUCKET}/sub/"))) == ["b.bin"]
+    assert versions(bucket, ["a.bin", "c.bin"]) == {"a.bin": found["a.bin"]}
+    assert (bucket / "sub").is_dir()
+    assert (bucket / "a.bin").is_file()
+    assert not (bucket / "c.bin").exists()
+    assert read(bucket / "no bytes.bin") == b""
+
+
+@pytest.mark.parametrize("name", ["with space.bin", "größe-日本.bin", "a+b&c=d#e%20.bin", "what?.bin"])
+def test_any_name(name: str, wire: Wire) -> None:
+    url = location(f"s3://{BUCKET}/names") / name
+    url.write_bytes(name.encode())
+    assert read(url) == name.encode()
+    assert name in listing(url.parent)
+
+
+@pytest.mark.parametrize(("fault", "times"), [("cuts", 3), ("refusals", 2)])
+def test_a_fault_that_passes_is_not_seen(fault: str, times: int, wire: Wire) -> None:
+    known = version(location(A))
+    setattr(wire, fault, times)
+    assert read(A, known) == CONTENT
+    assert getattr(wire, fault) == 0
+
+
+def test_a_connection_that_is_always_cut(wire: Wire, tmp_path: Path) -> None:
+    known, wire.cuts, wire.cut_at = version(location(A)), 99, 100
+    with pytest.raises(OSError, match="failed") as told:
+        read(A, known)
+    assert told.value.filename == A
+    assert not [file for file in (tmp_path / "cache").rglob("*") if file.is_file()], "nothing of it is kept"
+
+
+def test_a_server_that_is_silent_is_given_up(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = version(location(A))
+    wire.delay_s = 20.0
+    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 0.2)
+    with pytest.raises(TimeoutError, match="no answer") as told:
+        read(A, known)
+    assert told.value.filename == A
+
+
+def test_a_slow_server_is_waited_for(wire: Wire) -> None:
+    wire.delay_s = 0.5
+    assert read(A) == CONTENT
+
+
+def test_denied(wire: Wire) -> None:
+    """At once, and named; a folder that must not be listed is asked for its objects one by one."""
+    wire.requests.clear()
+    wire.refusals, wire.status = 99, "403 Forbidden"
+    with pytest.raises(PermissionError, match="denied") as told:
+        read(A)
+    assert told.value.filename == A
+    assert len(wire.requests) == 1
+    with pytest.raises(PermissionError, match="denied"):
+        versions(location(f"s3://{BUCKET}"), ["a.bin", "sub/b.bin"])
+    wire.named = "list-type"
+    names = ["a.bin", "sub/b.bin", *map(str, range(200))]
+    assert list(versions(location(f"s3://{BUCKET}"), names)) == ["a.bin", "sub/b.bin"]
+
+
+@pytest.mark.parametrize("url", [f"s3://{BUCKET}/none", "s3://no-such-bucket/a"])
+def test_missing(url: str, wire: Wire) -> None:
+    with pytest.raises(FileNotFoundError, match="no such object") as told:
+        read(url)
+    assert told.value.filename == url
+
+
+def test_changed_since_it_was_looked_up(wire: Wire) -> None:
+    known = version(location(A))
+    location(A).write_bytes(b"other" * 1000)  # as many bytes
+    with pytest.raises(OSError, match="has changed"):
+        read(A, known)
+
+
+def test_no_such_host(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 19)  # no file system that is at hand
+    with pytest.raises(OSError, match="no such host, or it does not answer"):
+        read(A)

@@ -1,0 +1,94 @@
+"""Score tables of made values: of rows as the store has them, or of arrays over exposures and velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from blurnoise_eval.answers.table import ORDER, Measured, ScoreTable, table_of
+from blurnoise_eval.grid.axes import NAMES
+from numpy.typing import ArrayLike, NDArray
+from plans import OWN
+
+Row = Mapping[str, Any]
+Array = NDArray[np.float64]
+
+
+def tables(
+    target_rows: Iterable[Row],
+    value_of: Callable[[Row], float | None] = lambda row: row["confidence"],
+    cluster_of: Callable[[str], str] = lambda picture: picture,
+    *,
+    clean_of: Callable[[Row], float | None] = lambda row: None,
+    kept: bool = False,
+) -> Iterator[ScoreTable]:
+    """One of each model and group of rows of exposed targets; value_of, clean_of: of a row, None where unknown."""
+
+    def key(row: Row) -> tuple[str, str]:
+        return row["model"], row["group"]
+
+    for own, alike in groupby(sorted(target_rows, key=key), key):
+        rows = list(alike)
+        names = list(dict.fromkeys(row["image"] for row in rows))
+        columns: list[Any] = [
+            np.array([names.index(row["image"]) for row in rows]),
+            np.array([row["repeat"] for row in rows]),
+            np.array([row["target_id"] for row in rows]),
+            np.arange(len(rows)),
+            np.array([value_of(row) for row in rows], float),
+            np.array([clean_of(row) for row in rows], float),
+            *(np.array([row.get(name) for row in rows], float) for name in ("saturated", "brightness")),
+        ]
+        conditions = {name: np.array([row[name] for row in rows], float) for name in NAMES}
+        if (
+            found := table_of(*own, conditions, Measured(names, *columns), cluster_of, kept=kept)
+        ) is not None:
+            yield found
+
+
+def table(
+    sums: Array,
+    exposures_s: Sequence[float],
+    velocities_px_s: Sequence[tuple[float, float]] = ((0.0, 0.0),),
+    counts: ArrayLike = 1.0,
+    *,
+    saturated: ArrayLike = 0.0,
+    brightness: ArrayLike = 0.4,
+    at: Mapping[str, float] | None = None,
+    **fields: Any,
+) -> ScoreTable:
+    """Of one setting, ``at`` on some axes. sums, counts: (C, E, V); saturated, brightness: (E, V)."""
+    shape = sums.shape
+    setting = {"illuminance_lux": 50.0, **OWN, **(at or {})}
+    conditions = {name: np.full(shape[1:], setting.get(name, 0.0)).ravel() for name in ORDER}
+    conditions["exposure_s"] = np.tile(np.asarray(exposures_s, float), shape[2])
+    for number, name in enumerate(("velocity_x_px_s", "velocity_y_px_s")):
+        conditions[name] = np.repeat([float(each[number]) for each in velocities_px_s], shape[1])
+    given: dict[str, Any] = {"model": "m", "group": "g", "n_targets": shape[0]}
+    given["clusters"] = tuple(f"p{place}" for place in range(shape[0]))
+    return ScoreTable(
+        conditions=conditions,
+        sums=flat(sums),
+        counts=flat(np.broadcast_to(np.asarray(counts, float), shape)),
+        saturated=flat(np.broadcast_to(np.asarray(saturated, float), shape[1:])),
+        brightness=flat(np.broadcast_to(np.asarray(brightness, float), shape[1:])),
+        **(given | fields),
+    )
+
+
+def flat(values: Array) -> Array:
+    """Values (..., E, V) as a table has them, (..., N)."""
+    return np.swapaxes(values, -1, -2).reshape(*values.shape[:-2], -1)
+
+
+def over(of: ScoreTable, values: Array) -> Array:
+    """Values (..., N) of a table of one setting, over its exposures and velocities, (..., E, V); NaN where it has
+    none."""
+    exposures, e = np.unique(of.conditions["exposure_s"], return_inverse=True)
+    velocities = list(dict.fromkeys(of.velocities_px_s))
+    v = np.array([velocities.index(each) for each in of.velocities_px_s])
+    found = np.full((*values.shape[:-1], len(exposures), len(velocities)), np.nan)
+    found[..., e, v] = values
+    return found
