@@ -73,7 +73,7 @@ class Worker:
 
     def __init__(self, work: Work, pictures_held: int) -> None:
         self._work, self._held = work, pictures_held
-        self._prepared: OrderedDict[str, Future[PreparedPicture]] = OrderedDict()
+        self._prepared: OrderedDict[tuple[str, str], Future[PreparedPicture]] = OrderedDict()
         self._lock = threading.Lock()
         self._interrupted = False
 
@@ -111,15 +111,16 @@ class Worker:
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
+        key = picture.name, picture.identity  # a worker may outlive a picture's file
         with self._lock:
-            prepared = self._prepared.get(picture.name)
+            prepared = self._prepared.get(key)
             mine = prepared is None
             if prepared is None:
-                prepared = self._prepared[picture.name] = Future()
-            self._prepared.move_to_end(picture.name)  # those that were used longest ago come first
-            for name in [name for name, each in self._prepared.items() if each.done()]:
+                prepared = self._prepared[key] = Future()
+            self._prepared.move_to_end(key)  # those that were used longest ago come first
+            for other in [other for other, each in self._prepared.items() if each.done()]:
                 if len(self._prepared) > self._held:
-                    del self._prepared[name]
+                    del self._prepared[other]
         if mine:
             try:
                 made = PreparedPicture(picture, self._work.models, self._work.grey_anchor, self._work.objects)

@@ -8,13 +8,17 @@ import multiprocessing
 import os
 import pickle
 import random
+import shutil
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from collections.abc import Iterator
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -164,6 +168,19 @@ def test_a_process_that_is_killed_is_replaced(
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
 
 
+def test_a_worker_reads_a_picture_again_when_its_file_has_changed(
+    pictures: PictureSet, detector: Detector
+) -> None:
+    """Workers of a cluster outlive a sweep."""
+    first, second, _ = pictures.pictures
+    worker = Work((detector,), CAMERA).open(2)
+    changed = replace(second, name=first.name)
+    block, other = (
+        next(iter(blocks(replace(pictures, pictures=(picture,)), PLAN))) for picture in (first, changed)
+    )
+    assert timeless(worker.compute(block)) != timeless(worker.compute(other))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("engine", ["processes", "ray"])
@@ -213,10 +230,15 @@ def test_no_process_outlives_its_sweep(
 
 
 def _some_rows(run: Path) -> bool:
-    """Whether the journal of a run that is being computed holds more than its beginning."""
-    examples = list(run.glob("examples/*.png"))
-    journal = run / "results.sqlite-wal"
-    return bool(examples) and journal.stat().st_mtime_ns > min(each.stat().st_mtime_ns for each in examples)
+    """Whether a run that is being computed has committed cells: read from a copy, its file being locked."""
+    if not (run / "results.sqlite").exists():
+        return False
+    with tempfile.TemporaryDirectory() as folder:
+        for file in run.glob("results.sqlite*"):
+            shutil.copy(file, folder)
+        with closing(sqlite3.connect(Path(folder, "results.sqlite"))) as copy, suppress(sqlite3.Error):
+            return bool(copy.execute("SELECT count(*) FROM cells").fetchone()[0])
+    return False
 
 
 _FIRST_WORKER = """

@@ -101,7 +101,8 @@ def test_a_worker_that_is_killed_is_replaced(
     detector: Detector, pictures: PictureSet, tmp_path: Path, expected: list[Any]
 ) -> None:
     first, *others = pictures.pictures
-    fatal = replace(first, load=partial(killed_once, tmp_path / "killed", first.load))
+    # another identity: a worker of the test before may hold the picture prepared
+    fatal = replace(first, load=partial(killed_once, tmp_path / "killed", first.load), identity="killed once")
     shown = replace(pictures, pictures=(fatal, *others))
     with limited(LONGEST_S):
         outcome = computed(tmp_path / "run", [detector], shown, RayEngine(2), LONG)
@@ -141,7 +142,7 @@ def test_a_node_that_is_lost_costs_nothing(
     """Lost while its worker reads a picture, whichever of the two that is."""
     first, *others = pictures.pictures
     read, ended = tmp_path / "read", threading.Event()
-    lasting = replace(first, load=partial(lasting_once, read, first.load))
+    lasting = replace(first, load=partial(lasting_once, read, first.load), identity="lasting once")
 
     def lose() -> None:
         while not read.exists() and not ended.wait(0.02):
