@@ -23,6 +23,7 @@ _SPOKEN: tuple[tuple[str, str, float], ...] = (
     ("speed_px_s", "--speed", 1.0),
     ("frame_rate_hz", "--fps", 1.0),
     ("timeout_s", "--model-timeout-s", 1.0),
+    *((kind, "--labels", 1.0) for kind in ("coco", "yolo", "bdd", "text")),
 )
 """The library's name, the option for it, and how much of the library's unit one of the option's is."""
 _PYDANTIC = (
@@ -48,8 +49,8 @@ def in_a_line(error: Exception, options: Collection[str]) -> str:
 def _in_options(error: Exception, options: Collection[str]) -> str:
     from blurnoise._core.checks import OutOfRange
 
-    spoken = {name: (option, unit) for name, option, unit in _SPOKEN if option in options}
-    spoken |= {option.lstrip("-").replace("-", "_"): (option, 1.0) for option in options}
+    spoken = {option.lstrip("-").replace("-", "_"): (option, 1.0) for option in options}
+    spoken |= {name: (option, unit) for name, option, unit in _SPOKEN if option in options}
     if isinstance(error, OutOfRange) and error.name.replace("-", "_") in spoken:
         option, unit = spoken[error.name.replace("-", "_")]
         if isinstance(error.value, (int, float)):

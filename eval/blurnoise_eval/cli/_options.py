@@ -32,6 +32,13 @@ def place(text: str) -> Location:
     return found
 
 
+def _local(text: str) -> Path:
+    """A file, fetched where it is a URL. Raises ``ValueError`` and ``OSError``."""
+    from blurnoise_eval.system.urls import local_file, location
+
+    return local_file(location(text))
+
+
 def new_file(text: str) -> Path:
     """A file to write. Raises ``OSError`` where that is not possible."""
     from blurnoise_eval.system.files import check_writable
@@ -172,7 +179,7 @@ def settings(
         def run(**options: Any) -> None:
             stated = {each.name: options.pop(each.name) for each in chosen}
             path, saved = options.pop("settings_file"), options.pop("saved_to", None)
-            given = kind() if path is None else kind.read(path)
+            given = kind() if path is None else kind.read(_local(path))
             given = given.stating({name: value for name, value in stated.items() if value not in (None, [])})
             if saved is not None:
                 given.save(saved)
@@ -191,7 +198,7 @@ def settings(
             f"--save-{file}", parser=new_file, metavar="OUT.yaml", help="write such a file, and end"
         )
         added = [_parameter(each.name, _typed(each)) for each in chosen]
-        added.append(_parameter("settings_file", Annotated[Path | None, read]))
+        added.append(_parameter("settings_file", Annotated[str | None, read]))
         added += [_parameter("saved_to", Annotated[Path | None, written])] if save else []
         parameters = list(theirs.parameters.values())
         place = list(theirs.parameters).index("given")

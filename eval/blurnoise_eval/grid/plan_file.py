@@ -28,7 +28,8 @@ def with_axes(usual: Mapping[str, str] | None = None, metavar: str = "LIST", pan
     for each in AXES:
         default = each.default_text if usual is None else usual.get(each.key, "")
         about = f"{each.about} (default: {default})" if default else each.about
-        shown = f"auto|{metavar}" if each.automatic else metavar
+        kind = "NAME" if each.choices and metavar == "NUMBER" else metavar
+        shown = f"auto|{kind}" if each.automatic else kind
         made = setting(None, about, shown, panel=panel, check=each.values)
         fields.append((each.key, "float | str | list[float | str] | None", made))
     return make_dataclass("Axes", fields, bases=(Settings,), frozen=True, namespace={"AXES": AXES})

@@ -160,11 +160,12 @@ def test_a_slow_server_with_faults_that_pass(folder: Path, wire: Wire, tmp_path:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--coco", f"{ROOT}/none.json"], f"coco = '{ROOT}/none.json': no such object"),
+        (["--coco", f"{ROOT}/none.json"], f"labels = '{ROOT}/none.json': no such object"),
         (["--images", "s3://no-such-bucket/a"], "images = 's3://no-such-bucket/a': "),
         (["--model", f"{ROOT}/none.onnx"], f"{ROOT}/none.onnx: no such object"),
         (["--model", f"{ROOT}/instances.json"], f"{ROOT}/instances.json: is a text file"),
         (["--images", "s3://key:secret@bucket/a"], "s3://bucket/a: must hold no user or password"),
+        (["--plan", f"{ROOT}/none.yaml"], f"{ROOT}/none.yaml: no such object"),
         (["--images", "ftp://host/a"], "ftp://host/a: must begin with"),
         (["--images", f"{ROOT}/a?token=secret"], f"{ROOT}/a: must hold no query"),
     ],

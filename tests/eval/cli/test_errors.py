@@ -70,6 +70,9 @@ def test_what_no_option_sets_keeps_its_name() -> None:
     assert in_a_line(ValueError("well_e = 5 or 7: must be one"), options).endswith(
         ": well_e = 5 or 7: must be one"
     )
+    assert in_a_line(ValueError("yolo = 'a': empty"), ["--coco", "--labels"]).endswith(
+        ": --labels = 'a': empty"
+    )
     assert in_a_line(ValueError("exposure_s = 5: is long"), ["--lux"]).endswith(": exposure_s = 5: is long")
     assert (
         in_a_line(FileNotFoundError(2, "No such file", "keep"), options)
