@@ -6,11 +6,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib import import_module
+from importlib import import_module, metadata
 from inspect import cleandoc
-from typing import Any
+from typing import Annotated, Any
 
 import typer
+from typer import Option
 from typer.main import get_command
 
 from blurnoise_eval.cli._errors import in_a_line, usage
@@ -104,10 +105,25 @@ def _app(**options: Any) -> typer.Typer:
 def _program() -> typer.Typer:
     """All commands: their names and what they do; their options, too, where a shell completes them."""
     app = _app(help=described(_ABOUT), no_args_is_help=True, add_completion=True)
+    app.callback()(_of_program)
     for name, about in COMMANDS.items():
         run = function(name) if "_BLURNOISE_COMPLETE" in os.environ else (lambda: None)
         app.command(name, short_help=about)(run)
     return app
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        say(f"blurnoise {metadata.version('blurnoise')}")
+        raise typer.Exit
+
+
+def _of_program(
+    version: Annotated[
+        bool, Option("--version", callback=_version, is_eager=True, help="print the version and exit")
+    ] = False,
+) -> None:
+    pass
 
 
 def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:

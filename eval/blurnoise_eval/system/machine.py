@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-_PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy", "opencv-contrib-python-headless")
+_PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy")
 
 
 def hardware() -> dict[str, Any]:
@@ -26,8 +26,11 @@ def hardware() -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Versions of the packages on which the bits of a result depend; of blurnoise its sources, too, see
-    :func:`sources`."""
-    return {**{name: metadata.version(name) for name in _PACKAGES}, "sources": sources()}
+    :func:`sources`. OpenCV is installed under one of four names, so it is asked itself."""
+    import cv2
+
+    installed = {name: metadata.version(name) for name in _PACKAGES}
+    return {**installed, "opencv": str(cv2.__version__), "sources": sources()}
 
 
 @cache

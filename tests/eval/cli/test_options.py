@@ -22,6 +22,8 @@ from blurnoise_eval.grid.scene_file import SceneFile
 from blurnoise_eval.system.files import check_writable, check_writable_folder
 from commands import Output
 
+import blurnoise
+
 MOST = {"sweep": 26, "decide": 20, "simulate": 24}
 
 
@@ -82,6 +84,20 @@ def test_help_is_light() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code, *COMMANDS], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+def test_the_version(capsys: Output) -> None:
+    assert cli.main(["--version"]) == 0
+    assert capsys.readouterr().out == f"blurnoise {blurnoise.__version__}\n"
+
+
+def test_without_the_harness_the_script_says_what_to_install() -> None:
+    script = (
+        "import sys; sys.modules['typer'] = None; from blurnoise_eval.start import main; sys.exit(main())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "blurnoise: error: needs typer: pip install 'blurnoise[eval]'\n"
 
 
 def test_programs_help_lists_the_commands(capsys: Output) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+from importlib import metadata
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -45,3 +47,16 @@ def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.M
         found.append(machine.sources.__wrapped__())
     assert found[0] == found[1] != found[2]
     assert found[0] != machine.versions()["sources"]
+
+
+def test_opencv_has_four_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whichever package fills the folder, its version is known."""
+    installed = metadata.version
+
+    def version(name: str) -> str:
+        if name.startswith("opencv"):
+            raise metadata.PackageNotFoundError(name)
+        return installed(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    assert machine.versions()["opencv"] == cv2.__version__
