@@ -27,7 +27,7 @@ from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
 from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded
-from blurnoise.picture.step import Development, PictureStep
+from blurnoise.picture.steps import Development, PictureStep
 
 
 @no_torch_compile
@@ -38,7 +38,6 @@ def develop(
     encoding: Encoding = "srgb",
     gain_db: float = 0.0,
     illuminant: str | Curve = "D55",
-    whole: bool | None = None,
 ) -> Tensor:
     """Digital numbers to a picture in [0, 1]; no automatic gain.
 
@@ -46,17 +45,13 @@ def develop(
     by default) unless ``encoding`` is "linear"; of a mosaic white balance for the light ``illuminant``, demosaic and
     colour matrix come before the gain: ``STEPS`` in their order. dn: any shape, of a mosaic (B, 1, H, W), which
     becomes (B, 3, H, W); values within the converter's range, beyond which they count as its ends; integers of any
-    size, float32 or float64. Returns dn's floating dtype, for integers float32. whole: whether dn is known to hold
-    whole numbers; None: that is looked at. By the formulas where gradients are asked for, and of frames that were
-    not rounded. Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are none), camera, encoding, gain_db or
-    illuminant.
+    size, float32 or float64. Returns dn's floating dtype, for integers float32. By the formulas where gradients are
+    asked for, and of frames that were not rounded. Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are
+    none), camera, encoding, gain_db or illuminant.
     """
     at = Development(camera, gain_db, encoding, illuminant)
-    dn, kind = _digital_numbers(dn)
-    active = _active(dn, camera)
-    if whole is None:
-        whole = not dn.is_floating_point() or torch.equal(dn, dn.trunc())
-    if differentiable(dn) or not whole:
+    kind, active = _checked(dn, camera)
+    if differentiable(dn) or (dn.is_floating_point() and not torch.equal(dn, dn.trunc())):
         return _developed(dn.to(kind), at, active)
     first = _first_steps(dn, at, active)
     return _developed(_looked_up(dn, at, first, kind), at, active[len(first) :])
@@ -65,10 +60,9 @@ def develop(
 def develop_8bit(dn: Tensor, camera: Camera, gain_db: float = 0.0, illuminant: str | Curve = "D55") -> Tensor:
     """The sRGB picture of :func:`develop` as an 8-bit camera file would hold it: uint8, of its shape."""
     at = Development(camera, gain_db, "srgb", illuminant)
-    numbers, _ = _digital_numbers(dn)
-    active = _active(numbers, camera)
-    if _first_steps(numbers, at, active) == active:
-        return _looked_up(numbers, at, active, torch.uint8)
+    _, active = _checked(dn, camera)
+    if _first_steps(dn, at, active) == active:
+        return _looked_up(dn, at, active, torch.uint8)
     picture: Tensor = develop(dn, camera, gain_db=gain_db, illuminant=illuminant)
     return picture.mul(255.0).round().to(torch.uint8)
 
@@ -96,23 +90,30 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
     return luma.round().to(picture.dtype) if picture.dtype == torch.uint8 else luma.to(picture.dtype)
 
 
-def steps_in_16_bits(active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """The leading steps computed in 16-bit integers: a mosaic's and the pointwise ones after them."""
-    if active[:3] != (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
-        return ()
-    count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))
-    return active[:count] + _pointwise(active[count:])
-
-
-def _pointwise(active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """The leading pointwise steps."""
-    return active[: next((place for place, step in enumerate(active) if not step.pointwise), len(active))]
+def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep, ...]]:
+    """The dtype of a picture made of ``dn``, and its steps."""
+    an_instance("dn", dn, Tensor)
+    kind = torch.float32
+    if dn.dtype in (torch.float32, torch.float64):
+        kind = finite("dn", dn).dtype
+    elif dn.is_floating_point() or dn.is_complex() or dn.dtype == torch.bool:
+        raise TypeError(f"dn: must be integers, float32 or float64, got {dn.dtype}")
+    if camera.cfa not in colour.PLANES and (dn.ndim != 4 or dn.shape[1] != 1 or min(dn.shape[-2:]) < 2):
+        raise ValueError(
+            f"dn: shape is {tuple(dn.shape)}; cfa = {camera.cfa!r} needs (B, 1, H, W), H and W at least 2"
+        )
+    return kind, steps.active(camera)
 
 
 def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
-    """The leading steps that :func:`_looked_up` does by one table."""
-    quick = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
-    return (steps_in_16_bits(active) if quick else ()) or _pointwise(active)
+    """The leading steps of a table: a mosaic's where 16 bits serve, and the pointwise ones that follow."""
+    count = 0
+    in_16_bits = at.encoding == "srgb" and dn.device.type == "cpu" and dn.dtype != torch.float64
+    if in_16_bits and active[:3] == (steps.BLACK_LEVEL, steps.WHITE_BALANCE, steps.DEMOSAIC):
+        count = 3 + (active[3:4] == (steps.COLOUR_MATRIX,))
+    while count < len(active) and active[count].pointwise:
+        count += 1
+    return active[:count]
 
 
 def _looked_up(dn: Tensor, at: Development, first: tuple[PictureStep, ...], kind: torch.dtype) -> Tensor:
@@ -121,25 +122,6 @@ def _looked_up(dn: Tensor, at: Development, first: tuple[PictureStep, ...], kind
         return look_up(_table(at, first, kind).to(dn.device), dn)
     after_colour = first[3 + (steps.COLOUR_MATRIX in first) :]
     return _in_16_bits(dn, at, first, _table(at, after_colour, kind, of_light=True).numpy())
-
-
-def _active(dn: Tensor, camera: Camera) -> tuple[PictureStep, ...]:
-    """The steps; of a mosaic ``dn`` has one plane of at least 2 x 2."""
-    if camera.cfa not in colour.PLANES and (dn.ndim != 4 or dn.shape[1] != 1 or min(dn.shape[-2:]) < 2):
-        raise ValueError(
-            f"dn: shape is {tuple(dn.shape)}; cfa = {camera.cfa!r} needs (B, 1, H, W), H and W at least 2"
-        )
-    return steps.active(camera)
-
-
-def _digital_numbers(dn: Tensor) -> tuple[Tensor, torch.dtype]:
-    """``dn``, and the type of a picture made of it."""
-    an_instance("dn", dn, Tensor)
-    if dn.dtype in (torch.float32, torch.float64):
-        return finite("dn", dn), dn.dtype
-    if dn.is_floating_point() or dn.is_complex() or dn.dtype == torch.bool:
-        raise TypeError(f"dn: must be integers, float32 or float64, got {dn.dtype}")
-    return dn, torch.float32
 
 
 @lru_cache(maxsize=32)

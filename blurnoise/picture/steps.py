@@ -7,6 +7,8 @@ developed: a new entry is all that a new step needs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -16,123 +18,131 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from blurnoise._core.checks import an_instance, limited, one_of
 from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Matrix
+from blurnoise.optics.colour import Encoding, Matrix
 from blurnoise.optics.radiometry import clear_shares, filter_electrons
-from blurnoise.optics.spectra import Curve
+from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.picture.demosaic import demosaic
-from blurnoise.picture.step import Development, PictureStep
 
 GAIN_MAX = 16.0
 """Of the automatic white balance: where the light lacks a colour by more, a tint stays."""
 
 
-class BlackLevel(PictureStep):
-    """Digital numbers to linear light: 0 at the black level, 1 at full scale."""
+@dataclass(frozen=True)
+class Development:
+    """Options of development: digital gain, the picture's encoding, the light on the scene.
 
-    name = "black level"
+    Raises ``TypeError`` or ``ValueError`` naming the field.
+    """
 
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
+    camera: Camera
+    gain_db: float = 0.0
+    encoding: Encoding = "srgb"
+    illuminant: str | Curve = "D55"
+
+    def __post_init__(self) -> None:
+        an_instance("camera", self.camera, Camera)
+        limited("gain_db", self.gain_db)
+        one_of("encoding", self.encoding, ("srgb", "linear"))
+        check_illuminant(self.illuminant)
 
 
-class _OfMosaic(PictureStep):
-    """A step that only mosaics have."""
-
-    pointwise = False
-
-    def active(self, camera: Camera) -> bool:
-        return camera.cfa not in colour.PLANES
+def _always(camera: Camera) -> bool:
+    return True
 
 
-class WhiteBalance(_OfMosaic):
+def _of_mosaic(camera: Camera) -> bool:
+    return camera.cfa not in colour.PLANES
+
+
+@dataclass(frozen=True)
+class PictureStep:
+    """One entry of :data:`STEPS`.
+
+    apply: the picture after the step; differentiable, on any device. active: whether the step changes this camera's
+    frames. pointwise: each value depends on its own digital number alone, so tables serve.
+    """
+
+    name: str
+    apply: Callable[[Tensor, Development], Tensor]
+    active: Callable[[Camera], bool] = _always
+    pointwise: bool = True
+
+
+def _light(picture: Tensor, at: Development) -> Tensor:
+    return (picture - at.camera.black_level_dn) / (at.camera.full_scale_dn - at.camera.black_level_dn)
+
+
+def _balanced(picture: Tensor, at: Development) -> Tensor:
     """A gain per filter, the least of them 1, and one level of clipping for all, so that highlights stay white."""
-
-    name = "white balance"
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        height, width = picture.shape[-2:]
-        tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
-        gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
-        return (picture * gains).clamp(max=highest(at.camera))
+    height, width = picture.shape[-2:]
+    tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
+    gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
+    return (picture * gains).clamp(max=highest(at.camera))
 
 
-class Demosaic(_OfMosaic):
-    """Three colours a pixel of one."""
-
-    name = "demosaic"
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        return demosaic(picture, at.camera.cfa, at.camera.demosaic)
+def _colours(picture: Tensor, at: Development) -> Tensor:
+    return demosaic(picture, at.camera.cfa, at.camera.demosaic)
 
 
-class ColourMatrix(PictureStep):
+def _corrected(picture: Tensor, at: Development) -> Tensor:
     """Camera colours to linear sRGB; of RCCB green first, by difference."""
-
-    name = "colour matrix"
-    pointwise = False
-
-    def active(self, camera: Camera) -> bool:
-        return camera.ccm is not None or camera.cfa == "RCCB"
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        rows = picture.new_tensor(matrix(at.camera, at.illuminant))
-        return torch.einsum("ij,bjhw->bihw", rows, picture)
+    return torch.einsum("ij,bjhw->bihw", picture.new_tensor(matrix(at.camera, at.illuminant)), picture)
 
 
-class DigitalGain(PictureStep):
-    """A factor after the converter: brighter, and no less noisy."""
-
-    name = "digital gain"
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        return picture if at.gain_db == 0 else picture * 10 ** (at.gain_db / 20)
+def _amplified(picture: Tensor, at: Development) -> Tensor:
+    """Brighter by a factor after the converter, and no less noisy."""
+    return picture if at.gain_db == 0 else picture * 10 ** (at.gain_db / 20)
 
 
-class Tone(PictureStep):
-    """Clipping to [0, 1], and where asked for the camera's curve, sRGB's by default."""
-
-    name = "tone"
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
+def _toned(picture: Tensor, at: Development) -> Tensor:
+    """Clipping to [0, 1], and unless the picture is linear the camera's curve, sRGB's by default."""
+    return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 
-class Jpeg(PictureStep):
+def _compressed(picture: Tensor, at: Development) -> Tensor:
     """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays.
 
     Each picture by itself; three planes are colours, any other number are grey pictures. Gradients pass through
     unchanged.
     """
-
-    name = "JPEG"
-    pointwise = False
-
-    def active(self, camera: Camera) -> bool:
-        return camera.jpeg_quality is not None
-
-    def apply(self, picture: Tensor, at: Development) -> Tensor:
-        if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
-            return picture
-        quality = at.camera.jpeg_quality
-        codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
-        each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
-        seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
-        found = torch.from_numpy(seen).to(picture) / 255
-        return picture + (found - picture).detach() if picture.requires_grad else found
+    if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
+        return picture
+    quality = at.camera.jpeg_quality
+    codes = (picture.detach() * 255).round().clamp(0, 255).to(torch.uint8).cpu().numpy()
+    each = codes.reshape(-1, *codes.shape[-3 if codes.shape[-3] == 3 else -2 :])
+    seen = np.stack([_round_trip(image, quality) for image in each]).reshape(codes.shape)
+    found = torch.from_numpy(seen).to(picture) / 255
+    return picture + (found - picture).detach() if picture.requires_grad else found
 
 
-BLACK_LEVEL, DIGITAL_GAIN, TONE, JPEG = BlackLevel(), DigitalGain(), Tone(), Jpeg()
-WHITE_BALANCE, DEMOSAIC, COLOUR_MATRIX = WhiteBalance(), Demosaic(), ColourMatrix()
-STEPS: tuple[PictureStep, ...] = (
+def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Encode and decode (3, H, W) or (H, W), 8 bits."""
+    given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
+    _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
+    back: NDArray[np.uint8] = seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
+    return back
+
+
+def _corrects(camera: Camera) -> bool:
+    return camera.ccm is not None or camera.cfa == "RCCB"
+
+
+BLACK_LEVEL = PictureStep("black level", _light)
+WHITE_BALANCE = PictureStep("white balance", _balanced, _of_mosaic, pointwise=False)
+DEMOSAIC = PictureStep("demosaic", _colours, _of_mosaic, pointwise=False)
+COLOUR_MATRIX = PictureStep("colour matrix", _corrected, _corrects, pointwise=False)
+STEPS = (
     BLACK_LEVEL,
     WHITE_BALANCE,
     DEMOSAIC,
     COLOUR_MATRIX,
-    DIGITAL_GAIN,
-    TONE,
-    JPEG,
+    PictureStep("digital gain", _amplified),
+    PictureStep("tone", _toned),
+    PictureStep("JPEG", _compressed, lambda camera: camera.jpeg_quality is not None, pointwise=False),
 )
 
 
@@ -183,12 +193,3 @@ def magnification(camera: Camera, illuminant: str | Curve = "D55") -> float:
         return gains["C"]
     each = [gains["R"], gains.get("G", gains.get("C", 1.0)), gains["B"]]
     return max(1.0, float(np.sqrt(((np.array(matrix(camera, illuminant)) * each) ** 2).sum(1)).max()))
-
-
-def _round_trip(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Encode and decode (3, H, W) or (H, W), 8 bits."""
-    given = np.ascontiguousarray(image.transpose(1, 2, 0)[..., ::-1]) if image.ndim == 3 else image
-    _, file = cv2.imencode(".jpg", given, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    seen: Any = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
-    back: NDArray[np.uint8] = seen[..., ::-1].transpose(2, 0, 1) if image.ndim == 3 else seen
-    return back

@@ -29,7 +29,7 @@ from blurnoise.optics.camera import Camera, Capture, factors, windows
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
-from blurnoise.picture.step import Development
+from blurnoise.picture.steps import Development
 from blurnoise.scene.scene import ExposedScene
 
 BLEND = (0.8, 0.95)

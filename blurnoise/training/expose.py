@@ -178,7 +178,7 @@ def expose_pictures(
             fidelity=fidelity,
             layers=[cut.layers for cut in own],
         )
-        developed = develop(dn, camera, encoding=encoding, gain_db=digital_db, whole=True)
+        developed = develop(dn, camera, encoding=encoding, gain_db=digital_db)
         return in_channels(developed, scene.shape[1]).to(image.dtype)
 
     taken_by: dict[tuple[Amplified, bool], list[int]] = {}

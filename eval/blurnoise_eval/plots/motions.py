@@ -110,7 +110,7 @@ def tiles(
         if kind.path == "road":
             flow_px_s = _VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6)
             dn = simulate(planes, stands, velocity_px_s=flow_px_s, **light)
-            exposed = in_channels(develop(dn, stands, whole=True), planes.shape[1])
+            exposed = in_channels(develop(dn, stands), planes.shape[1])
         else:
             exposed = expose_pictures(
                 planes,
