@@ -171,11 +171,14 @@ def integer(name: str, value: int, low: int, high: int) -> int:
 
 
 def picture_size(name: str, value: object) -> tuple[int, int]:
-    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20."""
+    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20, of a picture of at
+    most ``LARGEST_PICTURE`` pixels."""
     sides = tuple(value) if isinstance(value, (tuple, list)) else ()
     whole = all(isinstance(side, (int, np.integer)) and not isinstance(side, bool) for side in sides)
     if len(sides) != 2 or not whole or not all(1 <= side <= 1 << 20 for side in sides):
         raise ValueError(f"{name} = {shown(value)}: must be (height, width), two integers from 1 to 1048576")
+    if sides[0] * sides[1] > LARGEST_PICTURE:
+        raise ValueError(f"{name} = {shown(value)}: must be at most {LARGEST_PICTURE} pixels")
     return int(sides[0]), int(sides[1])
 
 

@@ -8,11 +8,11 @@ it, at ever coarser scales, and ``invented`` says where.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import groupby
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,22 +20,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import LARGEST_PICTURE, an_instance, image_batch, in_range, integer, shown
+from blurnoise._core.checks import an_instance, image_batch, in_range, picture_size
 from blurnoise.blur.layers import Layer, flattened, meeting, reach_px, seen_behind, window_at_rest
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 Matte = NDArray[np.float32]
-Size = tuple[int, int]
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
-AROUND_PX = 24  # what is looked at around a hole
+AROUND_PX = 24  # around a hole, what it is filled from
 _LEAST = 1e-6  # share of a coarse pixel from which on it is known
 LARGEST_PX = 1e6
 _Motion = tuple[float, tuple[float, float]]
-_NEAR_PX = 32  # apart, from which on two windows take less than their hull
-Moves = Literal["all", "targets", "background"]
-"""What moves: everything, as before a camera that turns; what masks show, before a camera at rest; or what is behind
-it, before a camera that follows the targets."""
+_NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class Cut(NamedTuple):
@@ -46,9 +42,9 @@ class Cut(NamedTuple):
     invented: NDArray[np.bool_]
 
 
-def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte:
+def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int]) -> Matte:
     """Matte of a rectangle in a picture (H, W): the covered area of each pixel."""
-    size = checked_size(size)
+    size = picture_size("size", size)
     spans = []
     for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
         in_range(f"box: {name}", start, -LARGEST_PX, LARGEST_PX)
@@ -57,16 +53,6 @@ def of_box(x: float, y: float, width: float, height: float, size: Size) -> Matte
         spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
     across, down = spans
     return np.asarray(down[:, None] * across, np.float32)
-
-
-def checked_size(size: Size) -> Size:
-    """``size``, checked. Raises ``TypeError`` or ``ValueError``."""
-    if not isinstance(size, (tuple, list)) or len(size) != 2:
-        raise ValueError(f"size = {shown(size)}: must be two whole numbers (H, W)")
-    height, width = (integer("size", side, 1, 1 << 20) for side in size)
-    if height * width > LARGEST_PICTURE:
-        raise ValueError(f"size = {height} x {width}: must be at most {LARGEST_PICTURE} pixels")
-    return height, width
 
 
 def cut_out(
@@ -84,16 +70,14 @@ def cut_out(
     image_batch("light", light)
     size = (light.shape[-2], light.shape[-1])
     if len(light) != 1 or len(mattes) != len(velocities_px_s):
-        raise ValueError(
-            f"light: {len(light)} pictures, {len(mattes)} mattes, {len(velocities_px_s)} velocities"
-        )
+        counts = f"{len(light)} pictures, {len(mattes)} mattes, {len(velocities_px_s)} velocities"
+        raise ValueError(f"light: {counts}; must be one picture, and as many velocities as mattes")
     if plate is not None and image_batch("plate", plate).shape != light.shape:
         raise ValueError(
             f"plate: shape must be the picture's, {tuple(light.shape)}, got {tuple(plate.shape)}"
         )
-    layers = []
     covered = np.zeros(size, bool)
-    for matte, velocity in zip(mattes, velocities_px_s, strict=True):
+    for matte in mattes:
         an_instance("matte", matte, np.ndarray)
         if matte.shape != size:
             raise ValueError(f"matte: shape must be the picture's, {size}, got {matte.shape}")
@@ -101,16 +85,16 @@ def cut_out(
             raise ValueError("matte: contains NaN or Inf")
         if not (matte > 0).any():
             raise ValueError("matte: is empty")
-        layers.append(_layer(light, np.asarray(matte, np.float32), velocity))
         covered |= matte > 0
+    layers = tuple(map(partial(_layer, light), mattes, velocities_px_s))
     if plate is not None:
-        return Cut(plate, tuple(layers), np.zeros(size, bool))
+        return Cut(plate, layers, np.zeros(size, bool))
     hole = hole_of(covered)
     if hole.all():
         raise ValueError(
             "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
         )
-    return Cut(filled(light, hole), tuple(layers), hole)
+    return Cut(filled(light, hole), layers, hole)
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -119,6 +103,7 @@ def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer:
+    matte = np.asarray(matte, np.float32)
     rows, columns = np.flatnonzero(matte.any(1)), np.flatnonzero(matte.any(0))
     box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     alpha = matte[box]
@@ -170,7 +155,7 @@ def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
         wanted = f"({batch}, N, {size[0]}, {size[1]})"
         raise ValueError(f"masks: shape must be {wanted}, one row for each picture, got {tuple(masks.shape)}")
     if masks.numel() and masks.dtype != torch.bool:
-        low, high = (float(end) for end in masks.detach().aminmax())
+        low, high = map(float, masks.detach().aminmax())
         if not (low >= 0 and high <= 1):
             raise ValueError(f"masks: values span [{low:g}, {high:g}]; must lie within [0, 1]")
     return masks
@@ -221,18 +206,15 @@ class CutScene(ExposedScene):
         for name, given in (("speeds", factors), ("own_px_s", beside)):
             if len(given) != count:
                 raise ValueError(f"{name}: {len(given)}; must be {count}, one for each layer")
-        self._cut, self._cut_motions = cut, tuple(zip(factors, beside, strict=True))
-        joined = [
-            (layer, motion)
-            for motion, alike in groupby(
-                zip(cut.layers, self._cut_motions, strict=True), key=lambda each: each[1]
-            )
-            for layer in _joined([layer for layer, _ in alike])
-        ]
-        self._motions = tuple(motion for _, motion in joined)
-        super().__init__(cut.background, layers=tuple(layer for layer, _ in joined), **options)
+        self._cut = cut
+        self._each = list(zip(cut.layers, zip(factors, beside, strict=True), strict=True))
+        self._joined: list[tuple[Layer, _Motion]] = []
+        for motion, alike in groupby(self._each, key=lambda each: each[1]):
+            layers = [layer for layer, _ in alike]
+            near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
+            self._joined += [(flattened([layers[place] for place in places]), motion) for _, places in near]
+        super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined), **options)
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
-        self._shares_lock = threading.Lock()
 
     def invented(self, exposure: Exposure) -> tuple[float, ...]:
         """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
@@ -241,37 +223,26 @@ class CutScene(ExposedScene):
         It depends on the object's motion relative to its background, whichever of the two moves.
         """
         if exposure.moves == "all" or not self._cut.invented.any():
-            return (0.0,) * len(self._cut.layers)
-        key = (*exposure.velocity_px_s, exposure.exposure_s)
+            return (0.0,) * len(self._each)
 
         def moved_px(motion: _Motion) -> tuple[float, float]:
-            speed, (own_x, own_y) = motion
-            x, y = exposure.velocity_px_s
-            return (speed * x + own_x) * exposure.exposure_s, (speed * y + own_y) * exposure.exposure_s
+            x, y = replace(exposure, moves="targets").of_targets(*motion).velocity_px_s
+            return x * exposure.exposure_s, y * exposure.exposure_s
 
-        with self._shares_lock:
-            if key not in self._shares:
-                movers = list(zip(self._layers[0], map(moved_px, self._motions), strict=True))
-                own = zip(self._cut.layers, map(moved_px, self._cut_motions), strict=True)
-                self._shares[key] = tuple(
-                    seen_behind(layer, movers, self._size) if any(by) else 0.0 for layer, by in own
-                )
-            return self._shares[key]
+        key = (*exposure.velocity_px_s, exposure.exposure_s)
+        if key not in self._shares:
+            size = (self.light.shape[-2], self.light.shape[-1])
+            movers = [(layer, moved_px(motion)) for layer, motion in self._joined]
+            self._shares[key] = tuple(
+                seen_behind(layer, movers, size) if any(moved_px(motion)) else 0.0
+                for layer, motion in self._each
+            )
+        return self._shares[key]
 
-    def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
-        if exposure.moves == "targets":
-            return 0.0, 0.0
-        return super()._velocity(replace(exposure, moves="all"))
-
-    def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
-        moving = (exposure.of_targets(*motion).velocity_px_s for motion in self._motions)
-        return tuple(
-            replace(layer, velocity_px_s=velocity)
-            for layer, velocity in zip(self._layers[0], moving, strict=True)
+    def _motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
+        velocity, _ = super()._motions(replace(exposure, moves="all"))
+        objects = tuple(
+            replace(layer, velocity_px_s=exposure.of_targets(*motion).velocity_px_s)
+            for layer, motion in self._joined
         )
-
-
-def _joined(layers: Sequence[Layer]) -> list[Layer]:
-    """Layers that move alike, those that are near each other as one."""
-    near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
-    return [flattened([layers[place] for place in places]) for _, places in near]
+        return (0.0, 0.0) if exposure.moves == "targets" else velocity, objects

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor
@@ -20,8 +21,9 @@ from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Amplified, Camera
 
-MOVES = ("all", "targets", "background")
-"""What may move: the picture, its targets before what is still, or the background behind targets that are tracked."""
+Moves = Literal["all", "targets", "background"]
+MOVES: tuple[Moves, ...] = get_args(Moves)
+"""What moves: the picture, its targets before a camera at rest, or the background behind targets that it tracks."""
 _OfBoxes = Callable[[Tensor, Conditions[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
@@ -56,11 +58,8 @@ class Exposure:
         if not isinstance(self.velocity_px_s, tuple) or len(self.velocity_px_s) != 2:
             raise ValueError(f"velocity_px_s = {shown(self.velocity_px_s)}: must be two numbers (x, y)")
         for speed in self.velocity_px_s:
-            limited(
-                "displacement_px: velocity times exposure",
-                limited("velocity_px_s", speed) * self.exposure_s,
-                "displacement_px",
-            )
+            moved = limited("velocity_px_s", speed) * self.exposure_s
+            limited("displacement_px: velocity times exposure", moved, "displacement_px")
         integer("seed", self.seed, 0, rng.LAST_SEED)
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
@@ -113,8 +112,8 @@ class Exposure:
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
-        """What an effect makes of boxes (N, 4), as floats. Where each place has its own motion: the hull of what it
-        makes of the corners, the sides' middles and the box's own."""
+        """Boxes (N, 4) after the effects. Where each place has its own motion: the hull of what becomes of the
+        corners, the sides' middles and the box's own."""
         boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
         size = None if size is None else picture_size("size", size)
         x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
@@ -130,11 +129,11 @@ class Exposure:
         moved = self.displacements_px(places, size)
         if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
             half = motion.swept_half_px(moved) * (effect is effects.swept_boxes)
-            seen = [effect(places.repeat(1, 2), at) + torch.cat([-half, half], 1)]
+            each = effect(places.repeat(1, 2), at) + torch.cat([-half, half], 1)
         else:
-            seen = [
-                effect(place.repeat(2)[None], replace(at, displacement_px=(dx, dy)))
-                for place, (dx, dy) in zip(places, moved.tolist(), strict=True)
-            ]
-        each = torch.cat(seen).view(-1, 9, 4)
+            own = zip(places.repeat(1, 2)[:, None], moved.tolist(), strict=True)
+            each = torch.cat(
+                [effect(place, replace(at, displacement_px=(dx, dy))) for place, (dx, dy) in own]
+            )
+        each = each.view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)

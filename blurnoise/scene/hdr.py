@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import torch
 from torch import Tensor
@@ -80,22 +80,19 @@ def captured(
             seen = translated(seen, velocity * later_s, scene.border)
         elif later_s:
             seen = flow_warp(seen, velocity * later_s, border=scene.border)
-        first_alike = captures[times.index(window)]  # two gains on one exposure read the same electrons
-        stream = times.index(window) if first_alike.sensitivity == capture.sensitivity else place
-        later = [
-            [displaced(layer, layer.displacement_px(light.new_tensor(later_s))) for layer in own]
-            for own in objects
-        ]
-        frames.append(
-            replace(scene, light=seen, layers=later).expose(
-                reader,
-                exposure_s=taken_s,
-                illuminance_lux=illuminance_lux * capture.sensitivity,
-                velocity_px_s=velocity,
-                generator=[rng.derived(seed, f"capture {stream}") if stream else seed for seed in seeds],
-                **options,
-            )
+        first = times.index(window)  # two gains on one exposure read the same electrons
+        stream = first if captures[first].sensitivity == capture.sensitivity else place
+        later = light.new_tensor(later_s)
+        layers = [[displaced(layer, layer.displacement_px(later)) for layer in own] for own in objects]
+        frame = replace(scene, light=seen, layers=layers).expose(
+            reader,
+            exposure_s=taken_s,
+            illuminance_lux=illuminance_lux * capture.sensitivity,
+            velocity_px_s=velocity,
+            generator=[rng.derived(seed, f"capture {stream}") if stream else seed for seed in seeds],
+            **options,
         )
+        frames.append(frame)
     return frames
 
 
@@ -111,19 +108,20 @@ def fuse(
     Black level off, over K, times R_k; up to ``blend[0]`` of its range a capture counts alone, from ``blend[1]`` on
     the next, between them both, linearly. Raises ``ValueError`` naming the argument.
     """
-    low, high = _blend(blend)
+    if not isinstance(blend, tuple) or len(blend) != 2 or not 0 < blend[0] < blend[1] <= 1:
+        raise ValueError(f"blend = {shown(blend)}: must be two shares of the range, 0 < low < high <= 1")
+    low, high = blend
     readers = _readers(camera, captures)
     if len(frames) != len(captures) or any(frame.shape != frames[0].shape for frame in frames):
         raise ValueError(f"frames: got {len(frames)}; must be one per capture, {len(captures)}, of one shape")
-    linear = [
-        (dn - reader.black_level_dn) * (factor / reader.system_gain_dn_per_e)
-        for dn, reader, factor in zip(frames, readers, factors(captures), strict=True)
-    ]
-    whole = linear[-1]
-    for dn, reader, electrons in reversed(list(zip(frames, readers, linear, strict=True))[:-1]):
-        level = (dn - reader.black_level_dn) / (reader.saturated_dn - reader.black_level_dn)
-        whole = torch.lerp(whole, electrons, ((high - level) / (high - low)).clamp(0.0, 1.0))
-    return whole
+    whole: Tensor | None = None
+    for dn, reader, factor in reversed(list(zip(frames, readers, factors(captures), strict=True))):
+        signal_dn = dn - reader.black_level_dn
+        electrons = signal_dn * (factor / reader.system_gain_dn_per_e)
+        level = signal_dn / (reader.saturated_dn - reader.black_level_dn)
+        weight = ((high - level) / (high - low)).clamp(0.0, 1.0)
+        whole = electrons if whole is None else torch.lerp(whole, electrons, weight)
+    return cast(Tensor, whole)
 
 
 def developed(
@@ -149,36 +147,28 @@ def developed(
     return picture
 
 
-def noise_e(
-    camera: Camera,
-    captures: Sequence[Capture],
-    electrons: float,
-    *,
-    dark_e: float = 0.0,
-    blend: tuple[float, float] = BLEND,
-) -> float:
+def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, dark_e: float = 0.0) -> float:
     """Temporal noise of a fused pixel of so many mean electrons of the first capture, rms, rounding included.
 
-    dark_e: those of dark current beside them. With the weights of the mean. A capture k alone has
-    R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), t_k its share of the first exposure. Two gains on one exposure read
-    the same electrons with the same noise, as :func:`captured` draws them: their weights add up before the square.
-    Raises ``ValueError``.
+    dark_e: those of dark current beside them. With the weights of the mean between the levels ``BLEND``. A capture k
+    alone has R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), t_k its share of the first exposure. Two gains on one
+    exposure read the same electrons with the same noise: their weights add up before the square. Raises
+    ``ValueError``.
     """
-    low, high = _blend(blend)
+    low, high = BLEND
     in_range("electrons", electrons, 0.0, LIMITS["white_e"].high)
     in_range("dark_e", dark_e, 0.0, LIMITS["white_e"].high)
     remaining, rounding_e2 = 1.0, 0.0
     shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, electrons
-    readers, exposed = _readers(camera, captures), windows(captures, 1.0)
-    for place, (reader, factor) in enumerate(zip(readers, factors(captures), strict=True)):
-        start_s, taken_s = exposed[place]
+    each = zip(captures, _readers(camera, captures), factors(captures), windows(captures, 1.0), strict=True)
+    for count, (capture, reader, factor, (start_s, taken_s)) in enumerate(each, 1):
         seen, gain = electrons / factor + dark_e * taken_s, reader.system_gain_dn_per_e
         level = seen * gain / (reader.saturated_dn - reader.black_level_dn)
-        share = 1.0 if place == len(readers) - 1 else min(1.0, max(0.0, (high - level) / (high - low)))
+        share = 1.0 if count == len(captures) else min(1.0, max(0.0, (high - level) / (high - low)))
         weight = remaining * share * factor
         remaining *= 1 - share
         rounding_e2 += (weight / gain) ** 2 / 12
-        sums = shared.setdefault((start_s, taken_s, captures[place].sensitivity), [0.0, 0.0, seen])
+        sums = shared.setdefault((start_s, taken_s, capture.sensitivity), [0.0, 0.0, seen])
         sums[0] += weight
         sums[1] += weight * reader.dark_noise_e
     return math.sqrt(rounding_e2 + sum(light**2 * seen + dark**2 for light, dark, seen in shared.values()))
@@ -198,7 +188,10 @@ def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
 
 def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
     """Saturation of each capture in electrons of the first, never falling."""
-    readers = _readers(camera, captures)
+    return _saturations_e(_readers(camera, captures), captures)
+
+
+def _saturations_e(readers: Sequence[Camera], captures: Sequence[Capture]) -> list[float]:
     return [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
 
 
@@ -212,17 +205,10 @@ def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
         in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)
     alone = replace(camera, captures=()) if camera.captures else camera
     readers = [alone.at_gain(capture.gain_db).camera for capture in captures]
-    ends = [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
-    for place, (end, following) in enumerate(pairwise(ends), 2):
+    for place, (end, following) in enumerate(pairwise(_saturations_e(readers, captures)), 2):
         if following < end * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {place} saturates at {following:.4g} e- of the first, the one before it at "
                 f"{end:.4g}; each must reach as far as the one before it"
             )
     return readers
-
-
-def _blend(blend: tuple[float, float]) -> tuple[float, float]:
-    if not isinstance(blend, tuple) or len(blend) != 2 or not 0 < blend[0] < blend[1] <= 1:
-        raise ValueError(f"blend = {shown(blend)}: must be two shares of the range, 0 < low < high <= 1")
-    return blend

@@ -15,7 +15,6 @@ from blurnoise.optics import transfer
 from blurnoise.optics.transfer import Optics
 from blurnoise.scene.exposure import Exposure
 
-NYQUIST = 0.5
 _FREQUENCIES = 4097
 
 
@@ -34,15 +33,15 @@ class Motion(NamedTuple):
     @property
     def angle_deg(self) -> float:
         """Its direction, from x to the right towards y down."""
-        return math.degrees(math.atan2(self.y, self.x)) if self.blur_px else 0.0
+        return math.degrees(math.atan2(self.y, self.x))
 
 
 def motion_px(exposure: Exposure, size: tuple[int, int]) -> Motion:
     """Motion by the velocity, or, of a camera that drives, in the middle of what its pixels see."""
     if exposure.drives:
         flow = exposure.vehicle.flow_px_s(exposure.camera, size, exposure.ego_speed_m_s)
-        middle, varies = middle_of(flow[None] * exposure.exposure_s)
-        return Motion(float(middle[0, 0]), float(middle[0, 1]), float(varies))
+        ((x, y),), (varies,) = (each.tolist() for each in middle_of(flow[None] * exposure.exposure_s))
+        return Motion(x, y, varies)
     x, y = exposure.velocity_px_s
     return Motion(x * exposure.exposure_s, y * exposure.exposure_s)
 
@@ -54,7 +53,7 @@ def mtf50(optics: Optics, displacement_px: tuple[float, float] = (0.0, 0.0), ang
 
     The pixel's own aperture is not part of it: a picture that is simulated has been through one already.
     """
-    f = torch.linspace(0.0, NYQUIST, _FREQUENCIES, dtype=torch.float64)
+    f = torch.linspace(0.0, 0.5, _FREQUENCIES, dtype=torch.float64)
     x, y = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     moved = torch.tensor(displacement_px, dtype=torch.float64)
     response = optics.response(f * x, f * y) * transfer.motion((f * x)[None], (f * y)[None], moved)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
@@ -32,19 +33,16 @@ class GreyAnchor:
     def parse(cls, text: str) -> GreyAnchor:
         """Parse "mean", "pNN" or "x0,y0,x1,y1". Raises ``ValueError``."""
         word = text.strip().lower() if isinstance(text, str) else ""
-        try:
-            if word == "mean":
-                return cls()
+        if word == "mean":
+            return cls()
+        with suppress(ValueError):
             if word.startswith("p"):
-                percentile = float(word[1:])
-                if 0 < percentile <= 100:
+                if 0 < (percentile := float(word[1:])) <= 100:
                     return cls(percentile=percentile)
             else:
                 x0, y0, x1, y1 = (int(part) for part in word.split(","))
                 if 0 <= x0 < x1 and 0 <= y0 < y1:
                     return cls(region_px=(x0, y0, x1, y1))
-        except ValueError:
-            pass
         raise ValueError(f"grey_anchor = {shown(text)}: {_ALLOWED}")
 
     def __str__(self) -> str:
@@ -69,10 +67,8 @@ class GreyAnchor:
                 raise ValueError(f"grey_anchor = {self}: lies outside the picture of {width} x {height} px")
             seen = seen[:, y0:y1, x0:x1]
         weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
-        luminance = np.tensordot(np.array(weights), seen, 1)
-        grey = float(
-            luminance.mean() if self.percentile is None else np.percentile(luminance, self.percentile)
-        )
+        light = np.tensordot(np.array(weights), seen, 1)
+        grey = float(light.mean() if self.percentile is None else np.percentile(light, self.percentile))
         if grey <= 0 or not math.isfinite(GREY / grey):
             raise ValueError(f"grey_anchor = {self}: is black here; must have some light to be 18 % grey")
         return GREY / grey
@@ -144,10 +140,8 @@ class AutoExposure:
 
         Raises ``ValueError`` naming the argument.
         """
-        light = in_range("mean_light", mean_light, 0.0, 1e6)
-        electrons = (
-            light * limited("illuminance_lux", illuminance_lux) * electrons_per_lux_s(camera, illuminant)
-        )
+        light = in_range("mean_light", mean_light, 0.0, 1e6) * limited("illuminance_lux", illuminance_lux)
+        electrons = light * electrons_per_lux_s(camera, illuminant)
         electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
         rate = electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)
         if exposure_s is None:

@@ -123,24 +123,20 @@ def _plan(
     of_sensor: tuple[SensorStage, ...],
 ) -> Plan:
     camera = at.camera
+    every: tuple[LightEffect | SensorStage, ...] = (*of_light, *of_sensor)
     bounds = {  # an error in units of white cannot exceed the range
         effect.name: within_range_dn(camera, effect.bound(at) * at.white_e) for effect in of_light
     }
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
-    stay = {effect.name for effect in of_light if effect.essential}
-    stay |= {stage.name for stage in of_sensor if stage.essential}
+    stay = {each.name for each in every if each.essential}
     left_out, rounding_dn2 = _left_out(at, bounds, stay, tolerance_dn**2, of_sensor)
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
     if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:
         left_out.discard(read)  # it shares shot noise's draw and costs nothing
-    spreading = [
-        stage.name for stage in of_sensor if (stage.spreads or stage.draws) and stage.name in left_out
-    ]
-    rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, math.hypot(*(bounds[name] for name in spreading))))
-    every: tuple[LightEffect | SensorStage, ...] = (*of_light, *of_sensor)
-    reduced = _without(
-        camera, frozenset(figure for each in every if each.name in left_out for figure in each.figures)
-    )
+    spread_dn = math.hypot(*(bounds[name] for name in _spreading(of_sensor) if name in left_out))
+    rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
+    figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
+    reduced = _without(camera, figures)
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in of_light}
     hows |= {stage.name: stage.how(reduced, noisy) for stage in of_sensor}
@@ -152,6 +148,11 @@ def _plan(
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
 
 
+def _spreading(of_sensor: tuple[SensorStage, ...]) -> list[str]:
+    """The stages that spread values."""
+    return [stage.name for stage in of_sensor if stage.spreads or stage.draws]
+
+
 def _left_out(
     at: Conditions[float],
     bounds: Mapping[str, float],
@@ -160,7 +161,7 @@ def _left_out(
     of_sensor: tuple[SensorStage, ...],
 ) -> tuple[set[str], float]:
     """The parts to leave out, and the DN^2 that rounding adds to their error."""
-    spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
+    spreading = _spreading(of_sensor)
     dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
     for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
         if kept != stay and budget_dn2 > _ROUNDING_DN2:

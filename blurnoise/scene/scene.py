@@ -69,11 +69,9 @@ class ExposedScene:
         light = image_batch("light", self.light)
         own = layers_per_picture(self.layers, light)
         self._layers = own if any(own) else ()
-        seen = light.detach().flatten(1)
-        brightest = seen.amax(1).tolist() if seen.device.type != "cpu" else seen.numpy().max(1).tolist()
         self._brightest = [
-            max(1.0, most, *(float(layer.light.detach().amax()) for layer in some))
-            for most, some in zip(brightest, own, strict=True)
+            max(1.0, extremes(picture)[1], *(float(layer.light.detach().amax()) for layer in some))
+            for picture, some in zip(light, own, strict=True)
         ]
         one_of("fidelity", self.fidelity, ("auto", "full"))
         one_of("border", self.border, BORDERS)
@@ -116,26 +114,22 @@ class ExposedScene:
         for item, one in enumerate(at.each()):
             needs = Plan((), at.camera) if asked else self._plan(one, self._brightest[item])
             alike.setdefault(needs, []).append(item)
-
-        def frames(of: list[int], needs: Plan) -> Tensor:
-            every = len(of) == len(self.light)
-            light = self.light if every else self.light[of]
-            some = at if every else at.part(of)
-            reduced = needs.reduced(some)
-            moved = effects.through(light, reduced, border=self.border, without=needs.without)
-            sensed = mosaic.on_sensor(moved, needs.camera, self.illuminant)
-            options = self._readout(needs, [seeds[item] for item in of])
-            own = sensed if sensed is not light and sensed.is_contiguous() else None
-            noisy = noise and needs.noisy
-            return digitised(sensed, reduced, replace(options, noise=noisy, quantised=quantised, out=own))
-
-        if len(alike) == 1:
-            ((needs, of),) = alike.items()
-            return frames(of, needs)
         planes = mosaic.planes(at.camera, self.light.shape[1])
         out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
         for needs, of in alike.items():
-            out[of] = frames(of, needs)
+            every = len(alike) == 1
+            light, some = (self.light, at) if every else (self.light[of], at.part(of))
+            sensed = mosaic.on_sensor(self._through(light, some, needs), needs.camera, self.illuminant)
+            options = replace(
+                self._readout(needs, [seeds[item] for item in of]),
+                noise=noise and needs.noisy,
+                quantised=quantised,
+                out=sensed if sensed is not light and sensed.is_contiguous() else None,
+            )
+            dn = digitised(sensed, needs.reduced(some), options)
+            if every:
+                return dn
+            out[of] = dn
         return out
 
     def frames(self, exposures: Iterable[Exposure]) -> Iterator[Frame]:
@@ -151,13 +145,9 @@ class ExposedScene:
         for alike, group in groupby(map(self._planned, exposures), key=lambda planned: planned[0]):
             started = time.perf_counter()
             points = [at for _, at in group]
-            needs = alike.needs
             if alike.light not in after_effects:
-                reduced = needs.reduced(points[0])
-                after_effects[alike.light] = effects.through(
-                    self.light, reduced, border=self.border, without=needs.without
-                )
-            sensed = mosaic.on_sensor(after_effects[alike.light], needs.camera, self.illuminant)
+                after_effects[alike.light] = self._through(self.light, points[0], alike.needs)
+            sensed = mosaic.on_sensor(after_effects[alike.light], alike.needs.camera, self.illuminant)
             pictures = self._developed(sensed, alike, points)
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(points)
             yield from (Frame(picture, simulate_ms) for picture in pictures)
@@ -168,16 +158,17 @@ class ExposedScene:
 
     def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
         camera, digital_db = exposure.amplified
+        velocity, objects = self._motions(exposure)
         at = Conditions.of(
             self.light,
             camera,
             exposure_s=exposure.exposure_s,
             illuminance_lux=exposure.illuminance_lux,
-            velocity_px_s=self._velocity(exposure),
+            velocity_px_s=velocity,
             temperature_c=exposure.temperature_c,
             illuminant=self.illuminant,
             trajectory=exposure.trajectory,
-            objects=(self._objects(exposure),) if self._layers else (),
+            objects=(objects,) if objects else (),
         )
         (one,) = at.each()
         magnified = max(1.0, 10 ** (digital_db / 20)) * magnification(camera, self.illuminant)
@@ -194,18 +185,20 @@ class ExposedScene:
         lit = one if brightest == 1.0 else replace(one, white_e=one.white_e * brightest)
         return plan_at(lit, self.tolerance_dn / magnified)
 
+    def _through(self, light: Tensor, at: Conditions[Tensor], needs: Plan) -> Tensor:
+        return effects.through(light, needs.reduced(at), border=self.border, without=needs.without)
+
     def _developed(
         self, sensed: Tensor, alike: _Alike, points: Sequence[Conditions[Tensor]]
     ) -> Sequence[NDArray[np.uint8]]:
         """Light on the sensor, of one picture, under conditions that share all that ``alike`` has."""
         count, (_, planes, height, width) = len(points), sensed.shape
         camera, colours = alike.needs.camera, self.light.shape[1]
-        at = Conditions(
-            camera,
-            torch.cat([each.exposure_s for each in points]),
-            torch.cat([each.temperature_c for each in points]),
-            torch.cat([each.white_e for each in points]),
+        exposure_s, temperature_c, white_e = (
+            torch.cat([getattr(each, name) for each in points])
+            for name in ("exposure_s", "temperature_c", "white_e")
         )
+        at = Conditions(camera, exposure_s, temperature_c, white_e)
         options = replace(self._readout(alike.needs, [alike.seed] * count), draw=self._normal)
         expanded = sensed.expand(count, -1, -1, -1)
         if tabulated(alike.delivering):
@@ -220,21 +213,17 @@ class ExposedScene:
             developed = develop_8bit(dn, alike.delivering, alike.digital_db, self.illuminant)
         return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
 
-    def _velocity(self, exposure: Exposure) -> tuple[float, float] | Tensor:
-        if exposure.drives:
-            return exposure.vehicle.flow_px_s(exposure.camera, self._size, exposure.ego_speed_m_s)
+    def _motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
+        """Velocity of the picture, or the flow of its pixels, and the layers before it."""
         if exposure.moves != "all":
             raise ValueError(
                 f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"
             )
-        return exposure.velocity_px_s
-
-    def _objects(self, exposure: Exposure) -> tuple[Layer, ...]:
-        return self._layers[0]
-
-    @property
-    def _size(self) -> tuple[int, int]:
-        return self.light.shape[-2], self.light.shape[-1]
+        objects = self._layers[0] if self._layers else ()
+        if not exposure.drives:
+            return exposure.velocity_px_s, objects
+        size = (self.light.shape[-2], self.light.shape[-1])
+        return exposure.vehicle.flow_px_s(exposure.camera, size, exposure.ego_speed_m_s), objects
 
     def _readout(self, needs: Plan, seeds: list[int]) -> ReadoutOptions:
         camera, pattern = needs.camera, None
@@ -258,14 +247,19 @@ def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
     """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
     batch_shaped("image", image)
     one_of("encoding", encoding, ("srgb", "linear"))
-    seen = image.detach()  # NumPy's extremes wake no threads, which would spin beside the work that follows
-    bounds = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
-    low, high = (float(bound) for bound in bounds)
+    low, high = extremes(image)
     if not math.isfinite(low + high):  # extremes hand NaN on
         raise ValueError("image: contains NaN or Inf")
     if low < 0.0 or high > 1.0:
         raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
     return linear_from_srgb(image) if encoding == "srgb" else image
+
+
+def extremes(values: Tensor) -> tuple[float, float]:
+    """Smallest and largest value; NumPy's wake no threads, which would spin beside the work that follows."""
+    seen = values.detach()
+    low, high = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
+    return float(low), float(high)
 
 
 class _Alike(NamedTuple):
@@ -282,10 +276,8 @@ def _decoded(picture: NDArray[Any]) -> Tensor:
     """``scene_reflectance`` of a picture (H, W, C), (1, C, H, W): looked up, since its codes are integers."""
     most = np.iinfo(picture.dtype).max
     codes = torch.arange(most + 1, dtype=torch.float32) / float(most)
-    table = scene_reflectance(codes[None, None, None], "srgb").flatten()
-    planes = [torch.from_numpy(plane.astype(np.int32)).flatten() for plane in cv2.split(picture)]
-    looked_up = torch.stack([table.index_select(0, plane) for plane in planes])
-    return looked_up.view(1, len(planes), *picture.shape[:2]).contiguous()
+    table = scene_reflectance(codes[None, None, None], "srgb").flatten().numpy()
+    return torch.from_numpy(np.stack([table[plane] for plane in cv2.split(picture)]))[None]
 
 
 @no_torch_compile
@@ -316,22 +308,19 @@ def simulate(
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
-    grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance instead of its brightness
-    being reflectance (:mod:`blurnoise.scene.metering`); more than white stays.
+    grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance, instead of brightness being
+    reflectance (:mod:`blurnoise.scene.metering`); more than white stays. illuminant: the light's spectrum.
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
-    as :mod:`blurnoise.motion.ego` gives it for a moving camera. illuminant: the light's spectrum.
+    as :mod:`blurnoise.motion.ego` gives it for a moving camera.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
     added to the velocity, whose gradient it stops; :func:`.convolution.path_blur` has one by knots.
+    layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
+    its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
-    layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
-    its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
-
-    Order: linear light, then :data:`blurnoise.light.effects.EFFECTS` (lens, motion), the colour filters
-    (:mod:`blurnoise.sensor.mosaic`), then
-    :data:`blurnoise.sensor.stages.STAGES` (light level, shot, dark and read noise, full well, gain, black level,
-    rounding, converter limits).
+    Order: linear light, :data:`blurnoise.light.effects.EFFECTS` (lens, motion), the colour filters, then
+    :data:`blurnoise.sensor.stages.STAGES` (shot, dark and read noise, full well, gain, rounding, converter limits).
 
     fidelity: "full" models everything, "auto" what :func:`blurnoise.plan` keeps of it for each image
     within ``tolerance_dn`` (DN RMS). noise: without it, the mean frame. quantised: without it, before rounding.

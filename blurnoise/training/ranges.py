@@ -24,9 +24,8 @@ from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene.cutting import Moves
+from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import AutoExposure
-from blurnoise.scene.scene import MOVES
 
 Range = float | Sequence[float]
 """A number, or the bounds (low, high) to draw between."""

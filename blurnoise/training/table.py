@@ -26,9 +26,8 @@ from torch import Tensor
 from blurnoise._core.checks import LIMITS, integer, limited, one_of, shown
 from blurnoise._core.files import json_of
 from blurnoise.optics.camera import Camera
-from blurnoise.scene.cutting import Moves
+from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise.scene.scene import MOVES
 from blurnoise.training.ranges import (
     DRAWN,
     Cameras,

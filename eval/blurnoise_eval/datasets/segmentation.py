@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import an_instance, integer, shown
-from blurnoise.scene.cutting import AROUND_PX, LARGEST_PX, Matte, Size, checked_size, of_box
+from blurnoise._core.checks import an_instance, integer, picture_size, shown
+from blurnoise.scene.cutting import AROUND_PX, LARGEST_PX, Matte, of_box
 
 _FINER = 8  # pixels of a polygon's mask along one of the picture's
 _CUT_PX = 160  # longest side of what GrabCut works on: its time goes with the pixels
@@ -25,9 +25,9 @@ _FEWEST_PIXELS = 64  # of object and of background, to know their colours
 _REACHES = 0.9  # of a box's area, what the upright hull of its object has at least
 
 
-def of_polygons(polygons: Sequence[Sequence[float]], size: Size) -> Matte:
+def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
-    size, corners = checked_size(size), _corners(polygons)
+    size, corners = picture_size("size", size), _corners(polygons)
     matte = np.zeros(size, np.float32)
     every = np.concatenate(corners)
     left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
@@ -124,13 +124,13 @@ def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
     return across * down / (wide * high)
 
 
-def of_rle(counts: str | bytes | Sequence[int], size: Size) -> Matte:
+def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
     """Of COCO's run lengths, column by column, beginning with what is not the object; compressed or not.
 
     Compressed, every number takes 5 bits a character, the sixth says that more follow, and from the third on it is
     the difference to the last but one (pycocotools, maskApi.c). Raises ``ValueError`` where they do not fill (H, W).
     """
-    size = checked_size(size)
+    size = picture_size("size", size)
     runs = (
         _runs(counts)
         if isinstance(counts, (str, bytes))
@@ -165,7 +165,7 @@ def _runs(text: str | bytes) -> list[int]:
     return runs
 
 
-def of_annotation(annotation: Mapping[str, Any], size: Size) -> Matte:
+def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte:
     """Of an annotation of COCO's in a picture (H, W): its polygons or run lengths.
 
     Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
@@ -191,7 +191,7 @@ def is_sound(annotation: Mapping[str, Any]) -> bool:
     segmentation = annotation.get("segmentation")
     try:
         if isinstance(segmentation, Mapping):
-            of_annotation(annotation, checked_size(tuple(segmentation.get("size") or ())))
+            of_annotation(annotation, picture_size("size", segmentation.get("size")))
         else:
             _corners(segmentation or ())
     except (TypeError, ValueError):
