@@ -372,11 +372,11 @@ def _model(kind: Any) -> type[BaseModel]:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
-    if isinstance(value, np.ndarray):
-        return tuple(value.tolist()) if value.ndim else value.item()
-    if isinstance(value, (list, tuple)):
-        return tuple(item.item() if isinstance(item, np.generic) else item for item in value)
-    return value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if type(value) in (list, tuple):  # of many floats, mostly
+        return tuple(item if type(item) is float else _plain(item) for item in value)  # type: ignore[attr-defined]
+    return value
 
 
 def _first_fault(error: ValidationError, given: Mapping[str, object], model: type[BaseModel]) -> Exception:
@@ -391,10 +391,10 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     if float in about and type(value) is int:
         value = float(value)
     own = [text for text in about if isinstance(text, str) and rule != "string_unicode"]
-    if rule == "literal_error":
-        must = f"must be one of {fault['ctx']['expected'].replace(' or ', ', ')}"
-    elif own:
+    if own:
         value, must, below = given[name], own[0], []
+    elif rule == "literal_error":
+        must = f"must be one of {fault['ctx']['expected'].replace(' or ', ', ')}"
     elif rule == "float_type" and isinstance(value, str):
         must = "must be a number, not text (YAML takes 1e4 for text; write 1.0e+4)"
     elif rule in _MUST:

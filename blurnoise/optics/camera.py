@@ -20,11 +20,22 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import LIMITS, Figure, Text, check_fields, in_range, integer, known, shown, within
+from blurnoise._core.checks import (
+    LIMITS,
+    Figure,
+    Text,
+    check_fields,
+    in_range,
+    integer,
+    known,
+    one_of,
+    shown,
+    within,
+)
 from blurnoise.optics import camera_files, colour
-from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, Row
+from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens, farthest_px
-from blurnoise.optics.spectra import Curve
+from blurnoise.optics.spectra import Curve, check_shares
 from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
@@ -121,10 +132,10 @@ class Camera:
     defocus_counts_pixel: bool = False
     diffraction_wavelength_um: Annotated[Figure, within("diffraction_wavelength_um")] = 0.0
     cfa: Cfa = "none"
-    white_balance: Literal["auto"] | Row = "auto"
+    white_balance: Annotated[WhiteBalance, "must be 'auto' or three gains from 0.01 to 100"] = "auto"
     demosaic: Literal["bilinear", "edge"] = "bilinear"
-    ccm: Matrix | None = None
-    tone: colour.ToneCurve = "srgb"
+    ccm: Annotated[Matrix | None, "must be three rows of three finite numbers"] = None
+    tone: Annotated[ToneCurve, "must be 'srgb', 'filmic' or points (light, value), at least two"] = "srgb"
     jpeg_quality: Annotated[int | None, Ge(1), Le(100)] = None
     width_px: _Side = 1920
     height_px: _Side = 1080
@@ -136,15 +147,16 @@ class Camera:
     sources: Mapping[str, Text] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "ccm", colour.checked_matrix(self.ccm, self.cfa))
-        object.__setattr__(self, "white_balance", colour.checked_gains(self.white_balance, self.cfa))
-        object.__setattr__(self, "tone", colour.checked_tone(self.tone))
         check_fields(self)
-        curve = self.quantum_efficiency
-        if not isinstance(curve, FilterCurves):
-            for value in curve.values if isinstance(curve, Curve) else (curve,):
-                in_range("quantum_efficiency", value, 0.0, 1.0)
-        colour.check_filters(self.cfa, curve)
+        if not isinstance(self.quantum_efficiency, FilterCurves):
+            check_shares("quantum_efficiency", self.quantum_efficiency)
+        colour.check_filters(self.cfa, self.quantum_efficiency)
+        if self.ccm is not None:
+            colour.check_matrix(self.ccm, self.cfa)
+        if self.white_balance != "auto" and self.cfa in colour.PLANES:
+            raise ValueError(f"white_balance: cfa = {self.cfa!r} has no colours to balance; must be 'auto'")
+        if not isinstance(self.tone, str):
+            colour.check_tone(self.tone)
         self._check_gains()
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
         for name in self.sources:
@@ -285,9 +297,7 @@ class Camera:
     @classmethod
     def preset(cls, name: str) -> Camera:
         """A camera of ``PRESETS`` by name. Raises ``ValueError`` that lists the names for an unknown one."""
-        if name not in PRESETS:
-            raise ValueError(f"camera = {name!r}: unknown; presets are {', '.join(sorted(PRESETS))}")
-        return PRESETS[name]
+        return PRESETS[one_of("camera", name, sorted(PRESETS))]
 
     @classmethod
     def from_dict(

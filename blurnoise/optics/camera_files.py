@@ -12,7 +12,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -30,8 +29,8 @@ _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "dem
 
 def preset(name: str) -> Any:
     """The file of a preset."""
-    text = resources.files("blurnoise.optics").joinpath("data", "cameras", f"{name}.yaml").read_text("utf-8")
-    return yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    path = Path(__file__).parent / "data" / "cameras" / f"{name}.yaml"
+    return yaml.load(path.read_bytes(), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
 
 def read(path: Path) -> Any:
@@ -68,10 +67,8 @@ def completed(
             raise TypeError(f"base = {shown(of)}: must be text")
         base = vars(presets[one_of("base", of, sorted(presets))])
     values = {**base, **{name: value for name, value in given.items() if name != "base"}}
-    if missing := [name for name in _required(camera) if name not in values]:
-        raise ValueError(
-            f"missing {', '.join(missing)}; state them, or a base: one of {', '.join(sorted(presets))}"
-        )
+    if missing := _missing(camera, values):
+        raise ValueError(f"missing {missing}; state them, or a base: one of {', '.join(sorted(presets))}")
     values = {name: _value(camera, name, value, folder) for name, value in values.items()}
     if isinstance(own := given.get("sources", {}), Mapping):  # the camera complains of any other
         sources = base["sources"] | {name: source for name in figures if name in given} | dict(own)
@@ -109,16 +106,18 @@ def plain(value: Any) -> Any:
 
 
 def _value(kind: Any, name: str, given: Any, folder: Path) -> Any:
-    """The value of a record's field: mappings become the records of its annotation."""
+    """The value of a record's field: mappings become the records of its annotation; errors begin with its name."""
     hint = _hints(kind)[name]
     records = _records(hint)
-    if get_origin(hint) is tuple and records:
-        rows = given if isinstance(given, list) else []
-        return tuple(_record(name, records[0], row, folder) for row in rows) or given
-    if not records or not isinstance(given, Mapping):
-        return given
-    by_filter = given.keys() & {entry.name for entry in fields(records[-1])}
-    return _record(name, records[-1] if by_filter else records[0], given, folder)
+    try:
+        if records and get_origin(hint) is tuple and isinstance(given, list):
+            return tuple(_record(records[0], row, folder) for row in given)
+        if records and isinstance(given, Mapping):
+            by_filter = given.keys() & {entry.name for entry in fields(records[-1])}
+            return _record(records[-1] if by_filter else records[0], given, folder)
+    except (TypeError, ValueError, csv.Error) as error:
+        raise within(name, error) from None
+    return given
 
 
 @lru_cache
@@ -130,25 +129,24 @@ def _records(hint: Any) -> list[Any]:
     return [hint] if is_dataclass(hint) else [record for part in get_args(hint) for record in _records(part)]
 
 
-def _required(kind: Any) -> list[str]:
-    return [entry.name for entry in fields(kind) if entry.default is entry.default_factory is MISSING]
+def _record(kind: Any, given: object, folder: Path) -> Any:
+    """A record of the figures in a file."""
+    if not isinstance(given, Mapping):
+        raise TypeError(f"must map figures to values, got {type(given).__name__}")
+    names = [entry.name for entry in fields(kind)]
+    for key in given:
+        known("figure", key, [*names, *(("csv", "column") if "values" in names else ())])
+    if "csv" in given:
+        given = _tabulated(given, names[0], folder)
+    if missing := _missing(kind, given):
+        raise ValueError(f"missing {missing}")
+    return kind(**{key: _value(kind, key, value, folder) for key, value in given.items()})
 
 
-def _record(name: str, kind: Any, given: object, folder: Path) -> Any:
-    """A record of the figures in a file. Raises as the record does, with its name before it."""
-    try:
-        if not isinstance(given, Mapping):
-            raise TypeError(f"must map figures to values, got {type(given).__name__}")
-        names = [entry.name for entry in fields(kind)]
-        for key in given:
-            known("figure", key, [*names, *(("csv", "column") if "values" in names else ())])
-        if "csv" in given:
-            given = _tabulated(given, names[0], folder)
-        if missing := [each for each in _required(kind) if each not in given]:
-            raise ValueError(f"missing {', '.join(missing)}")
-        return kind(**{key: _value(kind, key, value, folder) for key, value in given.items()})
-    except (TypeError, ValueError, csv.Error) as error:
-        raise within(name, error) from None
+def _missing(kind: Any, given: Mapping[str, Any]) -> str:
+    """Names of the fields that are needed and not given."""
+    needed = [entry.name for entry in fields(kind) if entry.default is entry.default_factory is MISSING]
+    return ", ".join(name for name in needed if name not in given)
 
 
 def _tabulated(given: Mapping[str, Any], positions: str, folder: Path) -> Mapping[str, Any]:
@@ -166,5 +164,5 @@ def _tabulated(given: Mapping[str, Any], positions: str, folder: Path) -> Mappin
 
 
 def _kind(path: Path) -> str:
-    suffix = one_of(f"suffix of {path}", path.suffix.lower(), (".json", ".yaml", ".yml"))
-    return "JSON" if suffix == ".json" else "YAML"
+    kinds = {".json": "JSON", ".yaml": "YAML", ".yml": "YAML"}
+    return kinds[one_of(f"suffix of {path}", path.suffix.lower(), kinds)]

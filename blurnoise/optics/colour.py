@@ -11,26 +11,29 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from annotated_types import Ge, Le, Len
 from torch import Tensor
 
-from blurnoise._core.checks import in_range, shown
+from blurnoise._core.checks import shown
 from blurnoise._core.threads import in_pieces, plain
-from blurnoise.optics.spectra import Curve, Spectrum, cut_short
+from blurnoise.optics.spectra import Curve, Floats, Spectrum, check_shares, cut_short
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
+Points = Annotated[tuple[tuple[float, float], ...], Len(2)]
+ToneCurve = Literal["srgb", "filmic"] | Points
+_Gain = Annotated[float, Ge(0.01), Le(100)]
+WhiteBalance = Literal["auto"] | tuple[_Gain, _Gain, _Gain]
 PLANES = ("none", "mono")
 """Without a mosaic: a sensor for each colour, or one plane of light."""
 _CURVES = {"R": "red", "G": "green", "B": "blue", "C": "clear"}
 _ROW_TOLERANCE = 0.002  # what three figures of three decimals leave
 _LARGEST_INVERSE = 100.0
-IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,7 @@ class FilterCurves:
 
     def __post_init__(self) -> None:
         for name, curve in self.stated():
-            for value in curve.values if isinstance(curve, Curve) else (curve,):
-                in_range(name, value, 0.0, 1.0)
+            check_shares(name, curve)
 
     def stated(self) -> Iterator[tuple[str, Spectrum]]:
         """Names and curves of the filters that are given."""
@@ -69,33 +71,25 @@ def marked(curves: Spectrum | FilterCurves) -> str:
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
-def check_filters(cfa: str, quantum_efficiency: object) -> None:
+def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
     """Raise ``ValueError`` unless there is one curve without a mosaic, and one for each filter of a mosaic."""
+    stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
     if cfa in PLANES:
-        if isinstance(quantum_efficiency, FilterCurves):
+        if stated or isinstance(curves, FilterCurves):
             raise ValueError(
                 f"quantum_efficiency: states filters; cfa = {cfa!r} has none and needs one curve"
             )
         return
     needed = [_CURVES[letter] for letter in dict.fromkeys(cfa)]
-    stated = dict(quantum_efficiency.stated()) if isinstance(quantum_efficiency, FilterCurves) else {}
     if missing := [name for name in needed if name not in stated]:
         raise ValueError(
             f"quantum_efficiency: cfa = {cfa!r} needs {', '.join(needed)} of its own; missing {', '.join(missing)}"
         )
 
 
-def checked_matrix(value: object, cfa: str) -> Matrix | None:
-    """A colour matrix, camera colours to linear sRGB, as numbers; None stays.
-
-    Raises ``TypeError`` or ``ValueError`` unless it is 3 x 3 with an inverse, its rows sum to 1, so that white stays
-    white, and the pattern has colours.
-    """
-    if value is None:
-        return None
-    rows = _numbers("ccm", value, must := "must be three rows of three finite numbers")
-    if rows.shape != (3, 3) or not np.isfinite(rows).all():
-        raise ValueError(f"ccm = {shown(value)}: {must}")
+def check_matrix(ccm: Matrix, cfa: str) -> None:
+    """Raise ``ValueError`` unless rows sum to 1, so that white stays white, and cfa has colours."""
+    rows = np.array(ccm)
     for place, total in enumerate(rows.sum(1), start=1):
         if abs(total - 1) > _ROW_TOLERANCE:
             raise ValueError(
@@ -104,83 +98,46 @@ def checked_matrix(value: object, cfa: str) -> Matrix | None:
     if cfa in (*PLANES, "RCCC"):
         raise ValueError(f"ccm: cfa = {cfa!r} has no colours of its own to correct; must be None")
     if abs(np.linalg.det(rows)) < 1e-6 or np.abs(np.linalg.inv(rows)).max() > _LARGEST_INVERSE:
-        raise ValueError(f"ccm = {shown(value)}: must have an inverse")
-    return _matrix(rows)
+        raise ValueError(f"ccm = {shown(ccm)}: must have an inverse")
 
 
-def checked_gains(value: object, cfa: str) -> Literal["auto"] | Row:
-    """White-balance gains of red, green (or clear) and blue, or "auto". Raises ``TypeError`` or ``ValueError``."""
-    must = "must be 'auto' or three gains from 0.01 to 100"
-    if isinstance(value, str) and value == "auto":
-        return "auto"
-    gains = _numbers("white_balance", value, must)
-    if gains.shape != (3,) or not ((gains >= 0.01) & (gains <= 100)).all():
-        raise ValueError(f"white_balance = {shown(value)}: {must}")
-    if cfa in PLANES:
-        raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
-    red, green, blue = gains.tolist()
-    return red, green, blue
+def check_tone(points: Points) -> None:
+    """Raise ``ValueError`` unless the points are a curve from light 0 to 1 that never falls."""
+    light, values = np.array(points).T
+    inside = (values >= 0).all() and (values <= 1).all() and light[0] == 0 and light[-1] == 1
+    if not (inside and (np.diff(light) > 0).all() and (np.diff(values) >= 0).all()):
+        raise ValueError(
+            f"tone = {shown(points)}: light must increase from 0 to 1, values lie in [0, 1] and never fall"
+        )
 
 
 @lru_cache(maxsize=64)
 def normalised(matrix: Matrix | None) -> Matrix:
     """The matrix with rows that sum to 1 but for the last digit; None: the identity."""
-    return IDENTITY if matrix is None else _matrix([row / row.sum() for row in np.array(matrix)])
+    return as_rows(np.eye(3) if matrix is None else [row / row.sum() for row in np.array(matrix)])
 
 
 @lru_cache(maxsize=64)
 def inverse(matrix: Matrix | None) -> Matrix:
     """Linear sRGB to camera colours."""
-    return _matrix(np.linalg.inv(np.array(normalised(matrix))))
+    return as_rows(np.linalg.inv(np.array(normalised(matrix))))
 
 
 def product(left: Matrix, right: Matrix) -> Matrix:
     """The matrix product."""
-    return _matrix(np.array(left) @ np.array(right))
+    return as_rows(np.array(left) @ np.array(right))
 
 
-def _matrix(rows: Iterable[NDArray[np.float64]]) -> Matrix:
-    return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))
-
-
-def _numbers(name: str, value: object, must: str) -> NDArray[np.float64]:
-    if isinstance(value, str):
-        raise ValueError(f"{name} = {shown(value)}: {must}")
-    try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise TypeError(f"{name} = {shown(value)}: {must}") from None
-
-
-Points = tuple[tuple[float, float], ...]
-ToneCurve = Literal["srgb", "filmic"] | Points
-
-
-def checked_tone(value: object) -> ToneCurve:
-    """A tone curve. Raises ``TypeError`` or ``ValueError`` for no curve from light 0 to 1 that never falls."""
-    if isinstance(value, str) and value in ("srgb", "filmic"):
-        return cast(ToneCurve, value)
-    must = "must be 'srgb', 'filmic' or points (light, value), at least two"
-    points = _numbers("tone", value, must)
-    if points.ndim != 2 or points.shape[1] != 2 or not 2 <= len(points) <= 1 << 16:
-        raise ValueError(f"tone = {shown(value)}: {must}")
-    light, values = points.T
-    inside = bool(((points >= 0) & (points <= 1)).all())
-    rises = bool((np.diff(light) > 0).all() and (np.diff(values) >= 0).all())
-    if not (inside and rises and light[0] == 0 and light[-1] == 1):
-        raise ValueError(
-            f"tone = {shown(value)}: light must increase from 0 to 1, values lie in [0, 1] and never fall"
-        )
-    return cast(Points, tuple(map(tuple, points.tolist())))
+def as_rows(rows: Iterable[Floats]) -> Any:
+    """Plain numbers of NumPy's rows: hashable."""
+    return tuple(tuple(row.tolist()) for row in rows)
 
 
 def toned(light: Tensor, curve: ToneCurve) -> Tensor:
     """``light``, any shape, clamped to [0, 1] and coded; differentiable."""
-    if curve == "srgb":
-        return srgb_from_linear(light)
-    if curve == "filmic":
+    if isinstance(curve, str):
         value = srgb_from_linear(light)
-        return value * value * (3 - 2 * value)
+        return value if curve == "srgb" else value * value * (3 - 2 * value)
     at, values = light.new_tensor(curve).unbind(-1)
     light = light.clamp(0.0, 1.0)
     last = torch.searchsorted(at[1:-1].contiguous(), light.detach().contiguous(), right=True)

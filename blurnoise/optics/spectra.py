@@ -78,6 +78,12 @@ Spectrum = float | Curve
 """A curve, or a number that holds over the whole integration band."""
 
 
+def check_shares(name: str, curve: Spectrum) -> None:
+    """Raise ``TypeError`` or ``ValueError`` unless all values lie within [0, 1]."""
+    for value in curve.values if isinstance(curve, Curve) else (curve,):
+        in_range(name, value, 0.0, 1.0)
+
+
 def planck(kelvin: float) -> Curve:
     """Relative radiance of a black body per wavelength, 300-1100 nm, 1 at 560 nm. Temperature in K."""
     limited("kelvin", kelvin)

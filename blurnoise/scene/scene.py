@@ -202,16 +202,16 @@ class ExposedScene:
         options = replace(self._readout(alike.needs, [alike.seed] * count), draw=self._normal)
         expanded = sensed.expand(count, -1, -1, -1)
         if tabulated(alike.delivering):
-            seen = torch.empty((count, height, width, planes), dtype=torch.uint8)
-            developed = seen.permute(0, 3, 1, 2)
+            developed = torch.empty((count, planes, height, width), dtype=torch.uint8)
             tones = tones_8bit(alike.delivering, alike.digital_db, self.illuminant)
             digitised(expanded, at, replace(options, tones=tones, out=developed))
-            if planes == colours:
-                return list(seen.numpy())
         else:
             dn = digitised(expanded, at, options)
             developed = develop_8bit(dn, alike.delivering, alike.digital_db, self.illuminant)
-        return list(in_channels(developed, colours).permute(0, 2, 3, 1).contiguous().numpy())
+        seen = in_channels(developed, colours)
+        if seen.is_contiguous():
+            return [cv2.merge(list(each)).reshape(height, width, colours) for each in seen.numpy()]
+        return list(seen.permute(0, 2, 3, 1).contiguous().numpy())
 
     def _motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
         """Velocity of the picture, or the flow of its pixels, and the layers before it."""

@@ -1,9 +1,9 @@
 """The fast route through the sensor's stages, on the CPU and without derivatives, a piece of a picture at a time.
 
 Convention: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache through
-all its steps, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch; frames of one picture
-under several lights share what does not depend on the light. The physics stands in
-:mod:`blurnoise.sensor.stages`, whose reference gives the same frame to a rounding step.
+all steps, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch; frames of one picture under
+several lights share what does not depend on the light. The physics is that of :mod:`blurnoise.sensor.stages`, whose
+reference gives the same frame to a rounding step.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,11 +24,11 @@ from blurnoise._core.lookup import look_up_codes
 from blurnoise._core.threads import borrowed, side_by_side
 from blurnoise.optics.camera import Camera
 from blurnoise.sensor import stages
-from blurnoise.sensor.stage import Frames, Law, SensorStage
+from blurnoise.sensor.stage import Frames, SensorStage
 
 Plane = NDArray[Any]
 MOST_APART = 256.0
-"""The brightest of several lights over the faintest, at most: light is cut once, for all of them."""
+"""The brightest of several lights over the faintest, at most: light is clipped once, for all of them."""
 _STAGES = (
     stages.SPECTRAL_INTEGRATION,
     stages.PRNU,
@@ -41,19 +41,12 @@ _STAGES = (
     stages.QUANTISATION,
     stages.LIMITS,
 )
-"""What is done here, in this order, whatever else the table holds."""
+"""The stages implemented here, in this order, whatever else ``STAGES`` holds."""
 _PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 _FAINT_E = 1e-9  # of white: less is no unit to reckon in
-_BEYOND_DN = 2.0**20  # where light is cut: far above any converter, and far within the last step's integers
-
-
-class _Target(NamedTuple):
-    """Mean electrons of light 1 and of the dark, and where the frame goes: (C, n), or (n, C) interleaved."""
-
-    white_e: float
-    dark_e: float
-    out: Plane
-    interleaved: bool
+_BEYOND_DN = (
+    2.0**20
+)  # where light is clipped: far above any converter, and far within the last step's integers
 
 
 def supports(active: Sequence[SensorStage]) -> bool:
@@ -64,35 +57,27 @@ def supports(active: Sequence[SensorStage]) -> bool:
 def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
     """Write the digital numbers (L, C, H, W) of light (1, C, H, W) under L lights, or what ``tones`` has for them.
 
-    at: means of each light, and the fields of one frame, which all share. out: contiguous or channels last, else
-    ``ValueError``. Several lights go with the laws "none" and "merged". Threads share the pieces: no bit changes.
+    at: means of each light, and the fields of one frame, which all share. Several lights go with the laws "none" and
+    "merged". Threads share the pieces: no bit changes.
     """
     if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
         for stage in _STAGES[:4]:
             scene = stage.apply(scene, at)
         at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
-    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, at.offset_e)]
     light = _flat(scene)
-    interleaved = not out.is_contiguous()
-    if interleaved and not out.is_contiguous(memory_format=torch.channels_last):
-        raise ValueError(f"out: strides are {out.stride()}; must be contiguous or channels last")
-    colours = out.shape[1]
-    frames = (
-        out.permute(0, 2, 3, 1).view(len(out), -1, colours)
-        if interleaved
-        else out.view(len(out), colours, -1)
-    )
-    means = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
-    targets = [_Target(*each, interleaved) for each in zip(*means, frames.numpy(), strict=True)]
-    table = None if tones is None else _every_code(tones.numpy(), at.camera.full_scale_dn)
-    pixels = light.shape[1]
-    count = threads * math.ceil(colours * pixels / _PIECE / threads)
+    colours, pixels = light.shape
+    frames: Plane = out.view(len(out), colours, pixels).numpy()
+    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, at.offset_e)]
+    table, full_scale_dn = None, at.camera.full_scale_dn
+    if tones is not None:  # for every code of 16 bits
+        table = np.pad(tones.numpy()[: full_scale_dn + 1], (0, 65_535 - full_scale_dn), mode="edge")
+    count = threads * math.ceil(light.size / _PIECE / threads)
     step = math.ceil(pixels / count)
 
     def write_from(start: int) -> None:
         of = slice(start, start + step)
         parts = [None if field is None else field[:, of] for field in fields]
-        _write_piece(light[:, of], parts, of, targets, at.camera, at.law, table)
+        _write_piece(light[:, of], parts, at, frames[..., of], table)
 
     side_by_side(write_from, range(0, pixels, step), threads)
 
@@ -103,33 +88,25 @@ def _flat(field: Tensor) -> Plane:
 
 
 def _write_piece(
-    light: Plane,
-    fields: Sequence[Plane | None],
-    of: slice,
-    targets: Sequence[_Target],
-    camera: Camera,
-    law: Law,
-    table: Plane | None,
+    light: Plane, fields: Sequence[Plane | None], at: Frames, out: Plane, table: Plane | None
 ) -> None:
-    """Write pixels ``of`` of each target; light and fields, as in :class:`.Frames`, are of these.
-
-    table: a value for every code of 16 bits, in place of the code.
-    """
-    normal, read, gain, offset_e = fields
+    """Write the frames ``out`` (L, C, n) of light (C, n); fields: normal, read, gain and offset_e."""
+    (normal, read, gain, offset_e), camera, law = fields, at.camera, at.law
+    whites_e, darks_e = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
     gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
     with (
         borrowed([(5, *light.shape)], light.dtype) as (work,),
         borrowed([light.shape], np.uint16) as (codes,),
     ):
         lit, signal, noise, skew, bend = work
-        most = _BEYOND_DN / gain_dn / max(min(target.white_e for target in targets), _FAINT_E)
         given = light if gain is None else np.multiply(light, gain, out=lit)
+        most = _BEYOND_DN / gain_dn / max(min(whites_e), _FAINT_E)
         # NumPy would take three times as long.
         torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
         if law == "merged" and normal is not None:
             np.multiply(normal, normal, out=bend)
             bend -= 1.0
-        for white_e, dark_e, out, interleaved in targets:
+        for white_e, dark_e, frame in zip(whites_e, darks_e, out, strict=True):
             # Light, dark charge and noise are in units of unit_e electrons: one pass less.
             mean, unit_e = lit, white_e
             if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
@@ -154,7 +131,11 @@ def _write_piece(
             cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
             if full is not None:
                 np.putmask(codes, *full)
-            _write(codes, camera.full_scale_dn, table, out[of] if interleaved else out[:, of], interleaved)
+            if table is None:
+                np.minimum(codes, camera.full_scale_dn, out=codes)
+                np.copyto(frame, codes, casting="unsafe")
+            else:
+                look_up_codes(table, codes, frame)
 
 
 def _where_full(
@@ -179,7 +160,7 @@ def _where_full(
 def _merged_noise(
     mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
 ) -> float:
-    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns the e- of its unit.
+    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns its unit in electrons.
 
     mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
     """
@@ -192,23 +173,3 @@ def _merged_noise(
     root_e = math.sqrt(unit_e)
     noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
     return root_e
-
-
-def _write(codes: Plane, full_scale_dn: int, table: Plane | None, out: Plane, interleaved: bool) -> None:
-    """Codes (C, n) of 16 bits to the target: clipped, or by a table of them all."""
-    if table is None:
-        np.minimum(codes, full_scale_dn, out=codes)
-        np.copyto(out, codes.T if interleaved else codes, casting="unsafe")
-    elif interleaved:
-        with borrowed([codes.shape], table.dtype) as (planar,):
-            look_up_codes(table, codes, planar)
-            cv2.merge(list(planar[:, None]), dst=out[None])
-    else:
-        look_up_codes(table, codes, out)
-
-
-def _every_code(tones: Plane, full_scale_dn: int) -> Plane:
-    """``tones`` for each code of 16 bits, those above ``full_scale_dn`` being its own."""
-    table = np.full(1 << 16, tones[full_scale_dn], tones.dtype)
-    table[:full_scale_dn] = tones[:full_scale_dn]
-    return table

@@ -7,7 +7,8 @@ negative ones, outside the camera's gamut, are no light. Behind a clear filter a
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,6 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Row
 from blurnoise.optics.radiometry import clear_shares, colour_shares, filter_electrons
 from blurnoise.optics.spectra import Curve
-
-_SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 def planes(camera: Camera, colours: int) -> int:
@@ -48,7 +47,8 @@ def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") ->
     if camera.cfa == "mono":
         to[:, 0] = _weighted(seen, weights(camera, illuminant)[0])
         return out
-    for (y, x), of_site in zip(_SITES, weights(camera, illuminant), strict=True):
+    for site, of_site in enumerate(weights(camera, illuminant)):
+        y, x = divmod(site, 2)
         to[:, 0, y::2, x::2] = _weighted(seen[..., y::2, x::2], of_site).clip(min=0.0)
     return out
 
@@ -66,8 +66,7 @@ def weights(camera: Camera, illuminant: str | Curve = "D55") -> tuple[Row, ...]:
         rows["C"] = np.array(clear_shares(camera, illuminant)) @ np.array([red, green, blue])
     elif "C" in camera.cfa:
         rows["C"] = np.array(colour_shares(camera, illuminant))
-    scaled = [rows[letter] * electrons[letter] / most for letter in camera.cfa]
-    return tuple((float(row[0]), float(row[1]), float(row[2])) for row in scaled)
+    return tuple(colour.as_rows(rows[letter] * electrons[letter] / most for letter in camera.cfa))
 
 
 def peak(camera: Camera, illuminant: str | Curve = "D55") -> float:
@@ -90,8 +89,4 @@ def _weighted(light: Any, row: Row) -> Any:
     """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
     if light.shape[1] == 1:
         return light[:, 0] * sum(row)
-    parts = [light[:, place] * weight for place, weight in enumerate(row) if weight]
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
+    return reduce(add, [light[:, place] * weight for place, weight in enumerate(row) if weight])

@@ -7,9 +7,9 @@ dark, where read noise says so; only the converter's limits clip them from below
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import groupby, product
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, Literal
 
 import torch
@@ -28,7 +28,7 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
 Draw = Callable[[Sequence[int], Tensor, str], Tensor]
-_PIECE = 1 << 16  # values that stay in a core's cache
+_PIECE = 1 << 15  # values that stay in a core's cache, and for which PyTorch wakes no threads
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def read_out(
 
 
 def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) -> Tensor:
-    """:func:`read_out` of what is checked already: finite light (B, C, H, W), the camera and numbers of ``at``.
+    """:func:`read_out` of valid arguments: finite light (B, C, H, W), the camera and numbers of ``at``.
 
     Through ``STAGES`` in their order, but for those left out: by the fast route where it has them all, else stage by
     stage. The route may change a rounding step, not the law. Gradients reach scene, white_e, exposure and
@@ -99,29 +99,25 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
     pattern = [None if plane is None else plane.to(scene) for plane in options.fixed_pattern or (None, None)]
     active = stages.active(camera, options.without, noisy=options.noise)
-    law = _law(camera, options, with_gradients, active)
-    known, full_e = fast.supports(active), stages.nearly_full_e(camera)
+    law, known = _law(camera, options, with_gradients, active), fast.supports(active)
 
     def frames(of: slice, lights: slice) -> Frames:
-        light, drawn = scene[of], seeds[of]
-        normal = read = None
-        if law in ("merged", "apart", "counts"):
-            normal = options.draw(drawn, light, "frame")
-        if law == "merged":  # for pixels whose well may be full, as stages of one's own may make it
-            needed = math.isfinite(full_e) and (
-                not known or _most_electrons(light, white[lights], dark[lights], pattern[0]) >= full_e
-            )
-        else:
-            needed = law != "none" and camera.read_noise_e > 0
-        if needed:
-            read = options.draw(drawn, light, "read")
+        light, white_e, dark_e = scene[of], white[lights, None, None, None], dark[lights, None, None, None]
         gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
-        white_e, dark_e = (each[lights, None, None, None] for each in (white, dark))
-        return Frames(camera, law, white_e, dark_e, drawn, options.quantised, normal, read, gain, offset_e)
+        drawn = Frames(
+            camera, law, white_e, dark_e, seeds[of], options.quantised, gain=gain, offset_e=offset_e
+        )
+        names = {"normal": "frame"} if law in ("merged", "apart", "counts") else {}
+        if _draws_read_noise(drawn, light, known):
+            names["read"] = "read"
+        return replace(
+            drawn, **{field: options.draw(seeds[of], light, name) for field, name in names.items()}
+        )
 
     if not (known and options.quantised and plain(scene)) or with_gradients:
         every = slice(None)
-        dn = _through(active, scene, frames(every, every), in_pieces=plain(scene) and not with_gradients)
+        in_pieces = plain(scene) and not with_gradients
+        dn = (_in_pieces if in_pieces else _through)(active, scene, frames(every, every))
         seen = dn if tones is None else look_up(tones, dn)
         return seen if with_gradients or out is None else out.copy_(seen)
     if out is None:
@@ -139,33 +135,50 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
     return out
 
 
-def _through(active: Sequence[SensorStage], signal: Tensor, at: Frames, *, in_pieces: bool) -> Tensor:
-    """The signal after all stages, the reference; pointwise neighbours in pieces that stay cached."""
-    for pointwise, group in groupby(active, lambda stage: in_pieces and stage.pointwise(at)):
-        neighbours = list(group)
-        if not pointwise:
-            signal = _after(neighbours, signal, at)
-            continue
-        batch, colours, height, width = signal.shape
-        rows = max(1, _PIECE // (colours * width))
-        whole = torch.empty_like(signal, memory_format=torch.contiguous_format)
-        for item, first in product(range(batch), range(0, height, rows)):
-            piece = slice(item, item + 1), slice(None), slice(first, first + rows)
-            whole[piece] = _after(neighbours, signal[piece], at.part(*piece))
-        signal = whole
-    return signal
-
-
-def _after(some: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+def _through(some: Iterable[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+    """The signal after all stages: the reference."""
     for stage in some:
         signal = stage.apply(signal, at)
     return signal
 
 
-def _most_electrons(light: Tensor, white: Tensor, dark: Tensor, gain: Tensor | None) -> float:
-    """The largest mean charge of any pixel."""
-    of_light = _most(light) * (1.0 if gain is None else _most(gain))
-    return float(white.detach().max()) * of_light + float(dark.detach().max())
+def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+    """:func:`_through`, by pieces that stay cached where neighbours are pointwise; they share one plane of memory."""
+    batch, colours, height, width = signal.shape
+    step = max(1, _PIECE // (colours * width))
+    places = [(item, slice(row, row + step)) for item in range(batch) for row in range(0, height, step)]
+    pieces = [(item, rows, at.part(item, rows)) for item, rows in places]
+    plane = torch.empty_like(signal, memory_format=torch.contiguous_format)
+    for pointwise, neighbours in groupby(active, lambda stage: stage.pointwise(at)):
+        if not pointwise:
+            signal = _through(neighbours, signal, at)
+            continue
+        if signal.untyped_storage().data_ptr() == plane.untyped_storage().data_ptr():
+            plane = torch.empty_like(plane)  # a stage may return a view of other places
+        signal = _write_pieces(list(neighbours), signal, pieces, plane)
+    return signal
+
+
+def _write_pieces(
+    some: Sequence[SensorStage], signal: Tensor, pieces: Sequence[tuple[int, slice, Frames]], out: Tensor
+) -> Tensor:
+    written = out.numpy()
+
+    def write(piece: tuple[int, slice, Frames]) -> None:
+        item, rows, at = piece
+        written[item, :, rows] = _through(some, signal[item : item + 1, :, rows], at).numpy()
+
+    side_by_side(write, pieces, threads_for(signal))
+    return out
+
+
+def _draws_read_noise(at: Frames, light: Tensor, known: bool) -> bool:
+    """Whether read noise needs a field apart; merged, only for wells that may be full, which own stages may fill."""
+    if at.law != "merged":
+        return at.law != "none" and at.camera.read_noise_e > 0
+    full_e = stages.nearly_full_e(at.camera)
+    brightest = _most(light) * (1.0 if at.gain is None else _most(at.gain))
+    return math.isfinite(full_e) and not (known and _most(at.white_e) * brightest + _most(at.dark_e) < full_e)
 
 
 def _most(field: Tensor) -> float:

@@ -41,18 +41,14 @@ class Frames:
     gain: Tensor | None = None
     offset_e: Tensor | None = None
 
-    def part(self, items: slice, colours: slice, rows: slice) -> Frames:
-        """Some of the frames, and of their pixels."""
+    def part(self, item: int, rows: slice) -> Frames:
+        """Some rows of one frame."""
+        of = slice(item, item + 1)
         fields = {name: getattr(self, name) for name in ("normal", "read", "gain", "offset_e")}
         cut: dict[str, Any] = {
-            name: field[items, colours, rows] for name, field in fields.items() if field is not None
+            name: field[of, :, rows] for name, field in fields.items() if field is not None
         }
-        means: dict[str, Any] = {
-            "white_e": self.white_e[items],
-            "dark_e": self.dark_e[items],
-            "seeds": self.seeds[items],
-        }
-        return replace(self, **means, **cut)
+        return replace(self, white_e=self.white_e[of], dark_e=self.dark_e[of], seeds=self.seeds[of], **cut)
 
 
 class SensorStage(ABC):

@@ -12,6 +12,7 @@ from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
 from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
+from blurnoise._core import threads
 from blurnoise.blur import convolution
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
@@ -113,6 +114,9 @@ def test_the_reference_in_pieces_is_that_of_whole_pictures(
         "fixed_pattern": camera.fixed_pattern((3, 41, 67), 1),
     }
     scene = picture().repeat(2, 1, 1, 1)
+    monkeypatch.setattr(
+        threads, "WORTH_IT", 1
+    )  # the pieces of so small a picture, too, are shared by threads
     frames = []
     for values in (1 << 30, 3 * 67 * 5, 1):
         monkeypatch.setattr(readout, "_PIECE", values)
