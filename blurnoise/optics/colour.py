@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, cast
 
 import numpy as np
 import torch
@@ -128,9 +128,9 @@ def product(left: Matrix, right: Matrix) -> Matrix:
     return as_rows(np.array(left) @ np.array(right))
 
 
-def as_rows(rows: Iterable[Floats]) -> Any:
+def as_rows(rows: Iterable[Floats]) -> Matrix:
     """Plain numbers of NumPy's rows: hashable."""
-    return tuple(tuple(row.tolist()) for row in rows)
+    return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))
 
 
 def toned(light: Tensor, curve: ToneCurve) -> Tensor:

@@ -104,15 +104,15 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
     def frames(of: slice, lights: slice) -> Frames:
         light, white_e, dark_e = scene[of], white[lights, None, None, None], dark[lights, None, None, None]
         gain, offset_e = (None if plane is None else plane.expand(light.shape) for plane in pattern)
-        drawn = Frames(
+        bare = Frames(
             camera, law, white_e, dark_e, seeds[of], options.quantised, gain=gain, offset_e=offset_e
         )
-        names = {"normal": "frame"} if law in ("merged", "apart", "counts") else {}
-        if _draws_read_noise(drawn, light, known):
-            names["read"] = "read"
-        return replace(
-            drawn, **{field: options.draw(seeds[of], light, name) for field, name in names.items()}
-        )
+        drawn: dict[str, Any] = {}
+        if law in ("merged", "apart", "counts"):
+            drawn["normal"] = options.draw(seeds[of], light, "frame")
+        if _draws_read_noise(bare, light, known):
+            drawn["read"] = options.draw(seeds[of], light, "read")
+        return replace(bare, **drawn)
 
     if not (known and options.quantised and plain(scene)) or with_gradients:
         every = slice(None)
