@@ -8,7 +8,7 @@ an RMS error of 1e-4 of white, in white noise of full contrast.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,9 +17,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core import packed_fft
-from blurnoise._core.packed_fft import Plane
 from blurnoise.blur import fourier
+from blurnoise.blur.fourier import Plane
 from blurnoise.optics.transfer import SHARP, Optics
 
 _LEAST_PX = 64  # side of the small grid
@@ -37,13 +36,12 @@ _ACROSS = [
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class Path(fourier.Response):
     """Knots (2, K), px from where the picture shows the place, shares (K - 1,) of the exposure, and a lens."""
 
     knots_px: Tensor
     shares: Tensor
     optics: Optics = SHARP
-    multiply = staticmethod(packed_fft.multiply_complex)
 
     def __str__(self) -> str:
         return f"knots_px of a path over {self.knots_px.abs().amax(1).tolist()} px to either side"
@@ -57,18 +55,22 @@ class Path:
         x, y = self.knots_px.detach().abs().amax(1).tolist()
         return y + self.optics.reach_px + fourier.STILL_PX, x + self.optics.reach_px + fourier.STILL_PX
 
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Plane:
+    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
         knots, shares = (each.detach().numpy().tobytes() for each in (self.knots_px, self.shares))
-        return _packed(knots, shares, self.optics, lengths, out.dtype)
+        return [_packed(knots, shares, self.optics, lengths, out.dtype)]
 
-    def at(self, lengths: tuple[int, int], image: Tensor) -> Tensor:
+    @staticmethod
+    def multiply(spectrum: Plane, factors: Plane, out: Plane) -> None:
+        cv2.mulSpectrums(spectrum, factors, 0, out)
+
+    def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
         dims = [dim for dim, length in zip((-2, -1), lengths, strict=True) if length > 1]
         response: Tensor = torch.fft.rfftn(spread_in(lengths, self.knots_px, self.shares), dim=dims or [-1])
         if self.optics != SHARP:
             lens = fourier.lens_response(self.optics, lengths, np.dtype(np.float64))
             response = response * torch.from_numpy(lens)
         kind = torch.complex64 if image.dtype == torch.float32 else torch.complex128
-        return response.to(device=image.device, dtype=kind)[None, None]
+        return [response.to(device=image.device, dtype=kind)[None, None]]
 
 
 @lru_cache(maxsize=16)
@@ -80,9 +82,7 @@ def _packed(
     spread = spread_in(lengths, places, torch.frombuffer(bytearray(shares), dtype=torch.float64)).numpy()
     spectrum: Plane = cv2.dft((spread / spread.size).astype(kind))
     if optics != SHARP:
-        factors = np.empty(lengths, kind)
-        packed_fft.pack(fourier.lens_response(optics, lengths, kind), factors)
-        spectrum *= factors * factors.size
+        spectrum *= fourier.lens_factors(optics, lengths, kind) * spectrum.size
     return spectrum
 
 

@@ -122,9 +122,9 @@ def _at_once(
     (height, width), (high, wide) = light.shape[-2:], spans
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
     sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    kind, size = sources.dtype, (high, wide // 2 + 1)
+    kind = sources.dtype
     x, y = displacement_px.tolist()
-    response = fourier.motion_response((x, y), spans, np.empty(size, kind), np.empty(size, kind))
+    response = fourier.motion_response((x, y), spans, kind)
     wave = np.complex64 if kind == np.float32 else np.complex128
     phases = _row_phases(shift_px.numpy(), wide, wave) / wave(wide)
     first, weights = _lanczos_taps(places)

@@ -12,6 +12,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -141,8 +142,8 @@ class Defocus(LightEffect):
         camera = at.camera
         if not camera.lens.field_curvature_px:
             return convolution.defocus(light, camera.defocus_radius_px, border=border)
-        radii, tiles = _over_field(camera.field, camera.defocus_radius_px, _size(light))
-        return over_the_field.defocus(light, radii, border=border, tiles=tiles)
+        radii = _over_field(camera.field, camera.defocus_radius_px, _size(light))
+        return over_the_field.defocus(light, radii, border=border)
 
     def how(self, at: Conditions[float]) -> str:
         if at.camera.defocus_counts_pixel:
@@ -240,10 +241,9 @@ def _size(light: Tensor) -> Size:
 
 
 @lru_cache(maxsize=8)
-def _over_field(field: Field, defocus_px: float, size: Size) -> tuple[Floats, list[over_the_field.Tile]]:
-    """The disc's radius (H, W) in a picture, and how it is blurred."""
-    radii = abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2)
-    return radii, over_the_field.plan(radii)
+def _over_field(field: Field, defocus_px: float, size: Size) -> Floats:
+    """The disc's radius (H, W) in a picture."""
+    return np.asarray(abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2))
 
 
 DISTORTION, LATERAL_COLOUR, VIGNETTING = Distortion(), LateralColour(), Vignetting()
