@@ -22,8 +22,6 @@ LONGEST_SHAKE = 500
 """Duration of a whole shake over the exposure that its extent is of, at most."""
 _FINE = 8  # places between two readings of a rate
 
-_AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
     """Duration of a path about mid-exposure that covers every row, s: exposure plus read-out."""
@@ -73,33 +71,30 @@ def from_text(content: str, name: str, *, focal_px: float | None = None) -> Traj
     """
     try:
         columns = _columns(content)
+        names = shown(list(columns))
         if "time_s" not in columns:
-            raise ValueError(f"columns {shown(list(columns))}: must hold time_s")
+            raise ValueError(f"columns {names}: must hold time_s")
         time = columns.pop("time_s")
         if len(time) < 2 or not bool((np.diff(time) > 0).all()):
             raise ValueError("time_s: must be at least two times that increase")
         time = time - (time[0] + time[-1]) / 2
         if {"x_px", "y_px"} <= set(columns):
             if any(name.startswith("w") for name in columns):
-                raise ValueError(f"columns {shown(list(columns))}: must be places or rates, not both")
+                raise ValueError(f"columns {names}: must be places or rates, not both")
             return Trajectory.of(time, np.stack([columns["x_px"], columns["y_px"]]))
         for unit, scale in (("rad_s", 1.0), ("deg_s", math.pi / 180)):
             if {f"wx_{unit}", f"wy_{unit}"} <= set(columns):
                 rates = [columns.get(f"w{axis}_{unit}", np.zeros_like(time)) * scale for axis in "xyz"]
                 return from_rates(time, np.stack(rates), focal_px=focal_px)
-        raise ValueError(
-            f"columns {shown(list(columns))}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s"
-        )
+        raise ValueError(f"columns {names}: must be time_s and x_px, y_px or wx_rad_s, wy_rad_s or in deg_s")
     except (ValueError, csv.Error) as error:
         raise ValueError(f"{name}: {error}") from None
 
 
-def from_rates(
-    time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: float | None, axes: Any = _AXES
-) -> Trajectory:
-    """A trajectory of a camera's rates of rotation (3, K), rad/s, at times (K,): d = f (-int wy, int wx).
+def from_rates(time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: float | None) -> Trajectory:
+    """A trajectory of a camera's rates of rotation (3, K) about its axes, rad/s, at times (K,), linear between.
 
-    axes: 3x3, the camera's axes in rows, in the inertial sensor's. Rates are linear between readings.
+    d = f (-int wy, int wx). Raises ``ValueError`` naming the argument.
     """
     if focal_px is None:
         raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
@@ -108,16 +103,10 @@ def from_rates(
         raise ValueError(
             f"time_s, rates_rad_s: shapes are {time.shape}, {rates.shape}; must be (K,), (3, K), K >= 2"
         )
-    turned = np.asarray(axes, float)
-    if turned.shape != (3, 3) or not np.allclose(turned @ turned.T, np.eye(3), atol=1e-3):
-        raise ValueError(f"axes = {shown(turned.tolist())}: must be 3x3, rows of length 1 at right angles")
-    wx, wy, _ = turned @ rates
     fine = np.interp(np.arange((len(time) - 1) * _FINE + 1) / _FINE, np.arange(len(time)), time)
-    angles = []
-    for rate in (-wy, wx):
-        between = np.interp(fine, time, rate)
-        angles.append(sums((between[1:] + between[:-1]) / 2 * np.diff(fine)))
-    return Trajectory.of(fine, limited("focal_px", focal_px) * np.stack(angles))
+    between = np.stack([np.interp(fine, time, rate) for rate in (-rates[1], rates[0])])
+    angles = sums((between[:, 1:] + between[:, :-1]) / 2 * np.diff(fine))
+    return Trajectory.of(fine, limited("focal_px", focal_px) * angles)
 
 
 def _columns(content: str) -> dict[str, Floats]:

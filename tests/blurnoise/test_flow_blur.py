@@ -14,7 +14,7 @@ from blurnoise import motion_blur
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise.blur import resampling
 from blurnoise.blur.sub_exposures import flow_blur
-from blurnoise.motion.ego import EgoMotion, Mount, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics.colour import srgb_from_linear
 
 VIEW = View(321, 241, 60.0, "rectilinear")  # f = 278 px: displacements half of those at 640 px
@@ -43,7 +43,7 @@ def dn(first: Tensor, second: Tensor) -> float:
 @pytest.mark.slow
 def test_a_road_by_exact_sub_exposures() -> None:
     """128 exact paths of the road, seen through splines, are met to 1.5 DN; no blur and one blur are far off."""
-    image, mount = scene(), Mount(1.4)
+    image, mount = scene(), Vehicle(1.4)
     motion, exposure_s = mount.driving(100 / 3.6), 0.01
     pixels = VIEW.pixels()
     rays = VIEW.rays(pixels)

@@ -76,7 +76,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.ExposedScene, {"light": PICTURES, **SCENE}),
     (
         blurnoise.Trajectory,
-        {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0), "reference": "middle"},
+        {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0)},
     ),
     (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
     (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
@@ -88,7 +88,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     ),
     (
         blurnoise.photoelectrons,
-        {**LIT, "illuminant": "D55", "ir_cut": 1.0, "band_nm": (400.0, 700.0)},
+        {**LIT, "illuminant": "D55"},
     ),
     (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0), "objects": (), "size": (24, 31)}),
     (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),

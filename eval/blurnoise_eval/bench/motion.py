@@ -22,7 +22,7 @@ from blurnoise import Camera, Layer, motion_blur
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.causes import shake
-from blurnoise.motion.ego import Mount, View
+from blurnoise.motion.ego import Vehicle, View
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.bench import scenes
 from blurnoise_eval.bench.contest import Case, Contender, Contest
@@ -163,7 +163,7 @@ def _rolling_shutter() -> Case:
 
 
 def _road() -> Case:
-    view, mount = View(WIDTH, HEIGHT, 60.0, "rectilinear"), Mount(1.4)
+    view, mount = View(WIDTH, HEIGHT, 60.0, "rectilinear"), Vehicle(1.4)
     focal_px, pixels = WIDTH / 2 / math.tan(math.radians(30.0)), view.pixels()
     flow = view.flow_px_s(pixels, mount.road_m(view.rays(pixels)), mount.driving(_KMH / 3.6))
     picture, mean = _picture(), tuple(flow.mean((1, 2)) * EXPOSURE_S)

@@ -14,7 +14,7 @@ from blurnoise_eval.grid.values import numbers
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
-    from blurnoise.motion.ego import Mount
+    from blurnoise.motion.ego import Vehicle
     from blurnoise.optics.camera import Camera
 
 _MAP = "With --map: the camera on the vehicle, and what it sees"
@@ -118,8 +118,8 @@ def motion(
     print_facts({"lens": lens, "velocity_px_s": velocity, "blur_px": length}, as_json)
 
 
-def _mount(text: str) -> Mount:
-    from blurnoise.motion.ego import Mount
+def _mount(text: str) -> Vehicle:
+    from blurnoise.motion.ego import Vehicle
 
     try:
         figures = [float(part) for part in text.split(",")]
@@ -127,13 +127,14 @@ def _mount(text: str) -> Mount:
         figures = []
     if not 1 <= len(figures) <= 3:
         raise ValueError(f"mount = {text!r}: must be M[,DEG[,DEG]], such as 1.5,2")
-    return Mount(*figures)
+    height_m, pitch_deg, heading_deg = (*figures, 0.0, 0.0)[:3]
+    return Vehicle(height_m, pitch_deg, heading_deg)
 
 
 def _write_maps(
     paths: list[Path],
     camera: Camera,
-    driving: tuple[Mount, float, float],
+    driving: tuple[Vehicle, float, float],
     planes_m: tuple[float, ...],
     max_blur_px: float,
     exposure_s: float | None,

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited
-from blurnoise.motion.ego import EgoMotion, Mount, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics.spectra import Floats
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, tidy
 from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
@@ -70,7 +70,7 @@ def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
 
 
 def maps_of(
-    view: View, mount: Mount, motion: EgoMotion, planes_m: Sequence[float] = (), *, blur_px: float = 1.0,
+    view: View, mount: Vehicle, motion: EgoMotion, planes_m: Sequence[float] = (), *, blur_px: float = 1.0,
     most: int | None = _DRAWN,
 ) -> list[ExposureMap]:  # fmt: skip
     """The map of road and sky, then one for each frontal plane before them; most: points along a side, None: all.
@@ -149,7 +149,7 @@ def csv_rows(maps: Sequence[ExposureMap]) -> Iterator[dict[str, object]]:
 
 
 def write_values(
-    path: Path, view: View, mount: Mount, motion: EgoMotion, planes_m: Sequence[float], blur_px: float
+    path: Path, view: View, mount: Vehicle, motion: EgoMotion, planes_m: Sequence[float], blur_px: float
 ) -> None:
     """Write maps as CSV, 33 points along a side, or as .npy, (scenes, H, W) ms, float32, every pixel.
 
@@ -168,14 +168,14 @@ def write_values(
 
 
 def write(
-    maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, title: str, path: Path
+    maps: Sequence[ExposureMap], view: View, mount: Vehicle, blur_px: float, title: str, path: Path
 ) -> None:
     """Write :func:`draw`'s figure as PNG, SVG or PDF. Raises ``OSError``, ``ValueError``."""
     plot_suffix(path)  # raises before anything is drawn
     write_figure(path, draw(maps, view, mount, blur_px, title), dpi=150)
 
 
-def draw(maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, title: str) -> Figure:
+def draw(maps: Sequence[ExposureMap], view: View, mount: Vehicle, blur_px: float, title: str) -> Figure:
     """Contours of the longest exposure on the picture plane, a panel for each map, and the shares within."""
     levels_ms = _levels(maps)
     columns = min(2, len(maps))
@@ -198,7 +198,7 @@ def draw(maps: Sequence[ExposureMap], view: View, mount: Mount, blur_px: float, 
 
 
 def _panel(
-    axes: Axes, found: ExposureMap, mount: Mount, view: View, levels_ms: Sequence[float]
+    axes: Axes, found: ExposureMap, mount: Vehicle, view: View, levels_ms: Sequence[float]
 ) -> ContourSet:
     x, y = found.pixels
     within = np.clip(1e3 * found.longest_s, 0.999 * levels_ms[0], 1.001 * levels_ms[-1])
@@ -230,7 +230,7 @@ def _panel(
     return drawn
 
 
-def _mark_distances(axes: Axes, found: ExposureMap, road_m: Floats, mount: Mount) -> None:
+def _mark_distances(axes: Axes, found: ExposureMap, road_m: Floats, mount: Vehicle) -> None:
     """How far away the road is that is seen in the picture's middle column."""
     middle = road_m.shape[1] // 2
     seen = np.isfinite(road_m[:, middle]) & (road_m[:, middle] <= found.range_m[:, middle])

@@ -12,10 +12,10 @@ import torch
 from blurnoise import Camera, simulate
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effects import through
-from blurnoise.motion.ego import Mount, View
+from blurnoise.motion.ego import Vehicle, View
 
 VIEW = View(95, 71, 70.0, "rectilinear")
-MOUNT = Mount(1.4, pitch_deg=50.0)
+MOUNT = Vehicle(1.4, pitch_deg=50.0)
 SPEED_M_S, EXPOSURE_S, ROW_S = 14.0, 0.01, 3e-4
 """1 to 9 px of blur; 21 ms from the first row to the last, up to 9 px either way."""
 GLOBAL = replace(Camera.preset("imx250"), prnu=0.0)

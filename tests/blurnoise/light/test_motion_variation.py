@@ -11,12 +11,12 @@ import torch
 
 from blurnoise import Camera, ExposedScene, motion_blur, plan, simulate
 from blurnoise.blur.sub_exposures import flow_blur
-from blurnoise.motion.ego import Mount, View
+from blurnoise.motion.ego import Vehicle, View
 from blurnoise.optics import transfer
 
 CAMERA = Camera.preset("imx250")
 VIEW = View(61, 47, 60.0, "rectilinear")
-MOUNT = Mount(1.5)
+MOUNT = Vehicle(1.5)
 PIXELS = VIEW.pixels()
 FLOW = VIEW.flow_px_s(PIXELS, MOUNT.road_m(VIEW.rays(PIXELS)), MOUNT.driving(14.0, 10.0))
 GIVEN: dict[str, Any] = {"exposure_s": 0.05, "illuminance_lux": 300.0, "encoding": "linear"}

@@ -13,7 +13,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, main, pixels, told
 
 from blurnoise import Camera, simulate
-from blurnoise.motion.ego import EgoMotion, Mount, Vehicle, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 
 SIZE = (45, 60)
 CAMERA = Camera.preset("imx250")
@@ -28,7 +28,7 @@ def native(path: Path) -> np.ndarray:
 
 def flow(plane_m: float | None = None) -> np.ndarray:
     """At 72 km/h, 20 degrees/s to the right and 4 up."""
-    view, mount = View(60, 45, 50.0, "rectilinear"), Mount(1.2, 3.0, 5.0)
+    view, mount = View(60, 45, 50.0, "rectilinear"), Vehicle(1.2, 3.0, 5.0)
     yaw, pitch = 20.0 * mount.down, np.array([4.0, 0.0, 0.0])
     x, y, z = (yaw + pitch).tolist()
     moving = EgoMotion(mount.driving(20.0).velocity_m_s, (x, y, z))

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from blurnoise_eval.plots import motion_map
 
-from blurnoise.motion.ego import EgoMotion, Mount, View
+from blurnoise.motion.ego import EgoMotion, Vehicle, View
 
 VIEW = View(961, 541, 60.0, "rectilinear")  # f = 832.25 px
 SPEED_M_S = 50 / 3.6
-MOUNT = Mount(1.5)
+MOUNT = Vehicle(1.5)
 
 
-def maps(mount: Mount = MOUNT, yaw_deg_s: float = 0.0, **options: object) -> list[motion_map.ExposureMap]:
+def maps(mount: Vehicle = MOUNT, yaw_deg_s: float = 0.0, **options: object) -> list[motion_map.ExposureMap]:
     return motion_map.maps_of(VIEW, mount, mount.driving(SPEED_M_S, yaw_deg_s), (10.0,), **options)  # type: ignore[arg-type]
 
 
@@ -46,7 +46,7 @@ def test_yaw_alone_limits_the_sky() -> None:
 
 
 def test_pitched_below_the_horizon_there_is_none() -> None:
-    found = maps(Mount(1.5, pitch_deg=40.0))[0]
+    found = maps(Vehicle(1.5, pitch_deg=40.0))[0]
     assert motion_map.horizon_s(found) is None
     assert "horizon" not in next(motion_map.sentences([found], 1.0))
     assert motion_map.facts(found)["horizon_ms"] is None
@@ -93,12 +93,12 @@ def test_values_are_coarser_or_all_of_the_same_map(tmp_path: Path) -> None:
     [
         (VIEW, MOUNT, MOUNT.driving(SPEED_M_S, 10.0), (10.0,)),
         (VIEW, MOUNT, EgoMotion(), ()),  # nothing moves
-        (View(321, 200, 300.0), Mount(1.0, 90.0), Mount(1.0, 90.0).driving(1.0), (1.0, 2.0, 3.0)),  # no sky
+        (View(321, 200, 300.0), Vehicle(1.0, 90.0), Vehicle(1.0, 90.0).driving(1.0), (1.0, 2.0, 3.0)),  # no sky
         (View(3, 2, 60.0), MOUNT, MOUNT.driving(SPEED_M_S), (1e-3,)),
         (View(2, 2, 60.0), MOUNT, MOUNT.driving(SPEED_M_S), ()),
     ],
 )  # fmt: skip
-def test_a_figure_of_whatever_is_seen(case: tuple[View, Mount, EgoMotion, tuple[float, ...]]) -> None:
+def test_a_figure_of_whatever_is_seen(case: tuple[View, Vehicle, EgoMotion, tuple[float, ...]]) -> None:
     view, mount, motion, planes_m = case
     found = motion_map.maps_of(view, mount, motion, planes_m, most=40)
     figure = motion_map.draw(found, view, mount, 1.0, "A camera")
