@@ -9,10 +9,8 @@ it, at ever coarser scales, and ``invented`` says where.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from functools import partial
-from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,8 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch, in_range, picture_size
-from blurnoise.blur.layers import Layer, flattened, meeting, reach_px, seen_behind, window_at_rest
-from blurnoise.scene.scene import ExposedScene, Exposure
+from blurnoise.blur.layers import Layer, reach_px
 
 Matte = NDArray[np.float32]
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
@@ -30,8 +27,6 @@ _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 AROUND_PX = 24  # around a hole, what it is filled from
 _LEAST = 1e-6  # share of a coarse pixel from which on it is known
 LARGEST_PX = 1e6
-_Motion = tuple[float, tuple[float, float]]
-_NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class Cut(NamedTuple):
@@ -182,67 +177,3 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
     return cut_out(light, own, [velocity_px_s] * len(own))
-
-
-class CutScene(ExposedScene):
-    """A picture, its objects cut out, so that either may move without the other, as ``Exposure.moves`` says.
-
-    speeds, own_px_s: one for each layer of the cut, by default 1 and (0, 0). A speed is a multiple of the exposure's
-    velocity: where the camera tracks objects of speed 1, one of speed s is left with 1 - s, so that one that stands
-    moves with the background. own_px_s is beside that: with speed 0 it is what the object does against the
-    background. options: as of ``ExposedScene``. Raises ``ValueError`` for another number of speeds or velocities.
-    """
-
-    def __init__(
-        self,
-        cut: Cut,
-        speeds: Sequence[float] | None = None,
-        own_px_s: Sequence[tuple[float, float]] | None = None,
-        **options: Any,
-    ) -> None:
-        count = len(cut.layers)
-        factors = (1.0,) * count if speeds is None else tuple(speeds)
-        beside = ((0.0, 0.0),) * count if own_px_s is None else tuple(own_px_s)
-        for name, given in (("speeds", factors), ("own_px_s", beside)):
-            if len(given) != count:
-                raise ValueError(f"{name}: {len(given)}; must be {count}, one for each layer")
-        self._cut = cut
-        self._each = list(zip(cut.layers, zip(factors, beside, strict=True), strict=True))
-        self._joined: list[tuple[Layer, _Motion]] = []
-        for motion, alike in groupby(self._each, key=lambda each: each[1]):
-            layers = [layer for layer, _ in alike]
-            near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
-            self._joined += [(flattened([layers[place] for place in places]), motion) for _, places in near]
-        super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined), **options)
-        self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
-
-    def invented(self, exposure: Exposure) -> tuple[float, ...]:
-        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
-        that had to be invented; 0 where it is known.
-
-        It depends on the object's motion relative to its background, whichever of the two moves.
-        """
-        if exposure.moves == "all" or not self._cut.invented.any():
-            return (0.0,) * len(self._each)
-
-        def moved_px(motion: _Motion) -> tuple[float, float]:
-            x, y = replace(exposure, moves="targets").of_targets(*motion).velocity_px_s
-            return x * exposure.exposure_s, y * exposure.exposure_s
-
-        key = (*exposure.velocity_px_s, exposure.exposure_s)
-        if key not in self._shares:
-            size = (self.light.shape[-2], self.light.shape[-1])
-            movers = [(layer, moved_px(motion)) for layer, motion in self._joined]
-            self._shares[key] = tuple(
-                seen_behind(layer, movers, size) if any(moved_px(motion)) else 0.0
-                for layer, motion in self._each
-            )
-        return self._shares[key]
-
-    def _motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
-        velocity, _ = super()._motions(replace(exposure, moves="all"))
-        objects = tuple(
-            replace(layer, velocity_px_s=exposure.of_targets(*motion).velocity_px_s)
-            for layer, motion in self._joined
-        )
-        return (0.0, 0.0) if exposure.moves == "targets" else velocity, objects

@@ -158,7 +158,7 @@ class ExposedScene:
 
     def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
         camera, digital_db = exposure.amplified
-        velocity, objects = self._motions(exposure)
+        velocity, objects = self.motions(exposure)
         at = Conditions.of(
             self.light,
             camera,
@@ -213,8 +213,8 @@ class ExposedScene:
             return [cv2.merge(list(each)).reshape(height, width, colours) for each in seen.numpy()]
         return list(seen.permute(0, 2, 3, 1).contiguous().numpy())
 
-    def _motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
-        """Velocity of the picture, or the flow of its pixels, and the layers before it."""
+    def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
+        """Velocity of the picture, or the flow of its pixels, and the layers before it, under an exposure."""
         if exposure.moves != "all":
             raise ValueError(
                 f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"

@@ -37,6 +37,7 @@ LONGEST_USUAL_S = 1.0
 """A longer exposure was probably meant in milliseconds: there is a warning."""
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """Conditions of every picture."""
+_ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks")
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges that replace one of them."""
 
@@ -61,8 +62,7 @@ class Ranges(TypedDict, total=False):
 class Draws(ABC):
     """A source of conditions for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
-    ``camera_index`` of the conditions counts in the cameras, ``moves_index`` in moves; vehicle drives at ``ego_kmh``.
-    gain_db: for pictures whose conditions have none.
+    gain_db: for pictures whose conditions have none. vehicle: drives at ``ego_kmh``.
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
@@ -82,32 +82,30 @@ class Draws(ABC):
 
     @abstractmethod
     def conditions(self, uniform: Tensor) -> Params:
-        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each; indices are int64.
+        """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each.
 
-        ``DRAWN`` and ``camera_index``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px``,
-        ``ego_kmh`` and ``moves_index``.
+        ``DRAWN``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px`` and ``ego_kmh``; int64 indices of
+        the cameras, ``camera_index``, and of moves, ``moves_index``.
         """
-
-    def moving(self, params: Params, of: slice | list[int] = slice(None)) -> list[str]:
-        """The entry of ``MOVES`` for each of these pictures."""
-        if "moves_index" not in params:
-            return ["all"] * len(params["exposure_s"][of])
-        return [self.moves[index] for index in params["moves_index"][of].tolist()]
 
     def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
         """Keyword arguments of :func:`.expose.expose_pictures` for these pictures."""
-        cameras = [self.cameras[index] for index in params["camera_index"][of].tolist()]
-        gain: Any = params["gain_db"][of] if "gain_db" in params else self.gain_db
-        if "gain_auto" in params:
-            auto = params["gain_auto"][of].tolist()
-            gain = [self.gain_db if own else given for own, given in zip(auto, gain.tolist(), strict=True)]
+        drawn = {name: params[name][of] for name in _ARGUMENTS if name in params}
+        cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
+        gain: Any = drawn.get("gain_db", self.gain_db)
+        if "gain_auto" in drawn:
+            each = zip(drawn["gain_auto"].tolist(), gain.tolist(), strict=True)
+            gain = [self.gain_db if auto else given for auto, given in each]
+        moves = ["all"] * len(cameras)
+        if "moves_index" in drawn:
+            moves = [self.moves[index] for index in drawn["moves_index"].tolist()]
         return {
-            **{name: params[name][of] for name in DRAWN},
-            "ego_kmh": params["ego_kmh"][of] if "ego_kmh" in params else None,
+            **{name: drawn[name] for name in DRAWN},
+            "ego_kmh": drawn.get("ego_kmh"),
             "camera": cameras,
             "gain_db": gain,
-            "masks": params["masks"][of] if "masks" in params else None,
-            "moves": self.moving(params, of),
+            "masks": drawn.get("masks"),
+            "moves": moves,
             "trajectory": shakes(params, cameras, of),
             "vehicle": self.vehicle,
         }
@@ -157,8 +155,7 @@ class ExposureRanges(Draws):
         for name in (*DRAWN, "shake_px", *_INSTEAD):
             if name not in _INSTEAD or getattr(self, name) is not None:
                 checked[name] = _bounds(name, getattr(self, name))
-        for name, value in checked.items():
-            object.__setattr__(self, name, value)
+        vars(self).update(checked)
         check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
         warn_of_milliseconds(*checked["exposure_s"])
         if self.ego_kmh is not None and self.blur_px is not None:
@@ -172,8 +169,8 @@ class ExposureRanges(Draws):
         for what, most, limit in self._reached():
             if not most <= LIMITS[limit].high:
                 raise ValueError(f"{what} = {most:.6g}; must be <= {LIMITS[limit].high:g}")
-        for camera in self.cameras:
-            shortest, _ = checked["exposure_s"]
+        shortest, _ = checked["exposure_s"]
+        for camera in cameras:
             if self.shaken and path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
                 raise ValueError(
                     f"exposure_s = {shortest:g}: too short for a shake over the readout of {camera.name!r}"
@@ -182,21 +179,18 @@ class ExposureRanges(Draws):
     def _reached(self) -> Iterator[tuple[str, float, str]]:
         """Quantities that follow from several ranges: name, largest value, and the name of the limit."""
         shortest, longest = self._bounds("exposure_s")
+        moved, within = "the motion during the exposure in px", f"within {shortest:g} s asks for"
         if self.white_e is not None:
             least_e = min(map(electrons_per_lux_s, self.cameras)) * shortest
-            most = self._bounds("white_e")[1] / least_e if least_e > 0 else math.inf
-            yield (
-                f"white_e = {self.white_e}: within {shortest:g} s asks for illuminance_lux",
-                most,
-                "illuminance_lux",
-            )
+            lux = self._bounds("white_e")[1] / least_e if least_e > 0 else math.inf
+            yield f"white_e = {self.white_e}: {within} illuminance_lux", lux, "illuminance_lux"
         if self.blur_px is not None:
-            most = self._bounds("blur_px")[1] / shortest
-            yield f"blur_px = {self.blur_px}: within {shortest:g} s asks for speed_px_s", most, "speed_px_s"
+            speed = self._bounds("blur_px")[1] / shortest
+            yield f"blur_px = {self.blur_px}: {within} speed_px_s", speed, "speed_px_s"
         elif self.ego_kmh is None:
             _, fastest = self._bounds("speed_px_s")
             both = f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most"
-            yield f"{both}: the motion during the exposure in px", longest * fastest, "displacement_px"
+            yield f"{both}: {moved}", longest * fastest, "displacement_px"
         else:
             _, fastest = self._bounds("ego_kmh")
             both = f"ego_kmh, exposure_s = {fastest:g}, {longest:g} at most"
@@ -204,8 +198,8 @@ class ExposureRanges(Draws):
                 height, width = camera.field.size
                 edges = np.array([[0, (width - 1) / 2, width - 1] * 2, [0] * 3 + [height - 1] * 3])
                 flow = self.vehicle.flow_at(edges, camera, (height, width), fastest / 3.6)
-                what = f"{both}: the motion during the exposure in px, before {camera.name!r},"
-                yield what, float(np.abs(flow).max()) * longest, "displacement_px"
+                far = float(np.abs(flow).max()) * longest
+                yield f"{both}: {moved}, before {camera.name!r},", far, "displacement_px"
 
     def _bounds(self, name: str) -> tuple[float, float]:
         bounds: tuple[float, float] = getattr(self, name)  # as checked
@@ -257,13 +251,12 @@ class ExposureRanges(Draws):
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
-        named = [
-            *map(self._source, DRAWN),
-            "gain_db",
-            *["shake_px"] * self.shaken,
-            *["moves"] * (self.moves != ("all",)),
-            *["vehicle"] * (self.ego_kmh is not None),
-        ]
+        further = {
+            "shake_px": self.shaken,
+            "moves": self.moves != ("all",),
+            "vehicle": self.ego_kmh is not None,
+        }
+        named = [*map(self._source, DRAWN), "gain_db", *(name for name, used in further.items() if used)]
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 
@@ -275,13 +268,10 @@ def chosen(share: Tensor, count: int) -> Tensor:
 def warn_of_milliseconds(*exposure_s: float) -> None:
     """Warn of an exposure of more than ``LONGEST_USUAL_S``."""
     if max(exposure_s, default=0.0) > LONGEST_USUAL_S:
-        given, meant = (
-            ", ".join(f"{each * factor:g}" for each in dict.fromkeys(exposure_s)) for factor in (1, 1e-3)
-        )
-        warnings.warn(
-            f"exposure_s = ({given}): is in seconds; must be ({meant}) if milliseconds are meant",
-            stacklevel=4,
-        )
+        each = dict.fromkeys(exposure_s)
+        given, meant = (", ".join(f"{seconds * factor:g}" for seconds in each) for factor in (1, 1e-3))
+        text = f"exposure_s = ({given}): is in seconds; must be ({meant}) if milliseconds are meant"
+        warnings.warn(text, stacklevel=4)
 
 
 def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> list[Trajectory | None]:
@@ -290,10 +280,8 @@ def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> 
         return [None] * len(cameras)
     drawn = (params[name][of].tolist() for name in ("noise_seed", "shake_px", "exposure_s"))
     return [
-        shake(seed, extent_px, exposure_s, duration_s=path_duration_s(camera, exposure_s))
-        if extent_px > 0
-        else None
-        for seed, extent_px, exposure_s, camera in zip(*drawn, cameras, strict=True)
+        shake(seed, extent_px, taken_s, duration_s=path_duration_s(camera, taken_s)) if extent_px else None
+        for seed, extent_px, taken_s, camera in zip(*drawn, cameras, strict=True)
     ]
 
 
@@ -328,9 +316,8 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
         return AutoExposure()
     gain_db = _plain(gain_db)
     if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
-        raise TypeError(
-            f"gain_db = {shown(gain_db)}: must be a number, (low, high), 'auto' or an AutoExposure"
-        )
+        must = "must be a number, (low, high), 'auto' or an AutoExposure"
+        raise TypeError(f"gain_db = {shown(gain_db)}: {must}")
     low, high = _bounds("gain_db", gain_db)
     for camera in cameras:
         camera.at_gain(low), camera.at_gain(high)

@@ -22,7 +22,6 @@ from torch.nn.functional import avg_pool2d
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.scene.measured import motion_px, mtf50
 from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.answers.criterion import Criterion
@@ -30,6 +29,7 @@ from blurnoise_eval.datasets import Picture
 from blurnoise_eval.explorer.binning import binned
 from blurnoise_eval.explorer.controls import Control
 from blurnoise_eval.explorer.judging import Point, Standard, finer
+from blurnoise_eval.explorer.measured import motion_px, mtf50
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import State, with_figures
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, VELOCITY

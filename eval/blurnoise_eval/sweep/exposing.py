@@ -23,12 +23,12 @@ from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.scene.cutting import CutScene
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
+from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec

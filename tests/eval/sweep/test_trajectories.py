@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
+from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.deciding.plane_holds import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
@@ -26,7 +27,6 @@ from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 from blurnoise import Exposure, mattes, simulate
 from blurnoise.motion import causes
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene.cutting import CutScene
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
 LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"

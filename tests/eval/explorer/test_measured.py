@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+from blurnoise_eval.explorer.measured import motion_px, mtf50
 
 from blurnoise import Camera, Exposure, Optics
-from blurnoise.scene.measured import motion_px, mtf50
 
 
 def test_of_motion_alone() -> None:
