@@ -6,9 +6,8 @@ its centroid, so what moves is swept half the displacement to either side of its
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
-from typing import Any, Self, Unpack
+import inspect
+from typing import Any, Self
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
@@ -21,9 +20,11 @@ from blurnoise.optics.colour import Encoding
 from blurnoise.scene.cutting import checked_masks
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.expose import boxes_after, expose_pictures
-from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, Ranges
+from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range
 from blurnoise.training.table import ExposureTable
 
+_RANGES = dict(inspect.signature(ExposureRanges).parameters)
+del _RANGES["camera"]
 _FAR = [[False, False], [True, False], [True, True], [False, True]]
 """Which corners of Kornia's boxes lie at the right, at the bottom."""
 
@@ -32,6 +33,12 @@ class OverConditions:
     """Shared by the augmentations of Kornia and torchvision: the source of conditions, and the exposure."""
 
     ranges: Draws
+
+    def __init_subclass__(cls) -> None:
+        """Show the ranges, which ``**ranges`` stands for, in the signature."""
+        _, *own, _ = inspect.signature(cls.__init__).parameters.values()
+        ranges = [each.replace(kind=each.KEYWORD_ONLY) for each in _RANGES.values()]
+        cls.__signature__ = inspect.Signature([*own, *ranges])  # type: ignore[attr-defined]
 
     @classmethod
     def for_run(cls, run: Any, *, direction_deg: Range | None = None, **options: Any) -> Self:
@@ -48,7 +55,7 @@ class OverConditions:
     def for_conditions(cls, table: ExposureTable, **options: Any) -> Self:
         """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
         an_instance("table", table, ExposureTable)
-        for name in {each.name for each in fields(ExposureRanges)} & options.keys():
+        for name in {"camera", *_RANGES} & options.keys():
             raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
         augmentation = cls(**options)
         augmentation.ranges = table
@@ -62,17 +69,11 @@ class OverConditions:
         return {**drawn, "noise_seed": torch.randint(2**63 - 1, (count,), device=device)}
 
     def _exposed(
-        self, pictures: Tensor, params: Params, of: list[int], seeds: Sequence[int], how: Mapping[str, Any]
+        self, pictures: Tensor, params: Params, of: list[int], seeds: list[int], flags: Any
     ) -> Tensor:
-        """Pictures exposed under the conditions of these places in ``params``; how: encoding and fidelity."""
-        every = of == list(range(len(params["noise_seed"])))
-        return expose_pictures(
-            pictures,
-            **self.ranges.arguments(params, slice(None) if every else of),
-            generator=seeds,
-            encoding=how["encoding"],
-            fidelity=how["fidelity"],
-        )
+        """Pictures exposed under the conditions of these places in ``params``; flags: encoding and fidelity."""
+        how = {name: flags[name] for name in ("encoding", "fidelity")}
+        return expose_pictures(pictures, **self.ranges.arguments(params, of), generator=seeds, **how)
 
     def _moves_boxes(self, grow: bool) -> bool:
         return grow or any(map(effects.displace, self.ranges.cameras))
@@ -119,7 +120,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         same_on_batch: bool = False,
         p: float = 0.5,
         keepdim: bool = False,
-        **ranges: Unpack[Ranges],
+        **ranges: Any,
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
         self.ranges = ExposureRanges(camera, **ranges)
@@ -156,17 +157,14 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         self, input: Tensor, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Tensor:
         """The pictures that ``batch_prob`` chooses, exposed; the others as they are."""
-        chosen = list(range(len(input)))
-        if self.p < 1 or self.p_batch < 1:  # else Kornia has no gate
-            chosen = [item for item, gate in enumerate(params["batch_prob"].tolist()) if gate > 0.5]
+        every = self.p == 1 and self.p_batch == 1  # then Kornia has no gate
+        gates = params["batch_prob"].tolist()
+        chosen = [item for item in range(len(input)) if every or gates[item] > 0.5]
         if not chosen:
             return input
-        every = len(chosen) == len(input)
-        seeds = params["noise_seed"].tolist()
-        exposed = self._exposed(
-            input if every else input[chosen], params, chosen, [seeds[item] for item in chosen], flags
-        )
-        return exposed if every else input.index_put((torch.tensor(chosen, device=input.device),), exposed)
+        seeds = params["noise_seed"][chosen].tolist()
+        exposed = self._exposed(input[chosen], params, chosen, seeds, flags)
+        return input.index_put((torch.tensor(chosen, device=input.device),), exposed)
 
     def apply_transform_box(
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import torch
 from torch import Tensor
@@ -26,64 +26,13 @@ from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import AutoExposure, mean_luma
-from blurnoise.scene.scene import MOVES, scene_reflectance, simulate
+from blurnoise.scene.scene import MOVES, extremes, scene_reflectance, simulate
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.ranges import Cameras, Draws, Params, cameras_of, check_vehicle
 
 T = TypeVar("T")
 Gains = Numbers | AutoExposure | Sequence[float | AutoExposure]
 """A number or one per picture; auto-exposure, or either for each picture."""
-
-
-class _Batch(NamedTuple):
-    """Pictures (B, C, H, W) and the conditions of each, (B,) or, velocities, (B, 2); lists hold B."""
-
-    scene: Tensor
-    encoding: Encoding
-    cameras: list[Camera]
-    exposure_s: Tensor
-    illuminance_lux: Tensor
-    temperature_c: Tensor
-    velocity_px_s: Tensor
-    moves: list[str]
-
-    def gains_db(self, gain_db: Gains) -> list[float]:
-        """The gain of each picture. Raises ``TypeError`` or ``ValueError`` naming the gain."""
-        batch = len(self.scene)
-        each = [gain_db] if isinstance(gain_db, AutoExposure) else gain_db
-        if not isinstance(each, Sequence) or not any(isinstance(own, AutoExposure) for own in each):
-            given: Numbers = each  # type: ignore[assignment]
-            return limited_per_image("gain_db", given, batch, self.scene).tolist()
-        with torch.no_grad():
-            light = scene_reflectance(self.scene, self.encoding)
-            by_camera = {camera: mean_luma(light, camera).tolist() for camera in {*self.cameras}}
-        numbers = (self.exposure_s.tolist(), self.illuminance_lux.tolist(), self.temperature_c.tolist())
-        found = []
-        for item, (own, camera, exposure_s, lux, celsius) in enumerate(
-            zip(_for_each("gain_db", each, batch), self.cameras, *numbers, strict=True)
-        ):
-            if isinstance(own, AutoExposure):
-                own = own.setting(
-                    camera,
-                    mean_light=by_camera[camera][item],
-                    illuminance_lux=lux,
-                    exposure_s=exposure_s,
-                    temperature_c=celsius,
-                ).gain_db
-            found.append(limited("gain_db", own))
-        return found
-
-    def cuts(self, masks: Tensor | None) -> dict[int, Cut]:
-        """The pictures, by number, of which a part moves: as background and layers, in linear light."""
-        found = {}
-        for item, moving in enumerate(self.moves if masks is not None else ()):
-            matte = None if moving == "all" or masks is None else matte_of(masks[item])
-            if matte is not None:
-                light = scene_reflectance(self.scene[item : item + 1], self.encoding)
-                velocity = self.velocity_px_s[item]
-                own = velocity if moving == "targets" else torch.zeros_like(velocity)
-                found[item] = in_motion(light, matte, own, float(self.exposure_s[item].detach()))
-        return found
 
 
 @no_torch_compile
@@ -142,47 +91,48 @@ def expose_pictures(
             "'background'"
         )
     still = speed == 0 if ego is None else (ego == 0) & (not vehicle.turns)
-    of = _Batch(
-        scene,
-        encoding,
-        cameras,
-        limited_per_image("exposure_s", exposure_s, batch, scene),
-        limited_per_image("illuminance_lux", illuminance_lux, batch, scene),
-        limited_per_image("temperature_c", temperature_c, batch, scene),
-        velocity_px_s(speed, direction),
-        ["all" if rests else each for each, rests in zip(names, still.tolist(), strict=True)],
-    )
+    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
+    lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
+    temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
+    velocity = velocity_px_s(speed, direction)
     paths = per_picture(trajectory, batch)
     seeds = rng.item_seeds(generator, batch)
-    cuts = of.cuts(None if masks is None else checked_masks(masks, batch, size))
+    cuts: dict[int, Cut] = {}  # pictures of which a part moves: background and layers, in linear light
+    if masks is not None:
+        checked_masks(masks, batch, size)
+        for item in range(batch):
+            moving = names[item] != "all" and not bool(still[item])
+            matte = matte_of(masks[item]) if moving else None
+            if matte is not None:
+                light = scene_reflectance(scene[item : item + 1], encoding)
+                own = velocity[item] * (names[item] == "targets")
+                cuts[item] = in_motion(light, matte, own, float(exposure[item].detach()))
 
     def pictures(taker: Amplified, items: list[int]) -> Tensor:  # all with objects, or none
-        camera, digital_db = taker
         own = [cuts[item] for item in items if item in cuts]
-        seen = scene if len(items) == batch else scene[items]
-        moved = of.velocity_px_s[items]
+        moved = velocity[items]
         if ego is not None:
-            moved = vehicle.flow_px_s(camera, size, ego[items] / 3.6)
+            moved = vehicle.flow_px_s(taker.camera, size, ego[items] / 3.6)
         elif own:
-            moved = moved * moved.new_tensor([[of.moves[item] == "background"] for item in items])
+            moved = moved * moved.new_tensor([[names[item] == "background"] for item in items])
         dn = simulate(
-            torch.cat([cut.background for cut in own]) if own else seen,
-            camera,
-            exposure_s=of.exposure_s[items],
-            illuminance_lux=of.illuminance_lux[items],
+            torch.cat([cut.background for cut in own]) if own else scene[items],
+            taker.camera,
+            exposure_s=exposure[items],
+            illuminance_lux=lux[items],
             velocity_px_s=moved,
             trajectory=[paths[item] for item in items] if paths else None,
-            temperature_c=of.temperature_c[items],
+            temperature_c=temperature[items],
             encoding="linear" if own else encoding,
             generator=[seeds[item] for item in items],
             fidelity=fidelity,
             layers=[cut.layers for cut in own],
         )
-        developed = develop(dn, camera, encoding=encoding, gain_db=digital_db)
+        developed = develop(dn, taker.camera, encoding=encoding, gain_db=taker.digital_db)
         return in_channels(developed, scene.shape[1]).to(image.dtype)
 
     taken_by: dict[tuple[Amplified, bool], list[int]] = {}
-    for item, gain in enumerate(of.gains_db(gain_db)):
+    for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure, lux, temperature))):
         taken_by.setdefault((cameras[item].at_gain(gain), item in cuts), []).append(item)
     with torch.autocast(scene.device.type, enabled=False):
         parts = [pictures(taker, items) for (taker, _), items in taken_by.items()]
@@ -192,6 +142,31 @@ def expose_pictures(
     for items, part in zip(taken_by.values(), parts, strict=True):
         out[items] = part
     return out
+
+
+def _gains_db(
+    gain_db: Gains, scene: Tensor, encoding: Encoding, cameras: list[Camera], numbers: Sequence[Tensor]
+) -> list[float]:
+    """The gain of each picture; numbers: exposure, light and temperature, (B,) each."""
+    each = [gain_db] if isinstance(gain_db, AutoExposure) else gain_db
+    if not isinstance(each, Sequence) or not any(isinstance(own, AutoExposure) for own in each):
+        given: Numbers = each  # type: ignore[assignment]
+        return limited_per_image("gain_db", given, len(scene), scene).tolist()
+    light = scene_reflectance(scene.detach(), encoding)
+    means = {camera: mean_luma(light, camera).tolist() for camera in {*cameras}}
+    found = []
+    for item, own in enumerate(_for_each("gain_db", each, len(scene))):
+        if isinstance(own, AutoExposure):
+            exposure_s, lux, celsius = (float(given[item]) for given in numbers)
+            own = own.setting(
+                cameras[item],
+                mean_light=means[cameras[item]][item],
+                illuminance_lux=lux,
+                exposure_s=exposure_s,
+                temperature_c=celsius,
+            ).gain_db
+        found.append(limited("gain_db", own))
+    return found
 
 
 def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
@@ -225,24 +200,20 @@ def boxes_after(
 def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:
     """The exposures of each picture's targets, without gain."""
     given = ranges.arguments(params)
-    numbers = (given[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
     velocities = velocity_px_s(given["speed_px_s"], given["direction_deg"]).tolist()
     masks, ego = given["masks"], given["ego_kmh"]
-    for item, (camera, exposure_s, lux, celsius, velocity, moves, path) in enumerate(
-        zip(given["camera"], *numbers, velocities, given["moves"], given["trajectory"], strict=True)
+    numbers = (given[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
+    columns = given["camera"], *numbers, velocities, given["moves"], given["trajectory"]
+    for item, (camera, exposure_s, lux, celsius, (x, y), moves, path) in enumerate(
+        zip(*columns, strict=True)
     ):
-        followed = moves == "background" and masks is not None and matte_of(masks[item]) is not None
-        drives = ego is not None and not followed
-        yield Exposure(
-            camera,
-            exposure_s,
-            lux,
-            (0.0, 0.0) if followed else (velocity[0], velocity[1]),
-            celsius,
-            trajectory=path,
-            ego_speed_m_s=ego[item].item() / 3.6 if drives else 0.0,
-            vehicle=ranges.vehicle if drives else USUAL_VEHICLE,
-        )
+        taken = Exposure(camera, exposure_s, lux, temperature_c=celsius, trajectory=path)
+        if moves == "background" and masks is not None and matte_of(masks[item]) is not None:
+            yield taken  # the camera follows them
+        elif ego is None:
+            yield replace(taken, velocity_px_s=(x, y))
+        else:
+            yield replace(taken, ego_speed_m_s=ego[item].item() / 3.6, vehicle=ranges.vehicle)
 
 
 def _for_each(name: str, given: Sequence[T], batch: int) -> list[T]:
@@ -256,10 +227,8 @@ def _clamped(image: Tensor) -> Tensor:
     """``image``, at least float32, within [0, 1]; far outside, clamping would hide a mistake."""
     halves = (torch.float16, torch.bfloat16)  # which cannot hold a full well's electrons
     image = image.float() if isinstance(image, Tensor) and image.dtype in halves else image
-    seen = image_batch("image", image).detach()
-    # NumPy's extremes wake no threads, which would spin beside the work that follows.
-    ends = seen.aminmax() if seen.device.type != "cpu" else (seen.numpy().min(), seen.numpy().max())
-    low, high = map(float, ends)
+    image_batch("image", image)
+    low, high = extremes(image)
     if low < -1.0 or high > 2.0:
         raise ValueError(
             f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]: divide 8-bit values by 255, and "

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -40,23 +40,6 @@ DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temper
 _ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks")
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges that replace one of them."""
-
-
-class Ranges(TypedDict, total=False):
-    """The fields of :class:`ExposureRanges` but for the camera, as keyword arguments."""
-
-    exposure_s: Range
-    illuminance_lux: Range
-    speed_px_s: Range
-    direction_deg: Range
-    temperature_c: Range
-    gain_db: Gain
-    shake_px: Range
-    moves: Moves | Sequence[Moves]
-    white_e: Range | None
-    blur_px: Range | None
-    ego_kmh: Range | None
-    vehicle: Vehicle
 
 
 class Draws(ABC):

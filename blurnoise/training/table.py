@@ -46,8 +46,6 @@ FILE = "conditions.json"
 MOST_SATURATED = 0.1
 """Mean share of a picture's values at a limit of the sensor beyond which a run's condition is left out."""
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
-_WHOLE = ("gain_auto", "moves_index", "camera_index")
-"""Columns that no precision rounds."""
 _TINY = 1e-30
 _NOT_DRAWN = {
     "trajectory": "its pictures move along a trajectory",
@@ -124,21 +122,16 @@ class ExposureTable(Draws):
             )
         try:
             held = json_of(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise ValueError(f"run = {str(path)!r}: {error}") from None
-        try:
-            for name, reason in _NOT_DRAWN.items():
-                if held.get(name):
-                    raise ValueError(f"run = {str(run)!r}: {reason}; training pictures are not taken so")
+            refused = [reason for name, reason in _NOT_DRAWN.items() if held.get(name)]
             if any(row["exposure_s"] == "auto" for row in held["conditions"]):
-                raise ValueError(
-                    f"run = {str(run)!r}: its camera sets exposures itself; training pictures need stated ones"
-                )
-            cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
-            auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
-            return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg)
-        except (KeyError, TypeError, AttributeError, OverflowError) as error:
+                refused.append("its camera sets exposures itself")
+            if not refused:
+                cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
+                auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
+                return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg)
+        except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
+        raise ValueError(f"run = {str(run)!r}: {refused[0]}; training pictures are not taken so")
 
     @classmethod
     def of_grid(
@@ -156,27 +149,17 @@ class ExposureTable(Draws):
         """Every combination of these values. Raises as the class does, ``TypeError`` for what is no sequence."""
         auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
         gains: Any = ("auto",) if gain_db == "auto" or gain_db is auto else gain_db
-        lists = {
-            "exposure_s": exposure_s,
-            "illuminance_lux": illuminance_lux,
-            "speed_px_s": speed_px_s,
-            "temperature_c": temperature_c,
-            "gain_db": gains,
-            "moves": moves,
-        }
+        values = {"exposure_s": exposure_s, "illuminance_lux": illuminance_lux, "speed_px_s": speed_px_s}
+        lists = {**values, "temperature_c": temperature_c, "gain_db": gains, "moves": moves}
         for name, given in lists.items():
             if isinstance(given, str) or not isinstance(given, Iterable):
-                raise TypeError(
-                    f"{name} = {shown(given)}: must be a sequence of values, such as [{shown(given)}]"
-                )
+                must = f"must be a sequence of values, such as [{shown(given)}]"
+                raise TypeError(f"{name} = {shown(given)}: {must}")
         warn_of_milliseconds(*exposure_s)
-        cameras = cameras_of(camera)
         lists["gain_db"] = [None if gain == "auto" else gain for gain in gains]
-        rows = (
-            Condition(**dict(zip(lists, each, strict=True)), camera=index)
-            for *each, index in product(*lists.values(), range(len(cameras)))
-        )
-        return cls(cameras, tuple(rows), auto, direction_deg)
+        lists["camera"] = range(len(cameras_of(camera)))
+        rows = (Condition(**dict(zip(lists, each, strict=True))) for each in product(*lists.values()))
+        return cls(camera, tuple(rows), auto, direction_deg)
 
     @cached_property
     def moves(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -193,41 +176,34 @@ class ExposureTable(Draws):
         shares = iter(uniform.unbind(-1))
         # in double precision: a thousand rows leave single precision few places
         row = chosen(next(shares).double(), len(self.rows)).cpu()
-        held = {name: column[row] for name, column in self._columns.items()}
-        whole = {name: held.pop(name).to(uniform.device) for name in _WHOLE if name in held}
-        taken = {name: column.to(uniform) for name, column in held.items()}
-        most = taken.pop("most_lux_s")
-        ends = {name: (taken.pop(f"least {name}"), taken.pop(f"most {name}")) for name in _SPREAD}
-        for name, (low, high) in ends.items():
+        taken = {
+            name: column[row].to(uniform if column.is_floating_point() else uniform.device)
+            for name, column in self._columns.items()
+        }
+        most, least = taken.pop("most_lux_s"), {}
+        for name in _SPREAD:
+            low, high = taken.pop(f"least {name}"), taken.pop(f"most {name}")
             share = next(shares)
             ratio = (high / low.clamp_min(_TINY)) ** share
             in_logarithm = (low > 0) & (name != "speed_px_s")
             value = torch.where(in_logarithm, low * ratio, low + (high - low) * share)
-            taken[name] = torch.minimum(torch.maximum(value, low), high)
+            taken[name], least[name] = value.clamp(low, high), low
         exposure, light = taken["exposure_s"], taken["illuminance_lux"]
-        exposure = torch.maximum(
-            torch.minimum(exposure, most / light.clamp_min(_TINY)), ends["exposure_s"][0]
-        )
-        light = torch.minimum(light, most / exposure.clamp_min(_TINY))
+        exposure = torch.minimum(exposure, most / light.clamp_min(_TINY)).clamp_min(least["exposure_s"])
+        light = torch.minimum(light, most / exposure.clamp_min(_TINY)).clamp_min(least["illuminance_lux"])
         fastest = LIMITS["displacement_px"].high / exposure.clamp_min(_TINY)  # a row's own is within it
-        taken["exposure_s"] = exposure
-        taken["illuminance_lux"] = torch.maximum(light, ends["illuminance_lux"][0])
+        taken |= {"exposure_s": exposure, "illuminance_lux": light}
         taken["speed_px_s"] = torch.minimum(taken["speed_px_s"], fastest * (1 - 1e-6))
         if self.direction_deg is not None:
             first, last = self.direction_deg  # type: ignore[misc]
             taken["direction_deg"] = first + (last - first) * next(shares)
-        return {**taken, **whole}
+        return taken
 
     @cached_property
     def _columns(self) -> dict[str, Tensor]:
-        """Quantities by row, (rows,) each: ``_WHOLE`` without those that are all the same, and the rest, float64."""
-        held = {
-            name: np.array([row[place] for row in self.rows]) for place, name in enumerate(Condition._fields)
-        }
+        """Quantities by row, (rows,) each: numbers in float64, indices, and whether the gain is the camera's."""
+        held = dict(zip(Condition._fields, map(np.array, zip(*self.rows, strict=True)), strict=True))
         found = {name: held[name] for name in ("direction_deg", "temperature_c", "most_lux_s")}
-        auto = np.array([row.gain_db is None for row in self.rows])
-        if not auto.all():
-            found["gain_db"] = np.where(auto, 0.0, held["gain_db"])
         for name in _SPREAD:
             known, index = np.unique(held[name], return_inverse=True)
             low, high = known[:-1], known[1:]
@@ -237,21 +213,21 @@ class ExposureTable(Draws):
             if name == "speed_px_s":
                 highs[known == 0] = 0.0
             found |= {f"least {name}": np.append(known[0], middles)[index], f"most {name}": highs[index]}
+        auto = np.array([row.gain_db is None for row in self.rows])
+        if not auto.all():
+            found["gain_db"] = np.where(auto, 0.0, held["gain_db"])
         columns = {name: torch.from_numpy(values.astype(np.float64)) for name, values in found.items()}
         columns["camera_index"] = torch.from_numpy(held["camera"])
         if auto.any() and not auto.all():
             columns["gain_auto"] = torch.from_numpy(auto)
         if self.moves != ("all",):
-            columns["moves_index"] = torch.tensor([self.moves.index(row.moves) for row in self.rows])
+            columns["moves_index"] = torch.tensor([self.moves.index(each) for each in held["moves"]])
         return columns
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
-        spans = (
-            f"{name}=({min(values):g}, {max(values):g})"
-            for name in _SPREAD
-            for values in ([getattr(row, name) for row in self.rows],)
-        )
+        columns = {name: [getattr(row, name) for row in self.rows] for name in _SPREAD}
+        spans = (f"{name}=({min(values):g}, {max(values):g})" for name, values in columns.items())
         return f"{len(self.rows)} conditions, camera=({cameras}), {', '.join(spans)}"
 
 

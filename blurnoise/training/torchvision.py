@@ -6,7 +6,7 @@ uint8 rounded. Convention: as in v2, all images of one call get the same conditi
 
 from __future__ import annotations
 
-from typing import Any, Unpack
+from typing import Any
 
 import PIL.Image
 import torch
@@ -20,7 +20,7 @@ from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.augmentation import OverConditions, checked_flags
 from blurnoise.training.expose import boxes_after
-from blurnoise.training.ranges import Cameras, ExposureRanges, Ranges
+from blurnoise.training.ranges import Cameras, ExposureRanges
 
 
 class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
@@ -43,7 +43,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         p: float = 0.5,
-        **ranges: Unpack[Ranges],
+        **ranges: Any,
     ) -> None:
         super().__init__()
         self.ranges = ExposureRanges(camera, **ranges)
@@ -87,7 +87,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         frames = (picture.float() / 255 if coded else picture).reshape(-1, *picture.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
         seeds = rng.item_seeds(noise, len(frames))
-        exposed = self._exposed(frames, params, [0] * len(frames), seeds, vars(self)).reshape(picture.shape)
+        exposed = self._exposed(frames, params, [0] * len(frames), seeds, vars(self)).view(picture.shape)
         return exposed.mul(255).round().to(torch.uint8) if coded else exposed
 
     def _moved(self, boxes: Any, params: dict[str, Any]) -> Any:

@@ -290,7 +290,9 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera: Any, s
             continue
         taker, exposure_s = aug.ranges.cameras[0], float(one["exposure_s"])
         velocity = velocity_px_s(one["speed_px_s"], one["direction_deg"])[0]
-        own, rest = (velocity, 0 * velocity)[:: 1 if aug.ranges.moving(one) == ["targets"] else -1]
+        own, rest = (velocity, 0 * velocity)[
+            :: 1 if aug.ranges.arguments(one)["moves"] == ["targets"] else -1
+        ]
         light = linear_from_srgb(image[item : item + 1])
         cut = cutting.cut_out(light, [matte], [own], cutting.filled(light, cutting.hole_of(matte > 0)))
         dn = simulate(

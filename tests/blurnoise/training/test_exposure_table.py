@@ -195,7 +195,7 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path: Path) -> None:
     params = aug.generate_parameters((200, 3, 8, 8))
     first = params["exposure_s"] < math.sqrt(0.01 * 0.02)
     assert 60 < int(first.sum()) < 140
-    moves = [aug.ranges.moving(params)[index] for index in range(200)]
+    moves = aug.ranges.arguments(params)["moves"]
     assert moves == ["all" if own else "targets" for own in first.tolist()]
     assert torch.equal(params["camera_index"] == 0, first)
     assert [camera.f_number for camera in aug.ranges.cameras] == [1.4, 4.0]
