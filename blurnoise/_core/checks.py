@@ -384,11 +384,13 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     name, *below = map(str, fault["loc"])
     value, rule = fault["input"] if below else given[name], fault["type"]
     about = model.model_fields[name].metadata
+    of_entries = [getattr(kind, "__metadata__", ()) for kind in get_args(model.model_fields[name].annotation)]
+    limits = [limit for entry in of_entries for limit in entry] if below else about
     if rule == "value_error":  # of a validator of ours, whose message is complete
         return ValueError(str(fault["ctx"]["error"]))
     if rule == "float_type" and type(value) is int:
         return ValueError(f"{name}: must be finite, got an integer beyond 1e308")
-    if float in about and type(value) is int:
+    if float in limits and type(value) is int:
         value = float(value)
     own = [text for text in about if isinstance(text, str) and rule != "string_unicode"]
     if own:
@@ -402,10 +404,6 @@ def _first_fault(error: ValidationError, given: Mapping[str, object], model: typ
     elif "class_name" in fault.get("ctx", {}):  # of a tuple of records
         must = f"must be a {fault['ctx']['class_name']}"
     else:
-        of_entries = [
-            getattr(kind, "__metadata__", ()) for kind in get_args(model.model_fields[name].annotation)
-        ]
-        limits = [limit for entry in of_entries for limit in entry] if below else about
         ends = {
             key: end for limit in limits for key in _ENDS if (end := getattr(limit, key, None)) is not None
         }

@@ -75,7 +75,8 @@ class Distortion(_OverTheField):
         return _displaced(lens.farthest_px(at.camera.field)) if self.has(at.camera) else 0.0
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        return resampling.sampled(light, *lens.sources(at.camera.field, _size(light)), border)
+        x, y = lens.sources(at.camera.field, _size(light))
+        return resampling.sampled(light, x, y, border)
 
     def how(self, at: Conditions[float]) -> str:
         shape = at.camera.lens.distortion
@@ -228,7 +229,8 @@ def _shares(camera: Camera) -> tuple[float, float]:
 def _larger(plane: Tensor, share: float, at: Conditions[Tensor], border: Border) -> Tensor:
     if not share:
         return plane
-    return resampling.sampled(plane, *lens.larger(at.camera.field, share, _size(plane)), border)
+    x, y = lens.larger(at.camera.field, share, _size(plane))
+    return resampling.sampled(plane, x, y, border)
 
 
 def _ends_px(camera: Camera) -> tuple[float, float]:

@@ -131,7 +131,7 @@ class View:
     def rays(self, pixels: Floats) -> Floats:
         """Unit vectors (3, ...) towards what pixels (2, ...) see."""
         if self._field:
-            x, y = self._field.directions(pixels[0], pixels[1], (self.height_px, self.width_px))
+            x, y = self._field.directions(pixels, (self.height_px, self.width_px))
             rays = np.stack([x, y, np.ones_like(x)])
             return np.asarray(rays / np.linalg.norm(rays, axis=0))
         x = (pixels[0] - (self.width_px - 1) / 2) / self.focal_px
@@ -152,18 +152,18 @@ class View:
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
         if self._field:
             size = self.height_px, self.width_px
-            x, y = self._field.directions(pixels[0], pixels[1], size)
+            seen = x, y = self._field.directions(pixels, size)
             near = np.sqrt(1 + x * x + y * y) / range_m
             (vx, vy, vz), (wx, wy, wz) = velocity, turn
             u = (x * vz - vx) * near + wx * x * y - wy * (1 + x * x) + wz * y
             v = (y * vz - vy) * near + wx * (1 + y * y) - wy * x * y - wz * x
+            moving = np.stack([u, v])
             if self.calibrated is None:
-                return self.focal_px * np.stack([u, v])
+                return self.focal_px * moving
             fastest = np.hypot(u, v)
             step_s = _STEP / np.where(fastest > 0, fastest, 1.0)
-            after = self.calibrated.imaged(x + u * step_s, y + v * step_s, size)
-            before = self.calibrated.imaged(x - u * step_s, y - v * step_s, size)
-            return (np.stack(after) - np.stack(before)) / (2 * step_s)
+            after, before = (self.calibrated.imaged(seen + moving * way, size) for way in (step_s, -step_s))
+            return (after - before) / (2 * step_s)
         rays = self.rays(pixels)
         along = np.tensordot(velocity, rays, 1)
         column = velocity.reshape(3, *[1] * (rays.ndim - 1))

@@ -8,6 +8,7 @@ sensor's largest part of its shape, about its centre. NumPy, float64.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Literal
@@ -15,7 +16,7 @@ from typing import Annotated, Literal
 import numpy as np
 from annotated_types import Ge, Le
 
-from blurnoise._core.checks import Figure, check_fields, limited, shown, within
+from blurnoise._core.checks import Figure, check_fields, shown, within
 from blurnoise.optics.spectra import Floats, check_samples
 from blurnoise.optics.transfer import Measured
 
@@ -78,88 +79,75 @@ class RelativeIllumination:
 class Distortion:
     """Distortion by OpenCV's models: where a lens images the directions of a pinhole camera, and back.
 
-    Directions are (x, y) = (X/Z, Y/Z); times the focal length they are px from the centre. "opencv": k1, k2, p1,
-    p2[, k3[, k4, k5, k6]] as ``cv2.projectPoints`` takes them; "fisheye": k1 to k4 as ``cv2.fisheye.distortPoints``
-    does (Kannala & Brandt 2006).
+    Directions are (x, y) = (X/Z, Y/Z), arrays (2, ...); times the focal length they are px from the centre. "opencv":
+    k1, k2, p1, p2[, k3[, k4, k5, k6]] as ``cv2.projectPoints`` takes them; "fisheye": k1 to k4 as
+    ``cv2.fisheye.distortPoints`` does (Kannala & Brandt 2006).
 
     focal_px: (fx, fy) of the calibration, in px of the sensor, or () for the rectilinear lens of the camera's
     hfov_deg. centre_px: (cx, cy), or () for the centre of the sensor, ((width - 1) / 2, (height - 1) / 2).
     """
 
     model: Literal["opencv", "fisheye"]
-    coefficients: tuple[float, ...]
-    focal_px: tuple[float, ...] = ()
-    centre_px: tuple[float, ...] = ()
+    coefficients: tuple[Annotated[Figure, within("coefficient")], ...]
+    focal_px: tuple[Annotated[Figure, within("focal_px")], ...] = ()
+    centre_px: tuple[Annotated[Figure, within("centre_px")], ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self)
-        for name, entry, counts in (
-            ("coefficients", "coefficient", _COUNTS[self.model]),
-            ("focal_px", None, (0, 2)),
-            ("centre_px", None, (0, 2)),
-        ):
-            values = getattr(self, name)
-            if len(values) not in counts:
-                allowed = " or ".join(map(str, counts))
-                raise ValueError(f"{name} = {shown(values)}: must be {allowed} numbers, got {len(values)}")
-            for value in values:
-                limited(name, value, entry)
+        counts = {"coefficients": _COUNTS[self.model], "focal_px": (0, 2), "centre_px": (0, 2)}
+        for name, allowed in counts.items():
+            if len(values := getattr(self, name)) not in allowed:
+                must = " or ".join(map(str, allowed))
+                raise ValueError(f"{name} = {shown(values)}: must be {must} numbers, got {len(values)}")
 
-    def distorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Image of the directions (x, y) through the lens."""
+    def distorted(self, seen: Floats) -> Floats:
+        """Image of directions through the lens."""
+        x, y = seen
         squared = x * x + y * y
         if self.model == "fisheye":
             r = np.sqrt(squared)
             ratio = np.where(r > 1e-8, self._fisheye(np.arctan(r)) / np.maximum(r, 1e-8), 1.0)
-            return x * ratio, y * ratio
-        _, _, p1, p2 = self.coefficients[:4]
-        ratio = self._rational(squared)
-        cross = 2 * x * y
-        return (
-            x * ratio + p1 * cross + p2 * (squared + 2 * x * x),
-            y * ratio + p1 * (squared + 2 * y * y) + p2 * cross,
-        )
+            return np.asarray(seen * ratio)
+        p1, p2 = self.coefficients[2:4]
+        ratio, cross = self._rational(squared), 2 * x * y
+        along = x * ratio + p1 * cross + p2 * (squared + 2 * x * x)
+        return np.stack([along, y * ratio + p1 * (squared + 2 * y * y) + p2 * cross])
 
-    def undistorted(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """The directions that the lens images to (x, y): from the radial part, then by Newton's method.
+    def undistorted(self, image: Floats) -> Floats:
+        """The directions that the lens images there: from the radial part, then by Newton's method.
 
         Raises ``ValueError`` where there is none before the model folds back, or beyond 89.9 degrees from the axis.
         """
-        wanted = np.hypot(x, y)
-        r, seen = _branch(self)
+        wanted = np.hypot(*image)
+        r, reached = _branch(self)
         slack = 0.0
         if self.model == "opencv":
             slack = 3 * (abs(self.coefficients[2]) + abs(self.coefficients[3])) * min(float(r[-1]), 10.0) ** 2
-        if float(wanted.max(initial=0.0)) > seen[-1] + slack:
+        if float(wanted.max(initial=0.0)) > reached[-1] + slack:
             raise ValueError(
-                f"images nothing beyond {seen[-1]:.4g} focal lengths from the centre, where it folds or ends; "
+                f"images nothing beyond {reached[-1]:.4g} focal lengths from the centre, where it folds or ends; "
                 f"the picture reaches {wanted.max():.4g}"
             )
-        ratio = np.where(wanted > 1e-6, np.interp(wanted, seen, r) / np.maximum(wanted, 1e-6), 1.0)
-        u, v = x * ratio, y * ratio
+        found = image * np.where(wanted > 1e-6, np.interp(wanted, reached, r) / np.maximum(wanted, 1e-6), 1.0)
         for _ in range(3 if slack else 1):
-            at = self.distorted(u, v)
-            ux, uy = self._slopes(u, v, _STEP, 0.0)
-            vx, vy = self._slopes(u, v, 0.0, _STEP)
-            off_x, off_y = x - at[0], y - at[1]
+            off_x, off_y = image - self.distorted(found)
+            (ux, uy), (vx, vy) = self._slopes(found, _STEP, 0.0), self._slopes(found, 0.0, _STEP)
             area = ux * vy - vx * uy
             area = np.where(np.abs(area) > 1e-9, area, np.inf)
-            u, v = u + (off_x * vy - off_y * vx) / area, v + (off_y * ux - off_x * uy) / area
-        at = self.distorted(u, v)
-        miss = float(np.hypot(at[0] - x, at[1] - y).max(initial=0.0))
+            found = found + np.stack([off_x * vy - off_y * vx, off_y * ux - off_x * uy]) / area
+        miss = float(np.hypot(*(self.distorted(found) - image)).max(initial=0.0))
         if not miss < 1e-6:  # NaN included
             raise ValueError(f"cannot be inverted over the picture; misses by {miss:.2g} focal lengths")
-        return u, v
+        return found
 
-    def before_fold(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """The directions (x, y), those beyond where the model folds back drawn in to there."""
-        r, last = np.hypot(x, y), float(_branch(self)[0][-1])
-        share = np.where(r > last, last / np.maximum(r, 1e-12), 1.0)
-        return x * share, y * share
+    def before_fold(self, seen: Floats) -> Floats:
+        """Directions, those beyond where the model folds back drawn in to there."""
+        r, last = np.hypot(*seen), float(_branch(self)[0][-1])
+        return np.asarray(seen * np.where(r > last, last / np.maximum(r, 1e-12), 1.0))
 
-    def _slopes(self, x: Floats, y: Floats, dx: float, dy: float) -> Floats:
-        after, before = self.distorted(x + dx, y + dy), self.distorted(x - dx, y - dy)
-        return (np.stack(after) - np.stack(before)) / (2 * _STEP)
+    def _slopes(self, seen: Floats, dx: float, dy: float) -> Floats:
+        step = _column((dx, dy), seen)
+        return (self.distorted(seen + step) - self.distorted(seen - step)) / (2 * _STEP)
 
     def _fisheye(self, angle: Floats) -> Floats:
         t, (k1, k2, k3, k4) = angle * angle, self.coefficients
@@ -177,10 +165,15 @@ def _branch(lens: Distortion) -> tuple[Floats, Floats]:
     angle = np.linspace(0.0, _STEEPEST_RAD, _KNOTS)
     r = np.tan(angle)
     with np.errstate(all="ignore"):
-        seen = lens._fisheye(angle) if lens.model == "fisheye" else r * lens._rational(r * r)
-    grows = np.isfinite(seen[1:]) & (np.diff(seen) > 0)
+        reached = lens._fisheye(angle) if lens.model == "fisheye" else r * lens._rational(r * r)
+    grows = np.isfinite(reached[1:]) & (np.diff(reached) > 0)
     last = len(r) if grows.all() else int(np.argmin(grows)) + 1
-    return r[:last], seen[:last]
+    return r[:last], reached[:last]
+
+
+def _column(values: Sequence[float], points: Floats) -> Floats:
+    """Two numbers as points (2, ...) take them."""
+    return np.reshape(values, (2, *[1] * (points.ndim - 1)))
 
 
 @dataclass(frozen=True)
@@ -228,7 +221,10 @@ _AROUND = 64  # points of an ellipse
 
 @dataclass(frozen=True)
 class Field:
-    """A lens before a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across."""
+    """A lens before a sensor of width_px by height_px, whose pinhole camera sees hfov_deg across.
+
+    Points of pictures (H, W) are arrays (2, ...) of x and y, px.
+    """
 
     lens: Lens
     width_px: int
@@ -255,31 +251,29 @@ class Field:
         return focal, focal
 
     def per_sensor_px(self, size: Size) -> float:
-        """Pixels of a picture (H, W) per pixel of the sensor."""
+        """Pixels of a picture per pixel of the sensor."""
         return max(size[0] / self.height_px, size[1] / self.width_px)
-
-    def axis_px(self, size: Size) -> tuple[float, float]:
-        """Position (x, y) of the optical axis in a picture, px."""
-        centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
-        own = (self.lens.distortion.centre_px if self.lens.distortion else ()) or centre
-        off = [x - half for x, half in zip(own, centre, strict=True)]
-        scale = self.per_sensor_px(size)
-        return (size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale
 
     def heights(self, size: Size) -> Floats:
         """Relative field heights (H, W): 0 on the axis, 1 at the corner of the sensor about its centre."""
-        (x, y), (axis_x, axis_y) = _pixels(size), self.axis_px(size)
-        return np.hypot(x - axis_x, y - axis_y) / (self.corner_px * self.per_sensor_px(size))
+        points = _pixels(size)
+        away = np.hypot(*(points - self._axis_px(points, size)))
+        return np.asarray(away / (self.corner_px * self.per_sensor_px(size)))
 
-    def moved(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Positions of points of the pinhole's picture after the lens."""
-        return self.imaged(*self._normalised(x, y, size), size) if self.lens.distortion else (x, y)
+    def directions(self, points: Floats, size: Size) -> Floats:
+        """The directions (X/Z, Y/Z) that points of a picture see."""
+        seen, shape = self._pinhole_directions(points, size), self.lens.distortion
+        return shape.undistorted(seen) if shape and self.lens.displaces else seen
 
-    def imaged(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Positions of directions (X/Z, Y/Z) after the lens, px."""
+    def imaged(self, seen: Floats, size: Size) -> Floats:
+        """Points at which the lens images directions."""
         if self.lens.distortion:
-            u, v = self.lens.distortion.distorted(*self.lens.distortion.before_fold(u, v))
-        return self._seen_at(u, v, size)
+            seen = self.lens.distortion.distorted(self.lens.distortion.before_fold(seen))
+        return self._pinhole_points(seen, size)
+
+    def moved(self, points: Floats, size: Size) -> Floats:
+        """Points of the pinhole's picture after the lens."""
+        return self.imaged(self._pinhole_directions(points, size), size) if self.lens.distortion else points
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
         """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them.
@@ -287,27 +281,26 @@ class Field:
         Each bounds the image of the ellipse inscribed in its box: objects seldom fill the corners, which move most.
         """
         turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
-        low, high = boxes_xyxy[:, None, :2] - 0.5, boxes_xyxy[:, None, 2:] - 0.5
-        middle, half = (low + high) / 2, (high - low) / 2
-        x, y = self.moved(
-            middle[..., 0] + half[..., 0] * np.cos(turn), middle[..., 1] + half[..., 1] * np.sin(turn), size
-        )
-        return 0.5 + np.stack([x.min(1), y.min(1), x.max(1), y.max(1)], -1)
+        low, high = boxes_xyxy.T[:2, :, None] - 0.5, boxes_xyxy.T[2:, :, None] - 0.5
+        ellipses = (low + high) / 2 + (high - low) / 2 * np.stack([np.cos(turn), np.sin(turn)])[:, None]
+        seen = self.moved(ellipses, size)
+        return np.asarray(0.5 + np.concatenate([seen.min(-1), seen.max(-1)]).T)
 
-    def _normalised(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        (axis_x, axis_y), scale = self.axis_px(size), self.per_sensor_px(size)
-        return (x - axis_x) / (self.focal_px[0] * scale), (y - axis_y) / (self.focal_px[1] * scale)
+    def _axis_px(self, points: Floats, size: Size) -> Floats:
+        """The optical axis in a picture."""
+        centre = ((self.width_px - 1) / 2, (self.height_px - 1) / 2)
+        own = (self.lens.distortion.centre_px if self.lens.distortion else ()) or centre
+        off = [x - half for x, half in zip(own, centre, strict=True)]
+        scale = self.per_sensor_px(size)
+        return _column(((size[1] - 1) / 2 + off[0] * scale, (size[0] - 1) / 2 + off[1] * scale), points)
 
-    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Floats]:
-        """The directions (X/Z, Y/Z) that pixels see."""
-        u, v = self._normalised(x, y, size)
-        shape = self.lens.distortion
-        return shape.undistorted(u, v) if shape and self.lens.displaces else (u, v)
+    def _pinhole_directions(self, points: Floats, size: Size) -> Floats:
+        focal = _column(self.focal_px, points) * self.per_sensor_px(size)
+        return np.asarray((points - self._axis_px(points, size)) / focal)
 
-    def _seen_at(self, u: Floats, v: Floats, size: Size) -> tuple[Floats, Floats]:
-        """Positions of directions in the pinhole's picture, px."""
-        (axis_x, axis_y), scale = self.axis_px(size), self.per_sensor_px(size)
-        return axis_x + u * self.focal_px[0] * scale, axis_y + v * self.focal_px[1] * scale
+    def _pinhole_points(self, seen: Floats, size: Size) -> Floats:
+        moved = seen * _column(self.focal_px, seen) * self.per_sensor_px(size)
+        return np.asarray(self._axis_px(seen, size) + moved)
 
 
 @lru_cache(maxsize=256)
@@ -317,12 +310,12 @@ def farthest_px(field: Field) -> float:
     Raises ``ValueError`` unless the distortion is one to one over the sensor.
     """
     (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
-    x, y = np.meshgrid(share * width - 0.5, share * height - 0.5)
+    points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
     try:
-        seen_x, seen_y = field._seen_at(*field.directions(x, y, field.size), field.size)
+        seen = field._pinhole_points(field.directions(points, field.size), field.size)
     except ValueError as error:
         raise ValueError(f"lens.distortion: {error}") from None
-    return float(np.hypot(seen_x - x, seen_y - y).max())
+    return float(np.hypot(*(seen - points)).max())
 
 
 @lru_cache(maxsize=8)
@@ -332,22 +325,8 @@ def light(field: Field, size: Size) -> Floats:
     if curve is not None:
         per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
         return np.interp(field.heights(size), np.multiply(curve.heights, per_unit), curve.values)
-    x, y = field.directions(*_pixels(size), size)
+    x, y = field.directions(_pixels(size), size)
     return np.asarray((1 + x * x + y * y) ** (-field.lens.falloff_power / 2))
-
-
-@lru_cache(maxsize=2)
-def sources(field: Field, size: Size) -> tuple[Floats, Floats]:
-    """Positions (x, y), (H, W) each, in the pinhole's picture of what each pixel sees."""
-    return field._seen_at(*field.directions(*_pixels(size), size), size)
-
-
-@lru_cache(maxsize=4)
-def larger(field: Field, share: float, size: Size) -> tuple[Floats, Floats]:
-    """Positions (x, y), (H, W) each, in the picture that the pixels of one larger by ``share`` show."""
-    x, y = _pixels(size)
-    axis_x, axis_y = field.axis_px(size)
-    return axis_x + (x - axis_x) / (1 + share), axis_y + (y - axis_y) / (1 + share)
 
 
 @lru_cache(maxsize=256)
@@ -358,7 +337,20 @@ def least_light(field: Field) -> float:
     return float(light(field, (max(1, height // step), max(1, width // step))).min())
 
 
-def _pixels(size: Size) -> tuple[Floats, Floats]:
-    """The pixels' centres (x, y), (H, W) each."""
-    across, down = np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0])))
-    return across, down
+@lru_cache(maxsize=2)
+def sources(field: Field, size: Size) -> Floats:
+    """Points (2, H, W) of the pinhole's picture that the pixels see."""
+    return field._pinhole_points(field.directions(_pixels(size), size), size)
+
+
+@lru_cache(maxsize=4)
+def larger(field: Field, share: float, size: Size) -> Floats:
+    """Points (2, H, W) of the picture that the pixels of one larger by ``share`` show."""
+    points = _pixels(size)
+    axis = field._axis_px(points, size)
+    return np.asarray(axis + (points - axis) / (1 + share))
+
+
+def _pixels(size: Size) -> Floats:
+    """The pixels' centres (2, H, W)."""
+    return np.stack(np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0]))))

@@ -28,7 +28,7 @@ def directions() -> tuple[Any, Any]:
 @pytest.mark.parametrize("lens", MODELS)
 def test_models_are_opencvs(lens: Distortion) -> None:
     x, y = directions()
-    own = np.stack(lens.distorted(x, y), -1)
+    own = np.moveaxis(lens.distorted(np.stack([x, y])), 0, -1)
     rays = np.stack([x, y], -1).reshape(1, -1, 2)
     if lens.model == "fisheye":
         theirs = cv2.fisheye.distortPoints(rays, np.eye(3), np.array(lens.coefficients))
@@ -42,17 +42,16 @@ def test_models_are_opencvs(lens: Distortion) -> None:
 
 @pytest.mark.parametrize("lens", MODELS)
 def test_there_and_back(lens: Distortion) -> None:
-    x, y = directions()
-    back = lens.undistorted(*lens.distorted(x, y))
-    np.testing.assert_allclose(back, (x, y), atol=1e-9)
+    seen = np.stack(directions())
+    np.testing.assert_allclose(lens.undistorted(lens.distorted(seen)), seen, atol=1e-9)
 
 
 def test_what_folds_is_named() -> None:
     """r (1 - r^2 / 3) turns at r = 1, where it is 2/3."""
     lens = Distortion("opencv", (-1 / 3, 0.0, 0.0, 0.0))
-    inside, _ = lens.undistorted(np.array([0.66]), np.array([0.0]))
+    inside, _ = lens.undistorted(np.array([[0.66], [0.0]]))
     assert inside[0] * (1 - inside[0] ** 2 / 3) == pytest.approx(0.66)
     with pytest.raises(ValueError, match=r"images nothing beyond 0\.666\d* focal lengths .* reaches 0\.7"):
-        lens.undistorted(np.array([0.7]), np.array([0.0]))
-    drawn = lens.before_fold(np.array([3.0, 0.3]), np.array([4.0, 0.4]))
+        lens.undistorted(np.array([[0.7], [0.0]]))
+    drawn = lens.before_fold(np.array([[3.0, 0.3], [4.0, 0.4]]))
     np.testing.assert_allclose(np.hypot(*drawn), [1.0, 0.5], atol=1e-3)

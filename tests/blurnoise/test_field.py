@@ -68,8 +68,7 @@ def test_sources_are_opencvs(scale: int) -> None:
     shape = Distortion("opencv", (-0.2, 0.04, 0.001, -0.0005, 0.002), (400.0, 410.0), (330.0, 235.0))
     lens = field(distortion=shape)
     size = (480 // scale, 640 // scale)
-    x, y = lenses.sources(lens, size)
-    back = lens.moved(x, y, size)
+    back = lens.moved(lenses.sources(lens, size), size)
     np.testing.assert_allclose(back, np.meshgrid(np.arange(size[1]), np.arange(size[0])), atol=1e-6)
     if scale == 1:
         matrix = np.array([[400.0, 0, 330], [0, 410, 235], [0, 0, 1]])
@@ -77,7 +76,7 @@ def test_sources_are_opencvs(scale: int) -> None:
             matrix, np.array(shape.coefficients), None, matrix, (640, 480), cv2.CV_32FC1
         )
         grid = np.meshgrid(np.arange(640.0), np.arange(480.0))
-        np.testing.assert_allclose(lens.moved(grid[0], grid[1], (480, 640)), theirs, atol=1e-3)
+        np.testing.assert_allclose(lens.moved(np.stack(grid), (480, 640)), theirs, atol=1e-3)
 
 
 def test_boxes_follow_what_is_in_them() -> None:

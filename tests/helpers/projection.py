@@ -14,7 +14,7 @@ def projected(view: View, points_m: Floats) -> Floats:
         with np.errstate(divide="ignore"):
             scale = np.where(z > 0, 1 / z, np.nan)
         if view.calibrated is not None:
-            return np.stack(view.calibrated.imaged(x * scale, y * scale, (view.height_px, view.width_px)))
+            return view.calibrated.imaged(points_m[:2] * scale, (view.height_px, view.width_px))
     else:
         across = np.hypot(x, y)
         scale = np.where(across > 0, np.arctan2(across, z) / np.where(across > 0, across, 1), 1 / np.abs(z))
