@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf50
+from closed_edges import closed_edge, closed_mtf50
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 

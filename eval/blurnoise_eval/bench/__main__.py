@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
@@ -14,7 +15,7 @@ from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show
 
 if TYPE_CHECKING:
-    from blurnoise_eval.bench.contest import Contest
+    from blurnoise_eval.bench.contest import Case, Contest
     from blurnoise_eval.datasets import PictureSet
 
 What = Literal["blur", "motion", "noise", "edges", "decide", "sweep", "augment"]
@@ -73,21 +74,15 @@ def bench(
 
     from blurnoise_eval.bench import contest, decide, edges, motion, noise, sweep
 
-    contests = {
-        "blur": motion.blur,
-        "motion": motion.motion,
-        "noise": noise.noise,
-        "edges": edges.edges,
+    contests: dict[str, Any] = {
+        "blur": motion.blur, "motion": motion.motion, "noise": noise.noise, "edges": edges.edges,
         "augment": _augment,
-    }
-    if what in contests:
-        chosen = contests[what](quick=quick)
-    else:
+    }  # fmt: skip
+    if what in OF_MODELS:
         detector, pictures = given.detector(model, contract), _pictures(coco, images, what, quick=quick)
-        if what == "sweep":
-            chosen = sweep.sweep(detector, pictures, workers, quick=quick)
-        else:
-            chosen = decide.decide(detector, pictures, workers, folder, quick=quick)
+        contests["sweep"] = partial(sweep.sweep, detector, pictures, workers)
+        contests["decide"] = partial(decide.decide, detector, pictures, workers, folder)
+    chosen: Contest = contests[what](quick=quick)
     with ProgressBar("bench", len(chosen.cases)) as advance:
         result = contest.run(chosen, quick=quick, threads=workers, progress=advance)
     folder.mkdir(parents=True, exist_ok=True)
@@ -112,24 +107,39 @@ def _pictures(coco: Path | None, images: Path | None, what: str, *, quick: bool)
 
 
 def _augment(*, quick: bool) -> Contest:
-    """Of the small detector's training, which the harness knows nothing of."""
+    """Augmentations of shares of a batch beside training steps of the small detector."""
     import tempfile
-    from functools import partial
 
     import numpy as np
     from blurnoise_models import training
     from blurnoise_models.mixes import blur_and_noise
 
-    from blurnoise_eval.bench.augment import augment
+    from blurnoise import RandomExposure
+    from blurnoise_eval.bench.contest import Case, Contender, Contest
 
     count = 8 if quick else training.BATCH
     with tempfile.TemporaryDirectory() as folder:
         pictures, boxes = training.batch(training.pool(Path(folder), count), np.arange(count))
     step = partial(training.learn, *training.beginner(), pictures, boxes)
-    precisions = ["float32", *(["bfloat16"] if training.has_bfloat16() else [])]
-    return augment(
-        {name: partial(step, bfloat16=name == "bfloat16") for name in precisions}, pictures, blur_and_noise
-    )
+
+    def case() -> Case:
+        precisions = ["float32", *(["bfloat16"] if training.has_bfloat16() else [])]
+        ways = [
+            Contender(f"training step, {name}", partial(step, bfloat16=name == "bfloat16"))
+            for name in precisions
+        ]
+        ours: Any = RandomExposure  # of Kornia's classes, which mypy does not follow
+        for p in (0.5, 0.8, 1.0):
+            ways.append(Contender(f"RandomExposure, p = {p:g}", partial(ours(p=p), pictures), True))
+            ways.append(
+                Contender(f"Kornia's blur and noise, p = {p:g}", partial(blur_and_noise(p), pictures))
+            )
+        return Case(f"batch of {len(pictures)}", ways, units=len(pictures))
+
+    return Contest(
+        "augment", "Augmentations beside a training step, 320x320 in colour", [case],
+        cost_unit="ms per picture", seconds=20.0,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""A contest: contenders do the same work on the same cases, and every one has a time beside its error.
+"""A contest: contenders do the same work on the same cases, and each has a time beside its error.
 
-The first contender of a case is the reference that times are compared with. All are timed in turns, so that a change
-of the machine's load meets them alike, and each result is held against the case's truth.
+The first contender of a case is the reference of the times. All are timed in turns, so that a change of the machine's
+load meets them alike, and each result is compared with the case's truth.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,18 +18,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from blurnoise_eval.bench.timing import in_turns_ms, machine
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
+from blurnoise_eval.system.machine import hardware, versions
 from blurnoise_eval.system.threads import limited_threads
 
 Progress = Callable[[float], object]
+FEWEST, MOST = 3, 12
+"""Timed calls of a contender."""
 _COLOURS = (
     "#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c564b", "#777777", "#bcbd22",
 )  # fmt: skip
 _MARKERS = "osX^DPv<ph"
 _COLUMNS = 3
-_LEAST = 1e-6  # errors are drawn from here on
+_LEAST = 1e-6  # the smallest error of a chart
 
 
 @dataclass(frozen=True)
@@ -43,9 +47,8 @@ class Contender:
 class Case:
     """The same work for all contenders.
 
-    error: of what a contender's call returns, in the contest's unit; None where there is no truth. units: in how many
-    parts a call's time is divided, such as pictures. cost: of what the call returns, where a contest counts something
-    else than time.
+    error: of a result, in the contest's unit; None without a truth. units: the time of a call is divided by it,
+    such as a number of pictures. cost: of a result, where a contest counts something other than time.
     """
 
     name: str
@@ -57,9 +60,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Contest:
-    """What is compared: cases made one after the other, the title, and the units of cost and error.
+    """What is compared: functions that make the cases, the title, and the units of cost and error.
 
-    seconds: how long a contender of a case is timed, between 3 and 12 calls; a tenth of it where it is quick.
+    seconds: how long each contender of a case is timed; a tenth of it in a quick contest.
     """
 
     name: str
@@ -72,7 +75,7 @@ class Contest:
 
 @dataclass(frozen=True)
 class Row:
-    """One contender in one case: the quartiles of its cost, that over the first contender's, and its error."""
+    """One contender in one case: the quartiles of its cost, the median over that of the first one, its error."""
 
     case: str
     contender: str
@@ -99,17 +102,15 @@ class Result:
             own = [each for each in self.rows if each.case == row.case and each.ours]
             if row.ours or not own:
                 continue
-            faster = row.cost < 0.98 * min(each.cost for each in own)
             errors = [each.error for each in own if each.error is not None]
-            closer = row.error is not None and bool(errors) and row.error < 0.98 * min(errors)
-            if faster or closer:
-                what = " and ".join(word for word, true in (("costs", faster), ("errs", closer)) if true)
-                found.append(f"{row.case}: {row.contender} {what} less, {self._figures(row)}")
+            words = ["costs"] if row.cost < 0.98 * min(each.cost for each in own) else []
+            if row.error is not None and errors and row.error < 0.98 * min(errors):
+                words.append("errs")
+            if words:
+                of = f"{row.to_first:.2f} of the first's {self.contest.cost_unit}"
+                error = "" if row.error is None else f", error {digits(row.error)} {self.contest.error_unit}"
+                found.append(f"{row.case}: {row.contender} {' and '.join(words)} less, {of}{error}")
         return found
-
-    def _figures(self, row: Row) -> str:
-        error = "" if row.error is None else f", error {digits(row.error)} {self.contest.error_unit}"
-        return f"{row.to_first:.2f} of the first's {self.contest.cost_unit}{error}"
 
     def write(self, folder: Path) -> None:
         """Write NAME.csv, a row per contender and case, NAME.json and NAME.png; raises ``OSError``."""
@@ -128,49 +129,54 @@ class Result:
             "rows": [asdict(row) for row in self.rows],
         }
 
+    def cases(self) -> dict[str, list[Row]]:
+        """The rows by the name of their case."""
+        return {row.case: [each for each in self.rows if each.case == row.case] for row in self.rows}
+
     def table(self) -> Table:
-        """A line per contender, under each case's own."""
+        """A line per contender, under each case's name."""
         table = Table(title=self.contest.title, title_justify="left")
-        with_errors = any(row.error is not None for row in self.rows)
         table.add_column("", no_wrap=True)
+        with_errors = any(row.error is not None for row in self.rows)
         for name in (self.contest.cost_unit, "to first", *([self.contest.error_unit] * with_errors)):
             table.add_column(name, justify="right")
-        last = ""
-        for row in self.rows:
-            if row.case != last:
-                table.add_section()
-                table.add_row(f"{row.case}:")
-                last = row.case
-            error = [] if not with_errors else ["" if row.error is None else digits(row.error)]
-            table.add_row(row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
+        for case, rows in self.cases().items():
+            table.add_section()
+            table.add_row(f"{case}:")
+            for row in rows:
+                error = [] if row.error is None else [digits(row.error)]
+                table.add_row(row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
         return table
 
     def chart(self) -> Figure:
         """A panel per case: cost against error, both logarithmic; down and left is better. Without errors, cost."""
-        cases = list(dict.fromkeys(row.case for row in self.rows))
-        names = list(dict.fromkeys(row.contender for row in self.rows))
+        cases, names = self.cases(), list(dict.fromkeys(row.contender for row in self.rows))
+        looks: dict[str, dict[str, Any]] = {
+            name: {
+                "color": _COLOURS[place % len(_COLOURS)], "marker": _MARKERS[place % len(_MARKERS)], "ms": 7,
+                "mec": "white", "mew": 0.5,
+            }
+            for place, name in enumerate(names)
+        }  # fmt: skip
         columns = min(_COLUMNS, len(cases) + 1)
-        figure, panels = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
-        for axes, case in zip(panels, cases, strict=False):
-            self._draw(axes, [row for row in self.rows if row.case == case], names)
+        figure, (*panels, last) = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
+        for axes, (case, rows) in zip(panels, cases.items(), strict=True):
+            self._draw(axes, rows, looks)
             axes.set_title(case, fontsize=9.5, loc="left")
-        panels[-1].set_axis_off()
-        points = [
-            panels[-1].plot([], [], ls="", label=name, **_look(index))[0] for index, name in enumerate(names)
-        ]
-        panels[-1].legend(handles=points, loc="center", fontsize=8.5, frameon=False)
+        last.set_axis_off()
+        points = [last.plot([], [], ls="", label=name, **look)[0] for name, look in looks.items()]
+        last.legend(handles=points, loc="center", fontsize=8.5, frameon=False)
         better = "left" if self.rows[0].error is None else "down and left"
         figure.suptitle(f"{self.contest.title}: {better} is better", fontsize=10)
         threads = self.machine["threads"]
-        figure.supxlabel(
-            f"{threads} thread{'s' * (threads != 1)}, {self.machine['processor']}", fontsize=8, color="0.45"
-        )
+        where = f"{threads} thread{'s' * (threads != 1)}, {self.machine['processor']}"
+        figure.supxlabel(where, fontsize=8, color="0.45")
         return figure
 
-    def _draw(self, axes: Axes, rows: Sequence[Row], names: Sequence[str]) -> None:
+    def _draw(self, axes: Axes, rows: Sequence[Row], looks: Mapping[str, Mapping[str, Any]]) -> None:
         for row in rows:
-            look = _look(names.index(row.contender))
-            place = -names.index(row.contender) if row.error is None else max(row.error, _LEAST)
+            look = looks[row.contender]
+            place = -list(looks).index(row.contender) if row.error is None else max(row.error, _LEAST)
             axes.plot([row.low, row.high], [place, place], color=look["color"], lw=1.2, zorder=2)
             axes.plot(row.cost, place, zorder=4 if row.ours else 3, **look)
         axes.set_xscale("log")
@@ -188,42 +194,57 @@ def run(
     contest: Contest, *, quick: bool = False, threads: int = 2, progress: Progress = lambda share: None
 ) -> Result:
     """Let all contenders do all cases; ``progress`` receives each finished share of a case."""
-    facts, rows = machine(threads), list[Row]()
-    seconds = contest.seconds / (10 if quick else 1)
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    machine = {**hardware(), "threads": threads, "load": load, "versions": versions()}
+    rows = list[Row]()
     with limited_threads(threads):
         for make in contest.cases:
-            rows += _rows(make(), seconds, progress)
-    return Result(contest, rows, facts)
+            rows += _rows(make(), contest.seconds / (10 if quick else 1), progress)
+    return Result(contest, rows, machine)
 
 
 def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
     results = {each.name: each.call() for each in case.contenders}
-    costs = {name: [case.cost(result)] for name, result in results.items()} if case.cost else {}
     if case.cost is None:
-        turns = in_turns_ms(
-            {each.name: each.call for each in case.contenders},
-            fewest=3,
-            most=12,
-            seconds=seconds,
-            progress=lambda share: progress(share / len(case.contenders)),
-        )
-        costs = {name: [value / case.units for value in times] for name, times in turns.items()}
+        times = in_turns_ms({each.name: each.call for each in case.contenders}, seconds, progress)
+        costs = {name: [value / case.units for value in values] for name, values in times.items()}
     else:
+        costs = {name: [case.cost(result)] for name, result in results.items()}
         progress(1)
-    spreads = {name: np.quantile(values, (0.25, 0.5, 0.75)).tolist() for name, values in costs.items()}
-    rows, first = [], spreads[case.contenders[0].name][1]
+    rows, first = [], float(np.median(costs[case.contenders[0].name]))
     for each in case.contenders:
-        low, cost, high = spreads[each.name]
+        low, cost, high = np.quantile(costs[each.name], (0.25, 0.5, 0.75)).tolist()
         error = None if case.error is None else case.error(results[each.name])
         rows.append(Row(case.name, each.name, each.ours, low, cost, high, cost / first, error))
     return rows
 
 
+def in_turns_ms(
+    calls: Mapping[str, Callable[[], object]], seconds: float, progress: Progress
+) -> dict[str, list[float]]:
+    """Times of each call, ms, taken in turns.
+
+    After one call that does not count, a call is repeated as often as fits into ``seconds``, from ``FEWEST`` to
+    ``MOST`` times, spread evenly over the turns. ``progress`` receives each turn's share.
+    """
+    counts = {
+        name: int(np.clip(1e3 * seconds / _time_ms(call), FEWEST, MOST)) for name, call in calls.items()
+    }
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for turn in range(1, MOST + 1):
+        for name, call in calls.items():
+            if turn * counts[name] // MOST > len(times[name]):
+                times[name].append(_time_ms(call))
+        progress(1 / MOST)
+    return times
+
+
+def _time_ms(call: Callable[[], object]) -> float:
+    started = time.perf_counter()
+    call()
+    return 1e3 * (time.perf_counter() - started)
+
+
 def digits(value: float) -> str:
     """Two or three digits that count."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
-
-
-def _look(index: int) -> dict[str, Any]:
-    colour, marker = _COLOURS[index % len(_COLOURS)], _MARKERS[index % len(_MARKERS)]
-    return {"color": colour, "marker": marker, "ms": 7, "mec": "white", "mew": 0.5}

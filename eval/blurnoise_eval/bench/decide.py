@@ -7,12 +7,12 @@ exposure on the wrong side of a level, mean of lines; a line is one light and sp
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
@@ -41,27 +41,24 @@ Array = NDArray[np.float64]
 def decide(
     detector: Detector, pictures: datasets.PictureSet, threads: int, folder: Path, *, quick: bool
 ) -> Contest:
-    """The dense sweep is made in ``folder`` first, or gone on with."""
-    exposures = np.geomspace(*EXPOSURES, DENSE if not quick else 16)
-    plan = SweepPlan(
-        {
-            "exposure_s": tuple(exposures.tolist()),
-            "illuminance_lux": LIGHTS_LUX,
-            "velocity_x_px_s": SPEEDS_PX_S,
-        },
-        examples=False,
-    )
+    """The dense sweep is made in ``folder`` first, or continued."""
+    axes = {
+        "exposure_s": tuple(np.geomspace(*EXPOSURES, DENSE if not quick else 16).tolist()),
+        "illuminance_lux": LIGHTS_LUX,
+        "velocity_x_px_s": SPEEDS_PX_S,
+    }
+    plan = SweepPlan(axes, examples=False)
     with Store(folder / "dense", create=True) as store:
         run.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=ThreadEngine(threads))
         tables = score_tables(store, Criterion(0.9, kept=True), None)
         groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
         raise ValueError(f"model = {detector.name!r}: finds too little of these targets for a window")
-    truth = Truth(
-        groups[0].places, np.array([g.mean for g in groups]), np.array([g.standard_error for g in groups])
+    means, errors = (
+        np.array([getattr(each, name) for each in groups]) for name in ("mean", "standard_error")
     )
     return Contest(
-        "decide", f"Windows of {detector.name}", [partial(case, truth)],
+        "decide", f"Windows of {detector.name}", [partial(case, Truth(groups[0].places, means, errors))],
         cost_unit="conditions", error_unit="stops wrong",
     )  # fmt: skip
 
@@ -73,20 +70,17 @@ class Truth:
     """
 
     def __init__(self, places: Array, mean: Array, error: Array) -> None:
-        from scipy.interpolate import CloughTocher2DInterpolator
-
-        self._nodes, self._values = places, np.moveaxis(np.array([mean, error]), -1, 0)
-        self._at = CloughTocher2DInterpolator(self._nodes, self._values)
+        values = np.moveaxis(np.array([mean, error]), -1, 0)
+        self._between = CloughTocher2DInterpolator(places, values)
+        self._beyond = NearestNDInterpolator(places, values)
         self.lines = [Line(lux, (speed, 0.0)) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S]
         self.times = np.geomspace(*EXPOSURES, 24 * 7)
         self.places = np.concatenate([places_of(self.times, line) for line in self.lines])
 
     def seen(self, places: Array) -> tuple[Array, Array]:
-        """Of places (M, 2), two times (Q, M); the nearest node's beyond them all."""
-        values = self._at(places)
-        for index in np.flatnonzero(~np.isfinite(values).all(axis=(1, 2))):
-            values[index] = self._values[((self._nodes - places[index]) ** 2).sum(axis=1).argmin()]
-        mean, error = np.moveaxis(values, 0, -1)
+        """Of places (M, 2), two times (Q, M); beyond all nodes that of the nearest one."""
+        values = self._between(places)
+        mean, error = np.moveaxis(np.where(np.isfinite(values), values, self._beyond(places)), 0, -1)
         return mean, error
 
     @cached_property
@@ -100,13 +94,13 @@ class Truth:
         return np.array([fit.weights(self.places) @ values for fit, values in fits])
 
     def stops_wrong(self, found: Array) -> float:
-        """Of what another says on the lines."""
+        """Of shares (Q, M) on the lines."""
         wrong = np.mean([(self.kept >= level) != (found >= level) for level in LEVELS])
         return float(wrong * np.log2(EXPOSURES[1] / EXPOSURES[0]))
 
 
 def case(truth: Truth) -> Case:
-    """The search and the grids, each of which answers for all groups at once."""
+    """The search and the grids, each of which answers for all groups at once: shares, and conditions asked."""
 
     def search() -> tuple[Array, int]:
         asking = Search(truth.lines, EXPOSURES, LEVELS)
@@ -117,15 +111,15 @@ def case(truth: Truth) -> Case:
 
     def grid(count: int) -> tuple[Array, int]:
         times = np.geomspace(*EXPOSURES, count)
-        asked = [truth.seen(places_of(times, line))[0] for line in truth.lines]
         x, known = np.log2(truth.times), np.log2(times)
-        of_groups = zip(*asked, strict=True)
-        found = [np.concatenate([np.interp(x, known, values) for values in lines]) for lines in of_groups]
-        return np.array(found), count * len(truth.lines)
+        lines = [
+            [np.interp(x, known, values) for values in truth.seen(places_of(times, line))[0]]
+            for line in truth.lines
+        ]
+        return np.concatenate(lines, axis=1), count * len(truth.lines)
 
-    calls: dict[str, Callable[[], tuple[Array, int]]] = {"decide's search": search}
-    calls |= {f"grid of {count} exposures": partial(grid, count) for count in GRIDS}
-    ways = [Contender(name, call, name.startswith("decide")) for name, call in calls.items()]
+    ways = [Contender("decide's search", search, True)]
+    ways += [Contender(f"grid of {count} exposures", partial(grid, count)) for count in GRIDS]
     return Case(
         f"{len(LIGHTS_LUX)} lights, {len(SPEEDS_PX_S)} speeds", ways, lambda found: truth.stops_wrong(found[0]),
         cost=lambda found: float(found[1]),

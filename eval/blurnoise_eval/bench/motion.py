@@ -1,4 +1,4 @@
-"""Benches of motion: every way to blur a picture, and to move an object, a camera, its rows or its road.
+"""Benches of motion: ways to blur a picture, and to move an object, a camera, its rows or its road.
 
 Units: errors in 8-bit sRGB numbers, RMS off the borders, against 256 moments of a picture rendered four times finer.
 Convention: px, x right, y down.
@@ -16,6 +16,7 @@ import cv2
 import kornia
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import Camera, Layer, motion_blur
@@ -39,7 +40,8 @@ _GLOBAL = Camera(
 )  # fmt: skip
 _SIGN_PX, _SIGN_MOVES_PX = 64, (30.6, 9.4)
 _ROLLED_PX_S = (900.0, -500.0)
-_KMH = 100.0
+_SPEED_M_S = 100.0 / 3.6
+_MARGIN_PX = 36  # of the border, which is not compared
 Vector = tuple[float, float]
 Floats = Any
 
@@ -47,73 +49,63 @@ Floats = Any
 def blur(*, quick: bool) -> Contest:
     """Straight motion of several lengths: our methods, Kornia's, OpenCV's, and means of frames."""
     lengths = LENGTHS_PX[1:3] if quick else LENGTHS_PX
-    return _contest("blur", "Straight motion", [partial(_straight, each) for each in lengths])
+    return _contest("blur", "Straight motion", [partial(straight, each) for each in lengths])
 
 
 def motion(*, quick: bool) -> Contest:
     """What moves in its own way: a hand, an object before a background, the rows of a rolling shutter, a road."""
-    jobs: list[Callable[[], Case]] = [
-        _hand_shake,
-        partial(_object, (0.0, 0.0)),
-        partial(_object, (-15.0, 4.0)),
-        _rolling_shutter,
-        _road,
-    ]
-    return _contest("motion", "Things that move", jobs[1:2] if quick else jobs)
+    still, moving = (partial(_object, behind) for behind in ((0.0, 0.0), (-15.0, 4.0)))
+    cases: list[Callable[[], Case]] = (
+        [still] if quick else [_hand_shake, still, moving, _rolling_shutter, _road]
+    )
+    return _contest("motion", "Things that move", cases)
 
 
 def _contest(name: str, title: str, cases: Sequence[Callable[[], Case]]) -> Contest:
     return Contest(name, f"{title}, {WIDTH}x{HEIGHT} in colour", cases, error_unit="DN RMS")
 
 
-def _straight(length_px: float) -> Case:
+def straight(length_px: float) -> Case:
+    """A picture in straight motion."""
     angle, taps = math.radians(ANGLE_DEG), max(3, 2 * round((length_px - 1) / 2) + 1)
     moved = length_px * math.cos(angle), length_px * math.sin(angle)
-    picture, where = _picture(), _uniformly(moved[0] / EXPOSURE_S, moved[1] / EXPOSURE_S)
-    line = np.outer(moved, _moments().ravel() / EXPOSURE_S)
-    turned = torch.tensor([-ANGLE_DEG])
+    shown, where = picture(), _uniformly(moved[0] / EXPOSURE_S, moved[1] / EXPOSURE_S)
     ways = [
-        Contender("motion_blur", lambda: motion_blur(picture, moved), True),
-        Contender("motion_blur, transfer", lambda: motion_blur(picture, moved, method="transfer"), True),
-        _point_spread(picture, line),
-        *_frames(picture, where),
+        Contender("motion_blur", lambda: motion_blur(shown, moved), True),
+        Contender("motion_blur, transfer", lambda: motion_blur(shown, moved, method="transfer"), True),
+        _point_spread(shown, np.outer(moved, _moments().ravel() / EXPOSURE_S)),
+        *_frames(shown, where),
     ]
     if length_px < 50:  # beyond it takes many seconds
-        kornias = partial(kornia.filters.motion_blur, picture, taps, turned, torch.zeros(1), "reflect")
+        turned = torch.tensor([-ANGLE_DEG])
+        kornias = partial(kornia.filters.motion_blur, shown, taps, turned, torch.zeros(1), "reflect")
         ways.append(Contender("Kornia, nearest odd length", kornias))
-    return _judged(f"{length_px:g} px", ways, scenes.truth(_leaves(), where, _moments()), length_px)
+    return _judged(f"{length_px:g} px", ways, where, math.ceil(length_px / 2) + 16)
 
 
 def _hand_shake() -> Case:
-    held, picture = shake(3, 32.0, EXPOSURE_S), _picture()
-    at = _moments().ravel()
+    held, shown, at = shake(3, 32.0, EXPOSURE_S), picture(), _moments().ravel()
     path = np.stack([np.interp(at, held.time_s, along) for along in (held.x_px, held.y_px)])
     path -= path.mean(axis=1, keepdims=True)
 
     def where(x: Picture, y: Picture, time: Picture) -> tuple[Picture, Picture]:
-        by_x, by_y = (np.interp(time, at, along) for along in path)
-        return x - by_x, y - by_y
+        return x - np.interp(time, at, path[0]), y - np.interp(time, at, path[1])
 
-    ways = [_ours(picture, trajectory=held), _point_spread(picture, path), *_frames(picture, where)]
-    return _judged("hand shake, 32 px", ways, scenes.truth(_leaves(), where, _moments()), 40)
+    ways = [_ours(shown, trajectory=held), _point_spread(shown, path), *_frames(shown, where)]
+    return _judged("hand shake, 32 px", ways, where)
 
 
 def _object(background_px: Vector) -> Case:
     left, top = (WIDTH - _SIGN_PX) // 2 - 6, (HEIGHT - _SIGN_PX) // 2 - 6
-    fine = np.zeros((HEIGHT * scenes.FINE, WIDTH * scenes.FINE, 4), np.float32)
-    drawn = scenes.sign(_SIGN_PX)
-    fine[
-        top * scenes.FINE : top * scenes.FINE + len(drawn),
-        left * scenes.FINE : left * scenes.FINE + len(drawn),
-    ] = drawn
-    sheet, own = scenes.pixels(_leaves()), scenes.pixels(drawn)
-    colour = torch.from_numpy(own / np.maximum(own[..., 3:], 1e-6)).clamp(0, 1)
+    drawn, fine = scenes.sign(_SIGN_PX), scenes.FINE
+    sign = np.zeros((HEIGHT * fine, WIDTH * fine, 4), np.float32)
+    sign[top * fine :, left * fine :][: len(drawn), : len(drawn)] = drawn
+    sheet, own, whole = scenes.pixels(_leaves()), scenes.pixels(drawn), scenes.pixels(sign)
     velocity, behind = (tuple(along / EXPOSURE_S for along in by) for by in (_SIGN_MOVES_PX, background_px))
-    layer = Layer(colour[..., :3].permute(2, 0, 1), torch.from_numpy(own[..., 3]), velocity, (left, top))
-    whole = scenes.pixels(fine)
-    background = _tensor(sheet)
-    still = _tensor(scenes.over(whole, sheet))
-    matte = _tensor(whole[..., 3:])
+    moved, moved_back = _uniformly(*velocity), _uniformly(*behind)
+    colour = _tensor(own / np.maximum(own[..., 3:], np.float32(1e-6)))[0, :3].clamp(0, 1)
+    layer = Layer(colour, torch.from_numpy(own[..., 3]), velocity, (left, top))
+    still, matte = _tensor(scenes.over(whole, sheet)), _tensor(whole[..., 3:])
 
     def naive() -> Tensor:
         share = motion_blur(matte, _SIGN_MOVES_PX).clamp(0, 1)
@@ -121,77 +113,77 @@ def _object(background_px: Vector) -> Case:
 
     around = slice(top - 30, top + _SIGN_PX + 42), slice(left - 30, left + _SIGN_PX + 42)
     changes = (slice(None),) * 2 if any(background_px) else around  # beyond it is at rest
+    x, y = (along[changes] for along in scenes.places(HEIGHT, WIDTH))
 
     def frames(count: int) -> Picture:
-        out, x, y = sheet.copy(), *(along[changes] for along in scenes.places(HEIGHT, WIDTH))
-        total = np.zeros_like(sheet[changes])
+        out, total = sheet.copy(), np.zeros_like(sheet[changes])
         for time in _moments(count):
-            front = scenes.remapped(whole, *_uniformly(*velocity)(x, y, time))
-            still = not any(background_px)
-            back = sheet[changes] if still else scenes.remapped(sheet, *_uniformly(*behind)(x, y, time))
-            total += scenes.over(front, back)
+            back = scenes.remapped(sheet, *moved_back(x, y, time)) if any(behind) else sheet[changes]
+            total += scenes.over(scenes.remapped(whole, *moved(x, y, time)), back)
         out[changes] = total / count
         return out
 
-    truth = scenes.truth(_leaves(), _uniformly(*behind), _moments(), (fine, _uniformly(*velocity)))
     ways = [
-        _ours(background, objects=((layer,),), velocity_px_s=behind),
+        _ours(_tensor(sheet), objects=((layer,),), velocity_px_s=behind),
         Contender("blend by the blurred matte", naive),
         *(Contender(f"mean of {count} frames", partial(frames, count)) for count in FRAMES),
     ]
-    return _judged(f"sign{', its background moves' if any(background_px) else ''}", ways, truth, around)
+    name = f"sign{', its background moves' if any(background_px) else ''}"
+    return _judged(name, ways, moved_back, around, before=(sign, moved))
 
 
 def _rolling_shutter() -> Case:
-    picture, where = _picture(), _uniformly(*_ROLLED_PX_S)
+    shown, where = picture(), _uniformly(*_ROLLED_PX_S)
     rows_s = ((np.arange(HEIGHT) - (HEIGHT - 1) / 2) * ROW_S)[:, None]
     x, y = scenes.places(HEIGHT, WIDTH)
     moved = tuple(along * EXPOSURE_S for along in _ROLLED_PX_S)
 
     def remapped() -> Picture:
-        blurred = motion_blur(picture, moved)[0].permute(1, 2, 0).contiguous().numpy()
-        return scenes.remapped(blurred, *where(x, y, rows_s), cv2.INTER_CUBIC)
+        return scenes.remapped(_pixels(motion_blur(shown, moved)), *where(x, y, rows_s), cv2.INTER_CUBIC)
 
-    truth = scenes.truth(_leaves(), where, _moments() + rows_s)
-    camera = replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S)
     ways = [
-        _ours(picture, camera, velocity_px_s=_ROLLED_PX_S),
+        _ours(shown, replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S), velocity_px_s=_ROLLED_PX_S),
         Contender("motion_blur, then cv2.remap", remapped),
-        *_frames(picture, where, rows_s),
+        *_frames(shown, where, rows_s),
     ]
-    return _judged("rolling shutter", ways, truth, 40)
+    return _judged("rolling shutter", ways, where, rows_s=rows_s)
 
 
 def _road() -> Case:
     view, mount = View(WIDTH, HEIGHT, 60.0, "rectilinear"), Vehicle(1.4)
     focal_px, pixels = WIDTH / 2 / math.tan(math.radians(30.0)), view.pixels()
-    flow = view.flow_px_s(pixels, mount.road_m(view.rays(pixels)), mount.driving(_KMH / 3.6))
-    picture, mean = _picture(), tuple(flow.mean((1, 2)) * EXPOSURE_S)
+    flow = view.flow_px_s(pixels, mount.road_m(view.rays(pixels)), mount.driving(_SPEED_M_S))
+    shown, mean = picture(), tuple(flow.mean((1, 2)) * EXPOSURE_S)
     middle_x, middle_y = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
 
     def where(x: Picture, y: Picture, time: Picture) -> tuple[Picture, Picture]:
         """Exactly: what is y below the axis is at depth 1.4 m * focal / y, nearer by what was driven since."""
-        scale = 1 / (1 + _KMH / 3.6 * time * np.maximum(y - middle_y, 0) / (1.4 * focal_px))
+        scale = 1 / (1 + _SPEED_M_S * time * np.maximum(y - middle_y, 0) / (1.4 * focal_px))
         return scale * (x - middle_x) + middle_x, scale * (y - middle_y) + middle_y
 
     ways = [
-        _ours(picture, velocity_px_s=torch.from_numpy(flow).float()),
-        Contender("one blur for all", lambda: motion_blur(picture, mean)),
-        *_frames(picture, where),
+        _ours(shown, velocity_px_s=torch.from_numpy(flow).float()),
+        Contender("one blur for all", lambda: motion_blur(shown, mean)),
+        *_frames(shown, where),
     ]
-    return _judged("road at 100 km/h", ways, scenes.truth(_leaves(), where, _moments()), 40)
+    return _judged("road at 100 km/h", ways, where)
 
 
 def _leaves() -> Picture:
     return scenes.leaves(HEIGHT, WIDTH)
 
 
-def _picture() -> Tensor:
+def picture() -> Tensor:
+    """What moves, linear (1, 3, H, W)."""
     return _tensor(scenes.pixels(_leaves()))
 
 
-def _tensor(picture: Picture) -> Tensor:
-    return torch.from_numpy(picture).permute(2, 0, 1)[None].contiguous()
+def _tensor(pixels: NDArray[np.floating]) -> Tensor:
+    return torch.from_numpy(pixels).permute(2, 0, 1)[None].contiguous()
+
+
+def _pixels(shown: Tensor) -> Picture:
+    return np.asarray(shown[0].permute(1, 2, 0).contiguous().numpy())
 
 
 def _moments(count: int = _MOMENTS) -> Floats:
@@ -203,19 +195,19 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
     return lambda x, y, time: (x - x_px_s * time, y - y_px_s * time)
 
 
-def _ours(picture: Tensor, camera: Camera = _GLOBAL, **moving: Any) -> Contender:
+def _ours(shown: Tensor, camera: Camera = _GLOBAL, **moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
     def call() -> Tensor:
-        at = Conditions.of(picture, camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
-        return effects.through(picture, at)
+        at = Conditions.of(shown, camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        return effects.through(shown, at)
 
     return Contender("blurnoise", call, True)
 
 
-def _frames(picture: Tensor, where: Where, rows_s: Floats = 0.0) -> list[Contender]:
+def _frames(shown: Tensor, where: Where, rows_s: Floats = 0.0) -> list[Contender]:
     """Means of warped pictures, as one writes them with OpenCV."""
-    pixels, (x, y) = picture[0].permute(1, 2, 0).contiguous().numpy(), scenes.places(HEIGHT, WIDTH)
+    pixels, (x, y) = _pixels(shown), scenes.places(HEIGHT, WIDTH)
 
     def mean(count: int) -> Picture:
         total = np.zeros_like(pixels)
@@ -226,9 +218,9 @@ def _frames(picture: Tensor, where: Where, rows_s: Floats = 0.0) -> list[Contend
     return [Contender(f"mean of {count} frames", partial(mean, count)) for count in FRAMES]
 
 
-def _point_spread(picture: Tensor, path_px: Floats) -> Contender:
+def _point_spread(shown: Tensor, path_px: Floats) -> Contender:
     """The path's places (2, n), each shared among four pixels as in DeblurGAN (Kupyn et al., CVPR 2018)."""
-    pixels = picture[0].permute(1, 2, 0).contiguous().numpy()
+    pixels = _pixels(shown)
     reach = math.ceil(float(np.abs(path_px).max())) + 1
 
     def call() -> Picture:
@@ -243,15 +235,22 @@ def _point_spread(picture: Tensor, path_px: Floats) -> Contender:
     return Contender("cv2.filter2D by the path", call)
 
 
-def _judged(name: str, ways: Sequence[Contender], truth: Picture, where: float | tuple[slice, slice]) -> Case:
-    """Judged in these rows and columns, or farther than a reach from the border."""
-    if not isinstance(where, tuple):
-        margin = math.ceil(where / 2) + 16
-        where = slice(margin, -margin), slice(margin, -margin)
+def _judged(
+    name: str,
+    ways: Sequence[Contender],
+    where: Where,
+    within: int | tuple[slice, slice] = _MARGIN_PX,
+    *,
+    rows_s: Floats = 0.0,
+    before: tuple[Picture, Where] | None = None,
+) -> Case:
+    """Errors within these rows and columns, or off a margin, from the picture that moves as ``where`` says."""
+    places = within if isinstance(within, tuple) else (slice(within, -within),) * 2
+    truth = scenes.truth(_leaves(), where, _moments() + rows_s, before)
 
-    def coded(picture: Tensor | Picture) -> Tensor:
-        planes = picture if isinstance(picture, Tensor) else _tensor(picture)
-        return srgb_from_linear(planes[..., *where].double().clamp(0, 1))
+    def coded(seen: Tensor | Picture) -> Tensor:
+        planes = seen if isinstance(seen, Tensor) else _tensor(seen)
+        return srgb_from_linear(planes[..., *places].double().clamp(0, 1))
 
     expected = coded(truth)
     return Case(name, ways, lambda seen: 255 * float((coded(seen) - expected).square().mean().sqrt()))

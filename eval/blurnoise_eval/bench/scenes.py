@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -46,17 +47,15 @@ def leaves(height: int, width: int, seed: int = 0) -> Picture:
         place = -10 * FINE * line, round(sheet.shape[0] * (line + 0.8) / 16)
         ink = (15, 15, 15) if line % 2 else (240, 240, 240)
         cv2.putText(sheet, _TEXT, place, cv2.FONT_HERSHEY_SIMPLEX, capital / 21, ink, round(capital / 8))
-    light = linear_from_srgb(torch.arange(256) / 255).numpy()
-    return _through_lens(light[sheet])
+    return _through_lens(linear_from_srgb(torch.arange(256) / 255).numpy()[sheet])
 
 
 def sign(size_px: int) -> Picture:
     """A stop sign, (h, w, 4), ``FINE`` times finer: light times matte, and the matte, with a margin of 6 px."""
     side = (size_px + 12) * FINE
+    size: Any = {"height_px": side, "width_px": side, "supersample": 2}
     black, white = (
-        charts.stop_sign(size_px * FINE, height_px=side, width_px=side, background=level, supersample=2)[0]
-        .permute(1, 2, 0)
-        .numpy()
+        charts.stop_sign(size_px * FINE, background=level, **size)[0].permute(1, 2, 0).numpy()
         for level in (0.0, 1.0)
     )
     matte = (1 - (white - black).mean(2, keepdims=True)).clip(0, 1)
@@ -77,16 +76,18 @@ def truth(
     times_s: (n, H, 1), for every row its own moments. before: an object, (H, W, C + 1) with its matte, and where it
     was. What lies beyond the picture is reflected.
     """
-    layers = [(cv2.blur(fine, (FINE, FINE)), where)]  # sample i is the mean about i - 1/2
-    layers += [(cv2.blur(before[0], (FINE, FINE)), before[1])] if before else []
+    layers = [(fine, where), *([before] if before else [])]
+    averaged = [
+        (cv2.blur(layer, (FINE, FINE)), at) for layer, at in layers
+    ]  # sample i is the mean about i - 1/2
     x, y = places(fine.shape[0] // FINE, fine.shape[1] // FINE)
     total = np.zeros((*x.shape, fine.shape[2]))
     for times in times_s:
-        seen = [
+        back, *front = (
             remapped(layer, FINE * (across + 0.5), FINE * (down + 0.5), cv2.INTER_CUBIC)
-            for layer, (across, down) in ((layer, at(x, y, times)) for layer, at in layers)
-        ]
-        total += seen[0] if len(seen) == 1 else over(seen[1], seen[0])
+            for layer, (across, down) in ((layer, at(x, y, times)) for layer, at in averaged)
+        )
+        total += over(front[0], back) if front else back
     return np.asarray(total / len(times_s), np.float32)
 
 
@@ -108,6 +109,5 @@ def over(front: Picture, back: Picture) -> Picture:
 
 
 def _through_lens(fine: NDArray[np.floating]) -> Picture:
-    return np.asarray(
-        cv2.GaussianBlur(fine, (0, 0), _LENS_PX * FINE, borderType=cv2.BORDER_REFLECT_101), np.float32
-    )
+    blurred = cv2.GaussianBlur(fine, (0, 0), _LENS_PX * FINE, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(blurred, np.float32)

@@ -1,9 +1,9 @@
-"""Bench of a sweep: beside bare onnxruntime on the same threads, and what of a cell's time goes where."""
+"""Bench of a sweep: beside bare onnxruntime on the same threads, and the parts of a cell's time."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -22,11 +22,7 @@ from blurnoise_eval.sweep.exposing import Scene, frames
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.threads import limited_threads
 
-_AXES = {
-    "exposure_s": (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09),
-    "illuminance_lux": (1.0, 10.0, 100.0),
-    "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
-}
+_EXPOSURES_S = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09)
 _CAMERA = Camera.preset("imx250")
 
 
@@ -35,7 +31,11 @@ def sweep(detector: Detector, pictures: datasets.PictureSet, threads: int, *, qu
 
     The sweep reads, simulates, infers, decodes, scores and stores. A cell's parts are timed on one thread.
     """
-    axes = {**_AXES, "exposure_s": _AXES["exposure_s"][::5]} if quick else _AXES
+    axes = {
+        "exposure_s": _EXPOSURES_S[::5] if quick else _EXPOSURES_S,
+        "illuminance_lux": (1.0, 10.0, 100.0),
+        "velocity_x_px_s": (0.0, 200.0, 500.0, 1000.0),
+    }
     plan = SweepPlan(axes, examples=False)
     some = datasets.PictureSet(pictures.kind, pictures.source, pictures.pictures[:2])
     return Contest(
@@ -46,12 +46,12 @@ def sweep(detector: Detector, pictures: datasets.PictureSet, threads: int, *, qu
 
 
 def _whole(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, threads: int) -> Case:
-    blobs = [detector.prepare(datasets.eight_bit(picture.load()))[0] for picture in pictures]
+    inputs = [detector.prepare(datasets.eight_bit(picture.load()))[0] for picture in pictures]
     cells = sum(len(block.cells) for block in blocks(pictures, plan))
 
     def bare() -> None:
         with limited_threads(1), ThreadPoolExecutor(threads) as pool:
-            list(pool.map(detector.run, [blobs[index % len(blobs)] for index in range(cells)]))
+            list(pool.map(detector.run, [inputs[index % len(inputs)] for index in range(cells)]))
 
     def swept() -> None:
         with tempfile.TemporaryDirectory() as folder, Store(Path(folder), create=True) as store:
@@ -66,22 +66,21 @@ def _parts(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan) -
     some = [block for block in blocks(one, plan) if block.cells[0].conditions is not None]
     scene, worker = Scene(one.pictures[0].load()), Work((detector,), _CAMERA).open(1)
     images = [frame.image for block in some for frame in frames(scene, block.cells, _CAMERA)]
-    prepared = [detector.prepare(image) for image in images]
-    outputs = [detector.run(blob) for blob, _ in prepared]
+    inputs, placements = zip(*map(detector.prepare, images), strict=True)
+    outputs = [detector.run(each) for each in inputs]
 
-    def each(call: Callable[..., Any], *items: Any) -> Callable[[], None]:
+    def part(name: str, call: Callable[..., Any], *items: Iterable[Any], ours: bool = True) -> Contender:
         def all_of_them() -> None:
             with limited_threads(1):
-                for arguments in zip(*items, strict=True):
-                    call(*arguments)
+                list(map(call, *items))
 
-        return all_of_them
+        return Contender(name, all_of_them, ours)
 
     ways = [
-        Contender("all", each(worker.compute, some), True),
-        Contender("simulate", each(lambda block: list(frames(scene, block.cells, _CAMERA)), some), True),
-        Contender("prepare", each(detector.prepare, images), True),
-        Contender("infer", each(detector.run, [blob for blob, _ in prepared])),
-        Contender("decode", each(detector.decode, outputs, [placement for _, placement in prepared]), True),
+        part("all", worker.compute, some),
+        part("simulate", lambda block: list(frames(scene, block.cells, _CAMERA)), some),
+        part("prepare", detector.prepare, images),
+        part("infer", detector.run, inputs, ours=False),
+        part("decode", detector.decode, outputs, placements),
     ]
     return Case("parts of a cell, one thread", ways, units=len(images))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf
+from closed_edges import closed_edge, closed_mtf
 from scipy.ndimage import gaussian_filter
 
 from blurnoise.metrics import SlantedEdge, information, slanted_edge

@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench import contest, motion, noise, scenes, timing
+from blurnoise_eval.bench import contest, edges, motion, noise, scenes
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
+from closed_edges import closed_edge, closed_mtf50
 from commands import main
 
 from blurnoise import motion_blur
@@ -41,7 +42,7 @@ def made(clock: list[float]) -> Contest:
 @pytest.fixture
 def result(monkeypatch: pytest.MonkeyPatch) -> contest.Result:
     clock, told = [0.0], list[float]()
-    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
     found = contest.run(made(clock), threads=1, progress=told.append)
     assert sum(told) == pytest.approx(2)
     return found
@@ -81,9 +82,11 @@ def test_turns_meet_all_alike(monkeypatch: pytest.MonkeyPatch) -> None:
         calls.append(name)
         clock[0] += seconds
 
-    monkeypatch.setattr(timing.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
     named = {name: partial(call, name, seconds) for name, seconds in (("fast", 0.1), ("slow", 1.0))}
-    times = timing.in_turns_ms(named, fewest=2, most=4, seconds=0.4, progress=lambda share: None)
+    monkeypatch.setattr(contest, "FEWEST", 2)
+    monkeypatch.setattr(contest, "MOST", 4)
+    times = contest.in_turns_ms(named, 0.4, lambda share: None)
     assert {name: len(values) for name, values in times.items()} == {"fast": 4, "slow": 2}
     assert times["slow"] == pytest.approx([1000.0] * 2)
     assert calls == ["fast", "slow", "fast", "fast", "slow", "fast", "fast", "slow"]
@@ -109,6 +112,16 @@ def test_truth_moves_to_the_right_and_down() -> None:
     assert seen[..., 0].sum() == pytest.approx(1, abs=0.01)
 
 
+@pytest.mark.parametrize("blur", edges.BLURS.values(), ids=edges.BLURS)
+def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
+    """By an independent antiderivative of the normal distribution; a shift in the wrong direction is far off."""
+    known = {"sigma_px": blur[0], "motion_px": (blur[1], 0.0)}
+    truth = closed_edge(100, 100, offset_px=(0.3, -0.2), **known)  # type: ignore[arg-type]
+    torch.testing.assert_close(edges.edge(*blur, (0.3, -0.2)), truth, rtol=0, atol=1e-6)
+    assert float((edges.edge(*blur, (-0.3, -0.2)) - truth).abs().max()) > 0.05
+    assert edges.mtf50(*blur) == pytest.approx(closed_mtf50(**known), rel=1e-9)  # type: ignore[arg-type]
+
+
 def test_exact_law_has_the_closed_forms_moments() -> None:
     for mean_e, read_noise_e in ((10.0, 2.44), (100.0, 0.3)):
         law, dn = noise.exact_law(mean_e, read_noise_e), np.arange(noise.FULL_SCALE_DN + 1)
@@ -127,21 +140,21 @@ def test_exact_samples_are_near_and_wrong_ones_are_not() -> None:
     generator = torch.Generator().manual_seed(0)
     means = torch.full(shape, 30.0)
     read = 2.44 * torch.randn(shape, generator=generator)
-    exact = noise._digital(torch.poisson(means, generator) + read)
+    exact = noise.digital(torch.poisson(means, generator) + read)
     # the mean distance of exact samples is taken off; what is left scatters by 0.5 / sqrt(n) = 0.001
     assert noise.distance(exact, law) < 0.005
-    wrong = noise._digital(torch.poisson(1.1 * means, generator) + read)
+    wrong = noise.digital(torch.poisson(1.1 * means, generator) + read)
     assert noise.distance(wrong, law) > 0.1
 
 
 def test_ours_are_exact_and_others_are_not() -> None:
     """6 px: errors below 1 DN against the naive ways' more; a motion in the wrong direction is far off."""
-    case = motion._straight(6.0)
+    case = motion.straight(6.0)
     assert case.error is not None
     errors = {each.name: case.error(each.call()) for each in case.contenders}
     assert errors["motion_blur"] < 0.5
     assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 1.5
-    wrong = motion_blur(motion._picture(), (6 * math.cos(0.3), -6 * math.sin(0.3)))
+    wrong = motion_blur(motion.picture(), (6 * math.cos(0.3), -6 * math.sin(0.3)))
     assert case.error(wrong) > 3
 
 

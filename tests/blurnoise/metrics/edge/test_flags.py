@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 import torch
-from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf50
+from closed_edges import closed_edge, closed_mtf50
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench.closed_edges import closed_edge, closed_mtf, closed_mtf50, edge_spread
+from closed_edges import closed_edge, closed_mtf, closed_mtf50, edge_spread
 from iso_steps import iso_steps
 from torch import Tensor
 
