@@ -1,4 +1,4 @@
-"""Checks of levels before anything is fitted: clipped, flickering, filtered or lossy, of one exposure, not linear.
+"""Checks of levels before anything is fitted: clipped, flickering, filtered or lossy, not linear.
 
 Each complaint is one line that names the level.
 """
@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration.frames import Folder
+from blurnoise_eval.calibration.frames import FEWEST_FLAT
 from blurnoise_eval.calibration.levels import Floats, Level, columns
 
 Z = 1.959964
 """Of a normal number, two-sided 95 %."""
-FEWEST_FLAT = 3
 MOST_FLICKER = 0.02
 """Spread of the means of a level's frames, of the signal; below it they are brought to one light."""
 MOST_ROWS = 0.02
@@ -29,14 +28,6 @@ CLIPPED = 5e-4
 PILED = 5e-3
 USED = 0.7
 """Of saturation: the levels that EMVA 1288 fits."""
-
-
-@dataclass(frozen=True)
-class Clipping:
-    """clip_dn: the number at which flat frames pile up, None where none does. usable: places of the levels to fit."""
-
-    clip_dn: float | None
-    usable: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -55,21 +46,6 @@ class Linearity:
     by_photons: bool
 
 
-def check_counts(files: Folder) -> None:
-    """Raise ``ValueError`` unless there are dark levels and three flat ones, of two frames each."""
-    if not files.dark:
-        raise ValueError("frames: no dark ones; must be two or more, with the lens covered")
-    if (flat := len(files.flat)) < FEWEST_FLAT:
-        raise ValueError(
-            f"frames: flat ones of {flat} exposure{'s' * (flat != 1)}; must be of {FEWEST_FLAT} or more, better eight"
-        )
-    for frames in [*files.dark, *files.flat]:
-        if len(frames) < 2:
-            raise ValueError(
-                f"{frames[0].path}: alone; must be two frames of each level or more, to tell noise from pattern"
-            )
-
-
 def check_dark(dark: Sequence[Level]) -> None:
     """Raise ``ValueError`` where dark levels are cut off at 0."""
     for level in dark:
@@ -82,7 +58,7 @@ def check_dark(dark: Sequence[Level]) -> None:
 
 def check_light(flat: Sequence[Level], dark: Sequence[Level]) -> None:
     """Raise ``ValueError`` for flat levels whose frames flicker."""
-    rows = max(level.row_share for level in dark)
+    rows = max(0.0, *(level.row_share for level in dark))
     steady = "use a steady lamp, or exposures of whole periods"
     for level in flat:
         if level.lamp_spread > MOST_FLICKER:
@@ -90,8 +66,7 @@ def check_light(flat: Sequence[Level], dark: Sequence[Level]) -> None:
                 f"{level}: flickering, its frames' light differs by {100 * level.lamp_spread:.2g} %; must be below "
                 f"{100 * MOST_FLICKER:g} %: {steady}"
             )
-        chance = 5 / math.sqrt(level.pixels)
-        bands = level.row_share > max(rows, 0.0) + MOST_ROWS + chance
+        bands = level.row_share > rows + MOST_ROWS + 5 / math.sqrt(level.pixels)
         if bands and level.share(level.highest_dn) < PILED:
             share = f"{100 * level.row_share:.2g} %"
             raise ValueError(f"{level}: flickering in bands, its rows share {share} of the noise: {steady}")
@@ -100,8 +75,8 @@ def check_light(flat: Sequence[Level], dark: Sequence[Level]) -> None:
 def check_noise(flat: Sequence[Level]) -> None:
     """Raise ``ValueError`` where neighbours' noise is alike, as demosaicing, denoising and lossy formats leave it."""
     for level in flat:
-        chance = 5 / math.sqrt(level.pixels)
-        if level.variance_dn2 > 0.5 and abs(level.correlation) > MOST_CORRELATION + chance:
+        most = MOST_CORRELATION + 5 / math.sqrt(level.pixels)
+        if level.variance_dn2 > 0.5 and abs(level.correlation) > most:
             raise ValueError(
                 f"{level}: filtered or lossy, the noise of neighbouring pixels correlates by "
                 f"{level.correlation:.2f}; must be the sensor's own numbers, "
@@ -111,24 +86,23 @@ def check_noise(flat: Sequence[Level]) -> None:
             raise ValueError(f"{level}: its frames are all the same; must be taken one after the other")
 
 
-def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> Clipping:
-    """Where flat frames clip, and which levels are to be fitted. Raises ``ValueError`` if too few are left.
+def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
+    """The number at which flat frames clip, None where none does, and the places of the levels to fit.
 
     A level clips where many pixels hold the largest number of all frames and far fewer the next, or where that is
     the converter's last; also where the variance has fallen below half of the greatest at a lower mean, as it does
-    above the peak that EMVA 1288 calls saturation.
+    above the peak that EMVA 1288 calls saturation. Raises ``ValueError`` if too few are left.
     """
     top = max(level.highest_dn for level in flat)
-    piled = any(
-        level.share(top) > PILED and (top == full_scale_dn or level.share(top) > 2 * level.share(top - 1))
-        for level in flat
-    )
-    clip = float(top) if piled else None
+    piled = [level for level in flat if level.share(top) > PILED]
     peak = max(flat, key=lambda level: level.variance_dn2)
     fallen = [
         level for level in flat if level.mean_dn > peak.mean_dn and level.variance_dn2 < peak.variance_dn2 / 2
     ]
-    if clip is None and fallen:
+    clip: float | None = None
+    if any(top == full_scale_dn or level.share(top) > 2 * level.share(top - 1) for level in piled):
+        clip = float(top)
+    elif fallen:
         clip = max(level.mean_dn for level in fallen)
     limit = full_scale_dn if clip is None else clip
     whole = [
@@ -144,7 +118,7 @@ def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> Cli
             f"frames: clipped, {len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN; must be "
             f"{FEWEST_FLAT} or more below it: shorter exposures, or less light"
         )
-    return Clipping(clip, tuple(whole))
+    return clip, whole
 
 
 def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:
@@ -173,13 +147,6 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
         )
     error = mean_error[inside] / signal[inside]
     scatter = math.hypot(float(deviation[inside].std(ddof=1)), float(np.sqrt((error**2).mean())))
-    margin = Z * float(error.max())
-    return Linearity(
-        slope=float(slope),
-        slope_error=abs(float(slope)) * scatter / math.sqrt(count),
-        offset=float(offset),
-        x=x,
-        deviation=deviation,
-        error=Estimate(abs(worst), max(0.0, abs(worst) - margin), abs(worst) + margin),
-        by_photons=by_photons,
-    )
+    slope_error, margin = abs(float(slope)) * scatter / math.sqrt(count), Z * float(error.max())
+    off = Estimate(abs(worst), max(0.0, abs(worst) - margin), abs(worst) + margin)
+    return Linearity(float(slope), slope_error, float(offset), x, deviation, off, by_photons)

@@ -19,7 +19,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import in_range
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.calibration.to_camera import on_base
+from blurnoise_eval.calibration.to_camera import Known, on_base
 from blurnoise_eval.system.files import check_regular
 
 NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
@@ -51,13 +51,28 @@ def stated_by(path: Path, *, base: str = "imx250") -> Stated:
         directories = _directories(path)
         raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
         # a tag of the raw picture before that of its preview
-        return _stated(path, raw, ChainMap(dict(raw), *(dict(each) for each in directories)), base)
+        tags = ChainMap(dict(raw), *(dict(each) for each in directories))
+        exposure, iso, f_number = (_numbers(tags, each, None)[0] for each in (_EXPOSURE, _ISO, _F_NUMBER))
+        at = "" if iso is None else f" at ISO {iso:g}"
+        known = _levels(raw, tags, f"of {path.name}{at}")
+        if _WIDTH in raw and _HEIGHT in raw:
+            size = f"stated: size of the raw picture of {path.name}"
+            known |= {"width_px": (int(raw[_WIDTH]), size), "height_px": (int(raw[_HEIGHT]), size)}
+        if f_number is not None and f_number > 0:
+            known["f_number"] = (f_number, f"stated: FNumber of {path.name}")
+        name = str(tags.get(MODEL) or path.stem).strip("\0 ") + at
+        if exposure is not None:
+            in_range("ExposureTime", exposure, 0.0, above=True)
+        pattern = tags.get(_CFA_PATTERN)
+        cfa = None if pattern is None else _PATTERN.get(bytes(pattern), "a pattern other than Bayer's")
+        return Stated(on_base(name, known, base), exposure, iso, cfa)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _stated(path: Path, raw: Tags, tags: Tags, base: str) -> Stated:
-    profile = _numbers(tags.get(NOISE_PROFILE, ()))
+def _levels(raw: Tags, tags: Tags, of: str) -> Known:
+    """Gain, noise and levels, with their sources."""
+    profile = _numbers(tags, NOISE_PROFILE, ())
     if not profile:
         raise ValueError(
             "states no NoiseProfile (tag 51041); measure its frames: blurnoise cameras fit FOLDER"
@@ -67,52 +82,31 @@ def _stated(path: Path, raw: Tags, tags: Tags, base: str) -> Stated:
     planes = len(profile) // 2
     used = min(_GREEN, planes - 1)
     scale, offset = profile[2 * used : 2 * used + 2]
-    bits = int(max(_numbers(raw.get(_BITS, 16))))
-    white = min(_numbers(raw.get(WHITE_LEVEL, 2**bits - 1)))
-    black = float(np.mean(_numbers(raw.get(BLACK_LEVEL, 0))))
+    bits = int(max(_numbers(raw, _BITS, 16)))
+    white = min(_numbers(raw, WHITE_LEVEL, 2**bits - 1))
+    black = float(np.mean(_numbers(raw, BLACK_LEVEL, 0)))
     if not 0 <= black < white <= 65535:
         raise ValueError(
             f"BlackLevel = {black:g}, WhiteLevel = {white:g}: must be 0 <= black < white <= 65535"
         )
     span, gain = white - black, scale * (white - black)
-    iso, exposure, f_number = (_first(tags.get(each)) for each in (_ISO, _EXPOSURE, _F_NUMBER))
-    at = "" if iso is None else f" at ISO {iso:g}"
-    of = f"of {path.name}{at}"
+    read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
+    profiled = f"from NoiseProfile {of}"
     plane = "" if planes == 1 else f", its plane {used + 1} of {planes}"
-    rounded_off, size = 1 / 12 / span**2, f"stated: size of the raw picture of {path.name}"
-    known: dict[str, tuple[Any, str]] = {
-        "system_gain_dn_per_e": (gain, f"derived: S (white - black) from NoiseProfile {of}{plane}"),
-        "read_noise_e": (
-            math.sqrt(max(0.0, offset - rounded_off)) / scale,
-            f"derived: sqrt(O)/S from NoiseProfile {of}{plane}, less the rounding of 1/12 DN²",
-        ),
+    whole = f"derived: the fewest bits that hold WhiteLevel {white:g}, {of}"
+    return {
+        "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}{plane}"),
+        "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}{plane}, less the rounding of 1/12 DN²"),
         "full_well_e": (
-            span / gain,
-            f"derived: WhiteLevel less BlackLevel over K, {of}; the well may hold more",
+            span / gain, f"derived: WhiteLevel less BlackLevel over K, {of}; the well may hold more",
         ),
         "black_level_dn": (
-            black,
-            f"stated: BlackLevel {of}" if BLACK_LEVEL in raw else f"assumed: no BlackLevel, so 0, {of}",
+            black, f"stated: BlackLevel {of}" if BLACK_LEVEL in raw else f"assumed: no BlackLevel, so 0, {of}",
         ),
         "bit_depth": (
-            max(1, math.ceil(math.log2(white + 1))),
-            f"derived: the fewest bits that hold WhiteLevel {white:g}, {of}"
-            if WHITE_LEVEL in raw
-            else f"stated: BitsPerSample {of}",
+            max(1, math.ceil(math.log2(white + 1))), whole if WHITE_LEVEL in raw else f"stated: BitsPerSample {of}",
         ),
-    }
-    if _WIDTH in raw and _HEIGHT in raw:
-        known |= {"width_px": (int(raw[_WIDTH]), size), "height_px": (int(raw[_HEIGHT]), size)}
-    if f_number is not None and f_number > 0:
-        known["f_number"] = (f_number, f"stated: FNumber of {path.name}")
-    name = str(tags.get(MODEL) or path.stem).strip("\0 ") + at
-    pattern = tags.get(_CFA_PATTERN)
-    return Stated(
-        camera=on_base(name, known, base),
-        exposure_s=None if exposure is None else in_range("ExposureTime", exposure, 0.0, above=True),
-        iso=iso,
-        cfa=None if pattern is None else _PATTERN.get(bytes(pattern), "a pattern other than Bayer's"),
-    )
+    }  # fmt: skip
 
 
 def _directories(path: Path) -> list[Tags]:
@@ -134,22 +128,18 @@ def _directories(path: Path) -> list[Tags]:
                 with warnings.catch_warnings():
                     warnings.simplefilter("error")  # of entries that are cut short
                     directory.load(file)
-                    tags = dict(directory)
+                    found.append(dict(directory))
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is no sound DNG file: {error}") from None
-            found.append(tags)
-            for pointer in (_SUB, _EXIF):
-                todo += [int(each) for each in _numbers(tags.get(pointer, ()))]
-            todo.append(directory.next or 0)
+            below = [*_numbers(directory, _SUB, ()), *_numbers(directory, _EXIF, ())]
+            todo += [*map(int, below), directory.next or 0]
     if not any(found):
         raise ValueError("is no DNG file: it has no tags")
     return found
 
 
-def _numbers(value: Any) -> list[float]:
-    """A tag's numbers, one or many; NaN for fractions over 0."""
-    return [float(each) for each in (value if isinstance(value, (tuple, list)) else (value,))]
-
-
-def _first(value: Any) -> float | None:
-    return None if value is None else _numbers(value)[0]
+def _numbers(tags: Tags, tag: int, default: Any) -> list[Any]:
+    """A tag's numbers, one or many, NaN for fractions over 0; those of ``default`` without it."""
+    value = tags.get(tag, default)
+    every = value if isinstance(value, (tuple, list)) else (value,)
+    return [None if each is None else float(each) for each in every]

@@ -13,9 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import transfer
+from blurnoise_eval.calibration import lines
+from blurnoise_eval.calibration.frames import Folder
 from blurnoise_eval.calibration.levels import Floats, Level, columns
-from blurnoise_eval.calibration.transfer import SURELY, Pattern, Transfer
+from blurnoise_eval.calibration.lines import SURELY
+from blurnoise_eval.calibration.patterns import Pattern, noise_of_mean, outlying, without_shading
+from blurnoise_eval.calibration.transfer import Transfer
 
 LEAST_DRIFT = 0.1
 """Change of the dark current over the dark frames, of itself."""
@@ -55,7 +58,7 @@ def drift(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     Over n levels dark current changes by n times what it changes within one, at least; a straight line through their
     means takes n + 1 times that for dark current.
     """
-    rate, error = transfer.drift(dark)
+    rate, error = lines.drift(dark)
     if math.isnan(fit.dark.slope) or abs(rate) < SURELY * error:
         return None
     change = abs(fit.dark.change) or abs(rate) * len(dark)
@@ -98,7 +101,7 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
     if some.sum() < 3 or np.ptp(np.log(signal[some])) < math.log(2):
         return None
     logs = np.log(signal[some])
-    line = transfer.straight(logs, np.log(shot[some] / signal[some]), error[some] / shot[some])
+    line = lines.straight(logs, np.log(shot[some] / signal[some]), error[some] / shot[some])
     power, span = line.slope, float(np.ptp(logs))
     if abs(power) < LEAST_CURVE or abs(power) < SURELY * line.slope_error:
         return None
@@ -112,39 +115,51 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
 
 
 def stray_light(
-    growth: Floats, growth_again: Floats, response: Floats, response_noise: float, fit: Transfer
+    files: Folder, dark: Sequence[Level], bright: Sequence[Level], light: Floats, fit: Transfer
 ) -> Doubt | None:
     """Light in the dark frames, by the pixels' own sensitivity, which dark charge does not know, or by its place.
 
-    growth, growth_again: of two halves of the dark frames, (H, W) DN/s. response: (H, W) the flat frames' over their
-    mean, whose noise, of the variance response_noise, is not that of the first half.
+    light (H, W): mean of the flat levels ``bright``. The growth of the dark, DN/s, is of every other frame, and of
+    those between once more; the dark that is taken off the light is of the latter, so that no noise is in both.
     """
     black = fit.dark
+    exposure, variance, count = columns(dark, "exposure_s", "variance_dn2", "frames")
+    away = exposure - exposure.mean()
     if not black.slope > SURELY * black.slope_error:  # nor where it is NaN
         return None
-    grown, seen = (transfer.without_shading(each) for each in (growth, response))
-    kept = ~(transfer.outlying(grown) | transfer.outlying(seen))
+    slope = away / (away @ away)
+    at_light = 1 / len(dark) + slope * (columns(bright, "exposure_s")[0].mean() - exposure.mean())
+    growth, again, beneath = (np.zeros_like(light) for _ in range(3))
+    for frames, by, share in zip(files.dark, slope, at_light, strict=True):
+        every, between = (files.mean(half) for half in (frames[::2], frames[1::2]))
+        growth += every * by
+        again += between * by
+        beneath += between * share
+    signal = float((light - beneath).mean())
+    noise = noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
+    grown, seen = (without_shading(each) for each in (growth, (light - beneath) / signal))
+    kept = ~(outlying(grown) | outlying(seen))
     grown, seen = grown[kept], seen[kept]
     power = float(seen @ seen)
-    light, error = float(grown @ seen) / power, float(grown.std()) / math.sqrt(power)
-    true_share = 1 - response_noise * len(seen) / power  # of what varies over the response
-    if light > SURELY * error and light > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
-        share = min(1.0, light / true_share / black.slope)
+    found, error = float(grown @ seen) / power, float(grown.std()) / math.sqrt(power)
+    true_share = 1 - noise / signal**2 * len(seen) / power  # of what varies over the response
+    if found > SURELY * error and found > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
+        of_dark = min(1.0, found / true_share / black.slope)
         text = (
             "light in dark frames: what grows with exposure there follows the pixels' sensitivity to light; about "
-            f"{100 * share:.0f} % of the dark current is light: cover the lens"
+            f"{100 * of_dark:.0f} % of the dark current is light: cover the lens"
         )
     else:
-        one, other = (_blocks(each) for each in (growth, growth_again))
+        one, other = (_blocks(each) for each in (growth, again))
         common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
-        share = math.sqrt(max(0.0, common)) / black.slope
-        if share <= LEAST_UNEVEN or common <= own:
+        of_dark = math.sqrt(max(0.0, common)) / black.slope
+        if of_dark <= LEAST_UNEVEN or common <= own:
             return None
         text = (
             "light in dark frames, or a glow of the camera's own: dark current differs over the picture by "
-            f"{100 * share:.0f} % RMS: cover the lens"
+            f"{100 * of_dark:.0f} % RMS: cover the lens"
         )
-    return Doubt(("dark_current_e_s", "dsnu_e"), text, share * black.slope / fit.gain)
+    return Doubt(("dark_current_e_s", "dsnu_e"), text, of_dark * black.slope / fit.gain)
 
 
 def _blocks(growth: Floats) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,6 +15,7 @@ from blurnoise_eval.plots.style import COLOURS, GREY, tidy
 from blurnoise_eval.system.terminal import plain
 
 _FLAT, _DARK, _LEFT_OUT = COLOURS[0], "black", COLOURS[1]
+_HOLLOW: Any = {"ms": 5.0, "mfc": "white", "mew": 1.3}
 
 
 def draw(found: Measurement, name: str) -> Figure:
@@ -21,21 +24,20 @@ def draw(found: Measurement, name: str) -> Figure:
     (transfer, linear), (residuals, deviation) = figure.subplots(2, 2, height_ratios=(2, 1))
     _transfer(transfer, residuals, found)
     _linearity(linear, deviation, found)
-    tidy(transfer, linear, residuals, deviation)
     figure.suptitle(f"{plain(name)}: photon transfer of {found.frames}", fontsize=11, parse_math=False)
     return figure
 
 
 def _transfer(above: Axes, below: Axes, found: Measurement) -> None:
-    black = found.fit.dark.offset
+    black, dark = found.fit.dark.offset, found.dark
     used = [found.flat[place] for place in found.used]
     out = [level for level in found.flat if level not in used]
     for levels, colour, label in (
-        (found.dark, _DARK, "dark"), (used, _FLAT, "flat"), (out, _LEFT_OUT, "flat, left out of the fit")
+        (dark, _DARK, "dark"), (used, _FLAT, "flat"), (out, _LEFT_OUT, "flat, left out of the fit")
     ):  # fmt: skip
-        mean, variance = columns(levels, "mean_dn", "variance_dn2")
-        if len(levels):
-            above.plot(mean - black, variance, "o", ms=5, mfc="white", mew=1.3, color=colour, label=label)
+        if levels:
+            mean, variance = columns(levels, "mean_dn", "variance_dn2")
+            above.plot(mean - black, variance, "o", color=colour, label=label, **_HOLLOW)
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
     signal = np.geomspace(0.1, max(level.mean_dn for level in found.flat) - black, 200)
     line = (gain.value * read.value) ** 2 + 1 / 12 + gain.value * signal
@@ -47,37 +49,31 @@ def _transfer(above: Axes, below: Axes, found: Measurement) -> None:
     above.set_xscale("symlog", linthresh=1.0)
     above.set_yscale("log")
     above.legend(fontsize=8, frameon=False, loc="upper left")
-    above.set_ylabel("Temporal variance / DN²", fontsize=9)
-    above.set_xlabel("Mean above the black level / DN", fontsize=9)
-    levels = [*found.dark, *used]
-    variance, error = columns(levels, "variance_dn2", "variance_error_dn2")
+    tidy(above, x="Mean above the black level / DN", y="Temporal variance / DN²")
+    variance, error = columns([*dark, *used], "variance_dn2", "variance_error_dn2")
     off = (variance - found.fit.expected_dn2) / np.maximum(error, 1e-9)
-    places = np.arange(1, len(levels) + 1)
-    for part, colour in ((slice(len(found.dark)), _DARK), (slice(len(found.dark), None), _FLAT)):
-        below.plot(places[part], off[part], "o", ms=4, color=colour)
+    places = np.arange(1, len(off) + 1)
+    below.plot(places[: len(dark)], off[: len(dark)], "o", ms=4, color=_DARK)
+    below.plot(places[len(dark) :], off[len(dark) :], "o", ms=4, color=_FLAT)
     below.axhspan(-Z, Z, color="0.94", zorder=0)
-    below.set_ylabel("Residual / standard deviations", fontsize=9)
-    below.set_xlabel("Level, dark ones first (grey: 95 %)", fontsize=9)
+    tidy(below, x="Level, dark ones first (grey: 95 %)", y="Residual / standard deviations")
 
 
 def _linearity(above: Axes, below: Axes, found: Measurement) -> None:
     linear = found.linearity
+    tidy(above, below)
     if linear is None:
         for axes in (above, below):
-            axes.text(
-                0.5, 0.5, "too few levels for linearity", ha="center", fontsize=9, transform=axes.transAxes
-            )
+            text = "too few levels for linearity"
+            axes.text(0.5, 0.5, text, ha="center", fontsize=9, transform=axes.transAxes)
         return
-    scale, unit = (1.0, "photons per pixel") if linear.by_photons else (1e3, "ms")
-    x, off = scale * linear.x, 100 * linear.deviation
-    line = linear.slope * linear.x + linear.offset
-    above.plot(x, line * (1 + linear.deviation), "o", ms=5, mfc="white", mew=1.3, color=_FLAT)
+    scale, label = (1.0, "Light / photons per pixel") if linear.by_photons else (1e3, "Exposure / ms")
+    x, line = scale * linear.x, linear.slope * linear.x + linear.offset
+    above.plot(x, line * (1 + linear.deviation), "o", color=_FLAT, **_HOLLOW)
     above.plot(x, line, color=GREY, lw=1.2, zorder=1)
-    above.set_ylabel("Signal / DN", fontsize=9)
-    below.plot(x, off, "o", ms=4, color=_FLAT)
+    below.plot(x, 100 * linear.deviation, "o", ms=4, color=_FLAT)
     below.axhline(0, color=GREY, lw=1)
     reach = 300 * max(linear.error.value, 1e-4)  # levels that saturate are far below
     below.set_ylim(-reach, reach)
-    below.set_ylabel("Off the line / %", fontsize=9)
-    for axes in (above, below):
-        axes.set_xlabel(("Light" if linear.by_photons else "Exposure") + f" / {unit}", fontsize=9)
+    tidy(above, x=label, y="Signal / DN")
+    tidy(below, x=label, y="Off the line / %")

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import checks, doubts, transfer
+from blurnoise_eval.calibration import checks, doubts
 from blurnoise_eval.calibration.checks import Linearity, Z
 from blurnoise_eval.calibration.doubts import Doubt
-from blurnoise_eval.calibration.frames import Folder, Frame
-from blurnoise_eval.calibration.levels import Floats, Level, columns, common_step, level_of
+from blurnoise_eval.calibration.frames import Folder, Size
+from blurnoise_eval.calibration.levels import Floats, Level, columns, level_of
+from blurnoise_eval.calibration.lines import dark_line
+from blurnoise_eval.calibration.patterns import dark_pattern, noise_of_mean, response_pattern
 from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
-from blurnoise_eval.calibration.transfer import Transfer
+from blurnoise_eval.calibration.transfer import Transfer, fit
 
 _DEPTHS = (8, 10, 12, 14, 16)
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
@@ -33,17 +35,17 @@ class Measurement:
     """
 
     estimates: dict[str, Estimate]
-    dark: tuple[Level, ...]
-    flat: tuple[Level, ...]
-    used: tuple[int, ...]
+    dark: Sequence[Level]
+    flat: Sequence[Level]
+    used: Sequence[int]
     fit: Transfer
     linearity: Linearity | None
-    size_px: tuple[int, int]
+    size_px: Size
     bit_depth: int
     bits_stated: bool
     clip_dn: float | None
-    notes: tuple[str, ...]
-    doubts: tuple[Doubt, ...]
+    notes: Sequence[str]
+    doubts: Sequence[Doubt]
 
     @property
     def frames(self) -> str:
@@ -52,9 +54,7 @@ class Measurement:
         return f"{flat} flat and {dark} dark frames"
 
 
-def measure(
-    folder: Path, *, bit_depth: int | None = None, raw_size_px: tuple[int, int] | None = None
-) -> Measurement:
+def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | None = None) -> Measurement:
     """The camera whose frames lie in ``folder``. bit_depth: of the converter; None takes the fewest bits that fit.
 
     Raises ``ValueError`` naming the file or level that cannot be used, and why.
@@ -62,95 +62,78 @@ def measure(
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
     files = Folder(folder, raw_size_px)
-    checks.check_counts(files)
     dark, dark_mean = [], np.zeros(())
     for frames in files.dark:
         level, mean = level_of(files.planes(frames), frames[0])
         dark.append(level)
         dark_mean = dark_mean + (mean - level.mean_dn) / len(files.dark)
-    line = transfer.dark_line(dark)
+    line = dark_line(dark)
 
-    def lit(frames: Sequence[Frame]) -> tuple[Level, Floats]:
-        return level_of(files.planes(frames), frames[0], line.at(frames[0].exposure_s))
+    def lit(place: int) -> tuple[Level, Floats]:
+        first = files.flat[place][0]
+        return level_of(files.planes(files.flat[place]), first, line.at(first.exposure_s))
 
-    flat = [lit(frames)[0] for frames in files.flat]
-    step = common_step([*dark, *flat])
-    dark, flat = ([level.in_steps(step) for level in levels] for levels in (dark, flat))
+    flat = [lit(place)[0] for place in range(len(files.flat))]
     bits = _depth(max(level.highest_dn for level in [*dark, *flat]), bit_depth)
     checks.check_dark(dark)
     checks.check_light(flat, dark)
-    clipped = checks.clipping(flat, line.offset / step, 2.0**bits - 1)
-    used = [flat[place] for place in clipped.usable]
+    clip_dn, usable = checks.clipping(flat, line.offset, 2.0**bits - 1)
+    used = [flat[place] for place in usable]
     checks.check_noise(used)
 
-    pattern = transfer.dark_pattern(dark_mean / step, dark)
-    fit, hidden, hidden_error = _fit(dark, used, pattern)
-    estimates = _estimates(fit, dark[0].pixels)
-    notes = _notes(fit, step, len(flat) - len(used))
-    if hidden:
-        _add_hidden(estimates, fit, hidden, hidden_error)
-        notes.append(
-            "noise in the dark grows with exposure and the mean does not, as where the camera takes it off: dark "
-            "current is that of the variance"
-        )
-    top_dn = max(level.mean_dn for level in used)
-    if clipped.clip_dn is not None:
-        top_dn = clipped.clip_dn
-        estimates["full_well_e"] = _in_electrons(top_dn - fit.dark.offset, fit.dark.offset_error, fit)
-    exposure, mean = columns(flat, "exposure_s", "mean_dn")
-    linear = checks.linearity(flat, mean - fit.dark.at(exposure), top_dn - fit.dark.offset)
+    pattern = dark_pattern(dark_mean, dark)
+    found = fit(dark, used, pattern)
+    exposure, mean_dn = columns(flat, "exposure_s", "mean_dn")
+    signal = mean_dn - found.dark.at(exposure)
+    top_dn = (max(level.mean_dn for level in used) if clip_dn is None else clip_dn) - found.dark.offset
+    linear = checks.linearity(flat, signal, top_dn)
+    estimates = _estimates(found, dark[0].pixels)
+    if clip_dn is not None:
+        estimates["full_well_e"] = _in_electrons(top_dn, found.dark.offset_error, found)
     if linear:
         estimates["linearity_error"] = linear.error
         if linear.by_photons:
-            estimates["quantum_efficiency"] = _in_electrons(linear.slope, linear.slope_error, fit)
+            estimates["quantum_efficiency"] = _in_electrons(linear.slope, linear.slope_error, found)
 
-    chosen = sorted(clipped.usable, key=lambda place: flat[place].mean_dn)[-_MOST_FOR_PATTERN:]
-    bright = [flat[place] for place in chosen]
-    light: Floats = np.zeros_like(dark_mean)
+    chosen = sorted(usable, key=lambda place: mean_dn[place])[-_MOST_FOR_PATTERN:]
+    bright, light = [flat[place] for place in chosen], np.zeros_like(dark_mean)
     for place in chosen:
-        light += lit(files.flat[place])[1]
-    light /= len(chosen) * step
-    estimates["prnu"] = _prnu(light - dark_mean / step, fit, bright, dark)
-    doubted = [doubts.drift(dark, fit) or doubts.tone_curve(dark, used, fit)]
-    stray = None if doubted[0] else _stray_light(files, light, bright, dark, step, fit)
-    doubted += [doubts.hot_pixels(pattern, fit), stray]
-    found = tuple(each for each in doubted if each)
+        light += lit(place)[1]
+    light /= len(chosen)
+    response = response_pattern(light - dark_mean, noise_of_mean(bright) + noise_of_mean(dark))
+    power = float(signal[chosen].mean()) ** 2
+    estimates["prnu"] = _root(response.fixed_dn2 / power, response.error_dn2 / power)
+    doubted = [
+        doubts.drift(dark, found) or doubts.tone_curve(dark, used, found),
+        doubts.hot_pixels(pattern, found),
+    ]
+    if not doubted[0]:
+        doubted.append(doubts.stray_light(files, dark, bright, light, found))
+    certain = [doubt for doubt in doubted if doubt]
     return Measurement(
-        estimates=doubts.widened(estimates, found),
-        dark=tuple(dark),
-        flat=tuple(flat),
-        used=clipped.usable,
-        fit=fit,
+        estimates=doubts.widened(estimates, certain),
+        dark=dark,
+        flat=flat,
+        used=usable,
+        fit=found,
         linearity=linear,
         size_px=files.size_px,
         bit_depth=bits,
         bits_stated=bit_depth is not None,
-        clip_dn=clipped.clip_dn,
-        notes=tuple(notes),
-        doubts=found,
+        clip_dn=clip_dn,
+        notes=[
+            note for note, applies in _notes(found, files.step_dn, len(flat) - len(used)).items() if applies
+        ],
+        doubts=certain,
     )
 
 
-def _fit(
-    dark: Sequence[Level], used: Sequence[Level], pattern: transfer.Pattern
-) -> tuple[Transfer, float, float]:
-    """The fit, and the dark charge, DN^2/s, that variances show and means do not, with its error; 0 for none."""
-    fit, hidden, hidden_error = transfer.fit(dark, used, pattern), 0.0, 0.0
-    for _ in range(3):  # the gain hardly depends on it
-        found, error = transfer.hidden_charge(dark, fit)
-        if hidden == 0 and found < transfer.SURELY * error:
-            break
-        hidden, hidden_error = found, error
-        fit = transfer.fit(_without(dark, hidden), _without(used, hidden), pattern)
-    (exposure,) = columns([*dark, *used], "exposure_s")
-    return replace(fit, expected_dn2=fit.expected_dn2 + hidden * exposure), hidden, hidden_error
-
-
-def _without(levels: Sequence[Level], hidden_dn2_s: float) -> list[Level]:
-    """The levels less the variance of dark charge that their means do not show."""
-    return [
-        replace(level, variance_dn2=level.variance_dn2 - hidden_dn2_s * level.exposure_s) for level in levels
-    ]
+def _depth(highest_dn: int, stated: int | None) -> int:
+    if stated is None:
+        return next(bits for bits in _DEPTHS if highest_dn < 2**bits)
+    if highest_dn >= 2**stated:
+        raise ValueError(f"bit_depth = {stated}: frames hold {highest_dn:g}; must be at most {2**stated - 1}")
+    return stated
 
 
 def _estimates(fit: Transfer, pixels: int) -> dict[str, Estimate]:
@@ -166,27 +149,23 @@ def _estimates(fit: Transfer, pixels: int) -> dict[str, Estimate]:
     }
     if math.isfinite(black.slope):
         current = _in_electrons(black.slope, black.slope_error, fit)
-        ends = max(0.0, current.low), max(0.0, current.high)
-        found["dark_current_e_s"] = Estimate(max(0.0, current.value), *ends)
+        value, low, high = (max(0.0, each) for each in (current.value, current.low, current.high))
+        current = Estimate(value, low, high)
+        if fit.hidden_dn2_s:
+            more = fit.hidden_dn2_s / gain**2
+            error = math.hypot(fit.hidden_error_dn2_s / gain**2, 2 * more * fit.error(1) / gain)
+            half = (current.high - current.low) / 2
+            current = _normal(current.value + more, math.hypot(error, half / Z), 0.0)
+        found["dark_current_e_s"] = current
     if (noise_dn := math.sqrt(fit.read_dn2)) < TWO_NUMBERS_DN:
         # what would go with as much noise as two numbers could have and hide
         hidden = TWO_NUMBERS_DN / max(noise_dn, 0.01)
+        least = {"read_noise_e": TWO_NUMBERS_DN / gain}
         for name in {"read_noise_e", "dsnu_e", "dark_current_e_s"} & {*found}:
-            most = max(found[name].high, hidden * found[name].value)
-            found[name] = replace(found[name], low=0.0, high=most)
-        most = max(found["read_noise_e"].high, TWO_NUMBERS_DN / gain)
-        found["read_noise_e"] = replace(found["read_noise_e"], high=most)
+            most = max(found[name].high, hidden * found[name].value, least.get(name, 0.0))
+            found[name] = Estimate(found[name].value, 0.0, most)
         found["black_level_dn"] = Estimate(black.offset, black.offset - 0.5, black.offset + 0.5)
     return found
-
-
-def _add_hidden(estimates: dict[str, Estimate], fit: Transfer, hidden: float, error: float) -> None:
-    shown = estimates["dark_current_e_s"]
-    more = hidden / fit.gain**2
-    margin = Z * math.hypot(error / fit.gain**2, 2 * more * fit.error(1) / fit.gain)
-    margin = math.hypot(margin, (shown.high - shown.low) / 2)
-    value = shown.value + more
-    estimates["dark_current_e_s"] = Estimate(value, max(0.0, value - margin), value + margin)
 
 
 def _normal(value: float, error: float, least: float = -math.inf) -> Estimate:
@@ -206,65 +185,19 @@ def _in_electrons(dn: float, error_dn: float, fit: Transfer) -> Estimate:
     return _normal(value, math.hypot(error_dn, value * fit.error(1)) / fit.gain)
 
 
-def _prnu(light: Floats, fit: Transfer, flat: Sequence[Level], dark: Sequence[Level]) -> Estimate:
-    """light: mean of the flat levels' mean frames less that of the dark ones'."""
-    noise = transfer.noise_of_mean(flat) + transfer.noise_of_mean(dark)
-    pattern = transfer.response_pattern(light, noise)
-    exposure, mean = columns(flat, "exposure_s", "mean_dn")
-    signal = float((mean - fit.dark.at(exposure)).mean())
-    return _root(pattern.fixed_dn2 / signal**2, pattern.error_dn2 / signal**2)
-
-
-def _stray_light(
-    files: Folder, light: Floats, bright: Sequence[Level], dark: Sequence[Level], step: int, fit: Transfer
-) -> Doubt | None:
-    """light: mean of the flat levels ``bright``. The growth of the dark is of every other frame, the dark that is
-    taken off the light of those between, so that no noise is in both."""
-    exposure, variance, count = columns(dark, "exposure_s", "variance_dn2", "frames")
-    away = exposure - exposure.mean()
-    if not away.any():
-        return None
-    slope = away / (away @ away)
-    at_light = 1 / len(dark) + slope * (columns(bright, "exposure_s")[0].mean() - exposure.mean())
-    growth, again, black = np.zeros_like(light), np.zeros_like(light), np.zeros_like(light)
-    for frames, by, beneath in zip(files.dark, slope, at_light, strict=True):
-        every, between = (files.mean(half) / step for half in (frames[::2], frames[1::2]))
-        growth += every * by
-        again += between * by
-        black += between * beneath
-    signal = float((light - black).mean())
-    noise = transfer.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
-    return doubts.stray_light(growth, again, (light - black) / signal, noise / signal**2, fit)
-
-
-def _depth(highest_dn: int, stated: int | None) -> int:
-    if stated is None:
-        return next(bits for bits in _DEPTHS if highest_dn < 2**bits)
-    if highest_dn >= 2**stated:
-        raise ValueError(f"bit_depth = {stated}: frames hold {highest_dn:g}; must be at most {2**stated - 1}")
-    return stated
-
-
-def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
-    notes, noise_dn = [], math.sqrt(fit.read_dn2)
-    if step > 1:
-        notes.append(f"all numbers are multiples of {step}: counted in steps of {step}")
-    if math.isnan(fit.dark.slope):
-        notes.append(
-            "dark frames of one exposure: dark current cannot be told, and is part of the black level"
-        )
-    if fit.rounding:
-        bounds = (
-            ", and are bounds only, with black level and dark current" if noise_dn < TWO_NUMBERS_DN else ""
-        )
-        notes.append(
-            f"noise in the dark is {noise_dn:.2g} DN before rounding, which rules there: read noise and DSNU rest on "
-            f"the noise being normal{bounds}"
-        )
-    if left_out:
-        notes.append(f"{left_out} flat levels near or beyond saturation are left out of the fit")
-    if fit.widened:
-        notes.append(
-            "the variances scatter beyond chance about the line: intervals are widened to what is seen"
-        )
-    return notes
+def _notes(fit: Transfer, step: int, left_out: int) -> dict[str, bool]:
+    """Notes, and whether they apply."""
+    noise_dn = math.sqrt(fit.read_dn2)
+    bounds = ", and are bounds only, with black level and dark current" if noise_dn < TWO_NUMBERS_DN else ""
+    return {
+        f"all numbers are multiples of {step}: counted in steps of {step}": step > 1,
+        "dark frames of one exposure: dark current cannot be told, and is part of the black level": math.isnan(
+            fit.dark.slope
+        ),
+        f"noise in the dark is {noise_dn:.2g} DN before rounding, which rules there: read noise and DSNU rest on "
+        f"the noise being normal{bounds}": fit.rounding,
+        f"{left_out} flat levels near or beyond saturation are left out of the fit": left_out > 0,
+        "the variances scatter beyond chance about the line: intervals are widened to what is seen": fit.widened,
+        "noise in the dark grows with exposure and the mean does not, as where the camera takes it off: dark "
+        "current is that of the variance": fit.hidden_dn2_s > 0,
+    }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,21 +58,6 @@ class Level:
         """Of the pixels that hold this number."""
         return float(self.counts[dn] / self.counts.sum()) if dn >= 0 else 0.0
 
-    def in_steps(self, step_dn: int) -> Level:
-        """The same with numbers counted in steps of the converter."""
-        counts = np.zeros_like(self.counts)
-        kept = self.counts[::step_dn]
-        counts[: len(kept)] = kept
-        return replace(
-            self,
-            mean_dn=self.mean_dn / step_dn,
-            mean_error_dn=self.mean_error_dn / step_dn,
-            drift_dn=self.drift_dn / step_dn,
-            variance_dn2=self.variance_dn2 / step_dn**2,
-            variance_error_dn2=self.variance_error_dn2 / step_dn**2,
-            counts=counts,
-        )
-
 
 def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tuple[Level, Floats]:
     """The level of ``planes`` (two or more, (H, W), of one size), taken as ``first`` was, and their mean (H, W).
@@ -88,8 +73,7 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         values = plane.astype(np.float64)
         means.append(float(values.mean()))
         if number == 0:
-            start, pair = values, np.zeros_like(values)
-            total, squares = np.zeros_like(values), np.zeros_like(values)
+            start, total, squares = values, np.zeros_like(values), np.zeros_like(values)
             continue
         light, reference = means[-1] - dark_dn, means[0] - dark_dn
         if lit and light > 0 and reference > 0:
@@ -101,16 +85,15 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         squares += values * values
         if number == 1:
             pair = values
-    frames, pixels, width = len(means), start.size, start.shape[1]
+    frames, pixels = len(means), start.size
     each = (squares - total * total / frames) / (frames - 1)
     signals = np.array(means) - dark_dn
     if lit and (signals > 0).all():  # shot noise of the first one's light, to that of the mean
         each *= signals.mean() / (signals[0] ** 2 * (1 / signals).mean())
-    variance = float(each.mean()) * pixels / (pixels - 1)
-    rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / width
+    variance, signal = float(each.mean()) * pixels / (pixels - 1), float(signals.mean())
+    rows = float(pair.mean(1).var(ddof=1)) / 2 - variance / start.shape[1]
     power = float((pair * pair).mean())
     neighbours = max(float((pair[:, 1:] * pair[:, :-1]).mean()), float((pair[1:] * pair[:-1]).mean()))
-    signal = float(signals.mean())
     level = Level(
         kind=first.kind,
         exposure_s=first.exposure_s,
@@ -133,9 +116,3 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
 def columns(levels: Sequence[Level], *names: str) -> list[Floats]:
     """An array (N,) of each field over N levels."""
     return [np.array([getattr(level, name) for level in levels], float) for name in names]
-
-
-def common_step(levels: Iterable[Level]) -> int:
-    """The largest whole number of which all numbers are multiples: 16 for 12 bits at the top of 16."""
-    held = np.flatnonzero(sum(level.counts for level in levels))
-    return max(1, int(np.gcd.reduce(held)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any
 
@@ -12,10 +11,8 @@ from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.calibration.fit import Measurement
 
-_MEASURED = (
-    "system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "black_level_dn", "prnu", "dsnu_e", "full_well_e",
-    "quantum_efficiency",
-)  # fmt: skip
+Known = dict[str, tuple[Any, str]]
+"""Values and their sources, by the camera's field."""
 
 
 def camera_of(
@@ -27,24 +24,24 @@ def camera_of(
     Raises ``ValueError`` for an unknown preset, and where a figure is outside what a camera can have.
     """
     estimates, full_scale = found.estimates, 2**found.bit_depth - 1
+    bits = "assumed: the fewest of 8, 10, 12, 14, 16 bits that hold the frames' numbers"
+    if found.bits_stated:
+        bits = "stated with the frames"
+    elif found.clip_dn == full_scale:
+        bits = f"measured: frames clip at {full_scale} DN"
     (width, height), size = found.size_px, "measured: size of the frames"
-    bits = (
-        "stated with the frames" if found.bits_stated
-        else f"measured: frames clip at {full_scale} DN" if found.clip_dn == full_scale
-        else "assumed: the fewest of 8, 10, 12, 14, 16 bits that hold the frames' numbers"
-    )  # fmt: skip
-    known: dict[str, tuple[Any, str]] = {
+    known: Known = {
         "bit_depth": (found.bit_depth, bits), "width_px": (width, size), "height_px": (height, size),
     }  # fmt: skip
-    for figure in _MEASURED:
-        if estimate := estimates.get(figure):
-            source = f"measured: photon transfer of {found.frames}, {interval(estimate)}"
-            if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
-                source += f"; linearity error {100 * linear.value:.2g} %"
-            if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
-                source += "; the converter clips there, the well may hold more"
-            doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
-            known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
+    for figure, estimate in estimates.items():
+        source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
+        if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
+            source += f"; linearity error {100 * linear.value:.2g} %"
+        if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
+            source += "; the converter clips there, the well may hold more"
+        doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
+        known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
+    known.pop("linearity_error", None)
     if "full_well_e" not in estimates:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
         brightest = (max(level.mean_dn for level in found.flat) - black) / gain
@@ -56,25 +53,18 @@ def camera_of(
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
     else:
-        usual = PRESETS[base].dark_reference_c if base in PRESETS else 20.0
+        usual = PRESETS[one_of("base", base, sorted(PRESETS))].dark_reference_c
         known["dark_reference_c"] = (usual, "assumed: nobody said how warm the sensor was")
     return on_base(name, known, base)
 
 
-def on_base(name: str, known: Mapping[str, tuple[Any, str]], base: str) -> Camera:
-    """The camera of ``known`` values and sources, by field; the rest from the preset ``base``, called assumed."""
-    one_of("base", base, sorted(PRESETS))
-    preset, assumed = PRESETS[base], f"assumed, as of the preset {base}"
+def on_base(name: str, known: Known, base: str) -> Camera:
+    """The camera of ``known`` values and sources; the rest from the preset ``base``, called assumed."""
+    preset = PRESETS[one_of("base", base, sorted(PRESETS))]
     names = [entry.name for entry in fields(Camera) if entry.name not in ("name", "sources")]
-    rest = {each: (getattr(preset, each), assumed) for each in names}
-    every = {**rest, **known}
+    every = {each: (getattr(preset, each), f"assumed, as of the preset {base}") for each in names} | known
     values = {each: value for each, (value, _) in every.items()}
     return Camera(name=name, **values, sources={each: source for each, (_, source) in every.items()})
-
-
-def interval(estimate: Estimate) -> str:
-    """'95 % 0.371-0.379', with as many digits as tell its ends apart."""
-    return "95 % {}-{}".format(*ends(estimate))
 
 
 def ends(estimate: Estimate) -> tuple[str, str]:

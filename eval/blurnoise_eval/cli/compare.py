@@ -56,7 +56,7 @@ def compare(
                 "'blurnoise sweep --model A.onnx --model B.onnx'"
             )
     from blurnoise_eval.datasets import decode
-    from blurnoise_eval.quality import comparison, comparison_view
+    from blurnoise_eval.quality import comparison
     from blurnoise_eval.quality.picture import Coding
     from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
     from blurnoise_eval.system.tables import csv_lines
@@ -72,11 +72,11 @@ def compare(
     if table:
         write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if plot:
-        write_figure(plot, comparison_view.draw(found), dpi=150)
+        write_figure(plot, found.figure(), dpi=150)
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": found.notes, "quantities": rows})
         return
-    show(comparison_view.as_table(found))
+    show(found.table())
     for note in found.notes:
         say(note, error=True)
     for path in (table, plot):

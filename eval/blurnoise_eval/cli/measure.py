@@ -85,7 +85,6 @@ def measure(
         raise ValueError("linear, srgb: must be one of them")
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import picture as measuring
-    from blurnoise_eval.quality.oecf import Oecf
     from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
 
     if plot:
@@ -96,7 +95,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=Oecf.read(oecf) if oecf else None,
+        oecf=measuring.Oecf.read(oecf) if oecf else None,
     )
     rois, passed = (roi, ()) if roi else measuring.found_regions(light)
     measured = measuring.measure(light, rois, mode=mode, target=target)

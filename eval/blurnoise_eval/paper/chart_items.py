@@ -7,7 +7,7 @@ the chart clips; the paper reads on there, and sees MTF50 and SNR rise.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from statistics import median
 
@@ -18,7 +18,7 @@ from blurnoise.blur import convolution
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near
+from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near, falls, listed, spread
 from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, NotRun, Saturation
 from blurnoise_eval.quality.measure import TILT_DEG
 
@@ -34,7 +34,6 @@ PEAK_MS = (18.0, 30.0)
 _CLIPS_MS = 20.0
 """From here on the paper's lines at 50 lux rise: its chart clips."""
 _EXPOSURE = "Exposure / ms"
-_SPEED = "Speed / px/s"
 Numbers = Mapping[tuple[str, float, float], Estimate]
 """Of a :class:`Charts`: by metric, ms and px/s."""
 
@@ -50,19 +49,17 @@ def mtf50_over_exposure(measured: Measurements) -> Found:
     all_after = bool(clipped) and max(told) < clipped[0]
     last = max((ms for ms in told if ms <= 21), default=min(told))
     by_speed = [numbers["mtf50_x", last, speed].value for speed in SPEEDS]
-    at_rest = f"{middle:.3f} cycles/px, {_spread(values):.1%} from end to end, to {max(told):g} ms"
+    at_rest = f"{middle:.3f} cycles/px, {spread(values):.1%} from end to end, to {max(told):g} ms"
     rule = f"within {FLAT:.0%} of the median, or it within the 95 % interval of all together"
     beyond = f"withheld from {clipped[0]:g} ms on" if clipped else "told throughout"
     artefact = "rises: an artefact of clipping"
-    speeds = f"MTF50 at {last:g} ms and DX {_listed(SPEEDS)}"
+    speeds = f"MTF50 at {last:g} ms and DX {listed(SPEEDS)}"
     checks = [
         Check("MTF50 at rest", "flat to 20 ms", at_rest, rule, flat and max(told) >= _CLIPS_MS),
         Check("MTF50 beyond", artefact, beyond, "withheld once the chart clips", all_after),
-        Check(speeds, "falls with DX", _listed(by_speed, ".3f"), "falls", _falls(by_speed)),
+        Check(speeds, "falls with DX", listed(by_speed, ".3f"), "falls", falls(by_speed)),
     ]
-    return Found(
-        checks, [_over_exposure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px")]
-    )
+    return Found(checks, [_figure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px")])
 
 
 def mtf50_over_speed(measured: Measurements) -> Found:
@@ -71,7 +68,6 @@ def mtf50_over_speed(measured: Measurements) -> Found:
     found = {speed: numbers["mtf50_x", 30.0, speed] for speed in speeds}
     closed = {speed: mtf50(30e-3 * speed) for speed in speeds}
     told = {speed: each for speed, each in found.items() if each.told}
-    values = [each.value for each in told.values()]
     worst = max((abs(each.value / closed[speed] - 1) for speed, each in told.items()), default=math.inf)
     near = all_near(told.values(), [closed[speed] for speed in told], CLOSED_FORM)
     text = ", ".join(f"{each.value:.4f} ({closed[speed]:.4f}) at {speed:g}" for speed, each in told.items())
@@ -81,8 +77,9 @@ def mtf50_over_speed(measured: Measurements) -> Found:
     what = "the same beside the closed form (in brackets)"
     at_50_lux = "withheld at every DX" if clipped else "told"
     several = len(told) > 1
+    fell = several and falls(each.value for each in told.values())
     checks = [
-        Check("MTF50 over DX at 20 lux", "falls", text, "falls", _falls(values) and several),
+        Check("MTF50 over DX at 20 lux", "falls", text, "falls", fell),
         Check(what, "pixel x disc x motion", beside, rule, near and several),
         Check("the same at 50 lux", "told, the chart being clipped", at_50_lux, "", None),
     ]
@@ -90,8 +87,8 @@ def mtf50_over_speed(measured: Measurements) -> Found:
         Line("measured", speeds, [each.value for each in found.values()]),
         Line("closed form", speeds, list(closed.values()), dashed=True),
     ]
-    title = "MTF50 over speed, 30 ms, 20 lux"
-    return Found(checks, [Figure(title, _SPEED, "MTF50 / cycles/px", lines, logarithmic=False)])
+    title, y_label = "MTF50 over speed, 30 ms, 20 lux", "MTF50 / cycles/px"
+    return Found(checks, [Figure(title, "Speed / px/s", y_label, lines, logarithmic=False)])
 
 
 def patch_snr(measured: Measurements) -> Found:
@@ -99,14 +96,13 @@ def patch_snr(measured: Measurements) -> Found:
     numbers = measured[AT_30_MS]
     grey = [numbers["patch_snr_dark", 30.0, speed].value for speed in SPEEDS]
     white = any(numbers["patch_snr_bright", 30.0, speed].told for speed in SPEEDS)
-    what = f"patch SNR at 30 ms and DX {_listed(SPEEDS)}"
-    text = f"grey: {_listed(grey, '.2f')}"
+    what, text = f"patch SNR at 30 ms and DX {listed(SPEEDS)}", f"grey: {listed(grey, '.2f')}"
     checks = [
-        Check(what, "constant", text, f"spread below {EVEN:.0%}", _spread(grey) < EVEN),
+        Check(what, "constant", text, f"spread below {EVEN:.0%}", spread(grey) < EVEN),
         Check("the white patch", "constant", "told" if white else "clipped, withheld", "", None),
     ]
     title = "Patch SNR, 18 % grey, 50 lux"
-    return Found(checks, [_over_exposure(measured[OVER_EXPOSURE], "patch_snr_dark", title, "SNR")])
+    return Found(checks, [_figure(measured[OVER_EXPOSURE], "patch_snr_dark", title, "SNR")])
 
 
 def edge_snr(measured: Measurements) -> Found:
@@ -122,8 +118,9 @@ def edge_snr(measured: Measurements) -> Found:
     agrees = bool(spreads) and max(spreads.values()) < SPREAD_DB
     rule = f"spread below {SPREAD_DB:g} dB"
     check = Check("edge SNR over DX below 20 ms", "equal", text or "nothing told", rule, agrees)
-    title = "Edge SNR over exposure, 50 lux"
-    return Found([check], [_over_exposure(numbers, "edge_snr_db", title, "Edge SNR / dB")])
+    return Found(
+        [check], [_figure(numbers, "edge_snr_db", "Edge SNR over exposure, 50 lux", "Edge SNR / dB")]
+    )
 
 
 def clipping(measured: Measurements) -> Found:
@@ -131,11 +128,10 @@ def clipping(measured: Measurements) -> Found:
     found = measured[CLIPPING]
     lights, exposures = list(found), list(found.values())
     products = [lux * ms for lux, ms in found.items()]
-    what = f"exposure from which the chart clips at {_listed(lights)} lux"
-    text = f"{_listed(exposures, '.1f')} ms: {_listed(products, '.0f')} lux ms"
-    rule = f"light times exposure within {INVERSE:.0%}"
-    earlier = "the jump comes earlier in more light"
-    check = Check(what, earlier, text, rule, _spread(products) <= INVERSE)
+    what = f"exposure from which the chart clips at {listed(lights)} lux"
+    text = f"{listed(exposures, '.1f')} ms: {listed(products, '.0f')} lux ms"
+    rule, earlier = f"light times exposure within {INVERSE:.0%}", "the jump comes earlier in more light"
+    check = Check(what, earlier, text, rule, spread(products) <= INVERSE)
     inverse = [products[0] / lux for lux in lights]
     lines = [Line("measured", lights, exposures), Line("inverse of the light", lights, inverse, dashed=True)]
     return Found([check], [Figure("Exposure from which the chart clips", "Light / lux", _EXPOSURE, lines)])
@@ -158,16 +154,17 @@ def _peaks(numbers: Numbers, metric: str, name: str, unit: str) -> Found:
     no_later = all(after <= before for before, after in pairwise(places))
     at_rest = f"highest told value at {places[0]:g} ms: {heights[0]:.3g} {unit}"
     inside = f"peak within {PEAK_MS[0]:g}-{PEAK_MS[1]:g} ms"
-    what = f"{name}'s peak at DX {_listed(SPEEDS)}"
-    moving = f"{_listed(places)} ms; {_listed(heights, '.3g')} {unit}"
+    what = f"{name}'s peak at DX {listed(SPEEDS)}"
+    moving = f"{listed(places)} ms; {listed(heights, '.3g')} {unit}"
     lower = "height falls, place does not rise"
     checks = [
         Check(f"{name} at rest", "peaks at 20-30 ms", at_rest, inside, PEAK_MS[0] <= places[0] <= PEAK_MS[1]),
-        Check(what, "lower, and earlier, with DX", moving, lower, _falls(heights) and no_later),
+        Check(what, "lower, and earlier, with DX", moving, lower, falls(heights) and no_later),
     ]
     peak = (20.0, 30.0, "peak at rest")
-    title = f"{name} over exposure, 50 lux"
-    return Found(checks, [_over_exposure(numbers, metric, title, f"{name} / {unit}", peak)])
+    return Found(
+        checks, [_figure(numbers, metric, f"{name} over exposure, 50 lux", f"{name} / {unit}", peak)]
+    )
 
 
 def mtf50(length_px: float) -> float:
@@ -197,7 +194,7 @@ def _told(numbers: Numbers, metric: str, speed: float) -> dict[float, Estimate]:
     return told
 
 
-def _over_exposure(
+def _figure(
     numbers: Numbers,
     metric: str,
     title: str,
@@ -210,16 +207,3 @@ def _over_exposure(
         for speed in SPEEDS
     ]
     return Figure(title, _EXPOSURE, y_label, lines, [quoted])
-
-
-def _falls(values: Iterable[float]) -> bool:
-    return all(after < before for before, after in pairwise(values))
-
-
-def _spread(values: Sequence[float]) -> float:
-    """Largest less smallest, as a share of the mean."""
-    return (max(values) - min(values)) * len(values) / sum(values)
-
-
-def _listed(values: Sequence[float], how: str = "g") -> str:
-    return ", ".join(format(value, how) for value in values)

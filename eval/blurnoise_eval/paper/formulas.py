@@ -5,7 +5,7 @@ The paper's light coding does not matter to them.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -54,31 +54,22 @@ FREQUENCY_SHARE = 0.25
 def table_2(measured: Measurements) -> Found:
     """Motion blur of road users, row by row."""
     camera = Camera.preset(CAMERA)
+    optics: Any = {"width_px": camera.width_px, "hfov_deg": camera.hfov_deg}
     checks = []
-    for number, row in enumerate(TABLE_2, 1):
-        found = blur_pixels(
-            row.speed_kmh / 3.6,
-            row.distance_m,
-            1e-3 * row.exposure_ms,
-            target_width_m=row.width_m,
-            width_px=camera.width_px,
-            hfov_deg=camera.hfov_deg,
-        )
-        seen = f"{row.width_m:g} m wide, {row.distance_m:g} m away"
-        what = f"row {number}: {seen}, {row.speed_kmh:g} km/h, {row.exposure_ms:g} ms"
-        agrees = abs(found - row.printed_px) <= PRINTED_PX
-        rule = f"within {PRINTED_PX:g} px"
-        checks.append(Check(what, f"{row.printed_px:.3f} px", f"{found:.4f} px", rule, agrees))
+    for number, (printed, width, distance, kmh, ms) in enumerate(TABLE_2, 1):
+        found = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
+        what = f"row {number}: {width:g} m wide, {distance:g} m away, {kmh:g} km/h, {ms:g} ms"
+        agrees, rule = abs(found - printed) <= PRINTED_PX, f"within {PRINTED_PX:g} px"
+        checks.append(Check(what, f"{printed:.3f} px", f"{found:.4f} px", rule, agrees))
     return Found(checks)
 
 
 def quanta(measured: Measurements) -> Found:
     """Quanta of white light: the camera's electrons times the sensitivity by which the tool multiplies."""
     camera = Camera.preset(CAMERA)
-    electrons = photoelectrons(camera, 50.0, 0.030)
-    found = electrons * camera.system_gain_dn_per_e
-    text = f"{electrons:.1f} e- x {camera.system_gain_dn_per_e:g} = {found:.1f}"
-    agrees = abs(found / QUANTA - 1) <= 1e-3
+    electrons, gain = photoelectrons(camera, 50.0, 0.030), camera.system_gain_dn_per_e
+    text = f"{electrons:.1f} e- x {gain:g} = {electrons * gain:.1f}"
+    agrees = abs(electrons * gain / QUANTA - 1) <= 1e-3
     return Found([Check("quanta of white", f"{QUANTA:.1f} (its tool)", text, "within 0.1 %", agrees)])
 
 
@@ -99,20 +90,17 @@ def edge_frequencies(picture: Tensor) -> Tensor:
 
     The central difference of the row (the mean of two where their number is even) has a peak at every edge; from a
     peak to the next one of its direction lasts a cycle (section 4.2.1). Peaks below a fifth of the largest do not
-    count; each is placed by the parabola through three differences.
+    count; each is placed by the parabola through three differences, of equal neighbours in their middle.
     """
     rows = picture.double().mean(0)
     profile = rows[(len(rows) - 1) // 2 : len(rows) // 2 + 1].mean(0)
     slope = (profile[2:] - profile[:-2]) / 2
     least = max(0.2 * float(slope.abs().max()), 1e-12 * float(profile.abs().max()))
-    return torch.cat([1 / _peaks(direction, least).diff() for direction in (slope, -slope)])
-
-
-def _peaks(slope: Tensor, least: float) -> Tensor:
-    """Places (K,) of the maxima of ``slope`` above ``least``, px; of equal neighbours their middle."""
-    height, length = torch.unique_consecutive(slope, return_counts=True)
-    middle = length.cumsum(0) - (length - 1) / 2
-    left, top, right = height[:-2], height[1:-1], height[2:]
-    peak = (top > left) & (top > right) & (top > least)
-    places: Tensor = middle[1:-1] + (right - left) / (2 * (2 * top - left - right))
-    return places[peak]
+    found = []
+    for direction in (slope, -slope):
+        height, length = torch.unique_consecutive(direction, return_counts=True)
+        middle = length.cumsum(0) - (length - 1) / 2
+        left, top, right = height[:-2], height[1:-1], height[2:]
+        places = middle[1:-1] + (right - left) / (2 * (2 * top - left - right))
+        found.append(1 / places[(top > left) & (top > right) & (top > least)].diff())
+    return torch.cat(found)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from statistics import NormalDist
+from typing import NamedTuple
 
 from blurnoise.metrics.estimate import Estimate
 from blurnoise_eval.paper.measurement import Measurements, NotRun
@@ -37,8 +39,7 @@ class Check:
         return NOT_JUDGED if self.agrees is None else AGREES if self.agrees else DIFFERS
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """A line of a figure; y is NaN where a number is withheld. dashed: a closed form, or the chain beside.
 
     colour: place among the figure's colours; None: the next one.
@@ -51,8 +52,7 @@ class Line:
     colour: int | None = None
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(NamedTuple):
     """Lines, and what the paper says as ranges or places of x.
 
     quoted: (low, high, label) of x; low equals high for one place. level: of y, a share. points: without lines.
@@ -68,16 +68,14 @@ class Figure:
     level: float | None = None
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """What an item comes to."""
 
     checks: Sequence[Check]
     figures: Sequence[Figure] = ()
 
 
-@dataclass(frozen=True)
-class Item:
+class Item(NamedTuple):
     """An entry of the rerun. place: figure, table or equation of the paper."""
 
     name: str
@@ -94,8 +92,7 @@ class Item:
             return Outcome(self, Found([Check(self.title, "", str(reason), "", None, not_run=True)]))
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """An item with what was found."""
 
     item: Item
@@ -120,3 +117,18 @@ def all_near(found: Iterable[Estimate], expected: Sequence[float], share: float)
         or wider * (each.low - each.value) <= at - each.value <= wider * (each.high - each.value)
         for each, at in zip(found, expected, strict=True)
     )
+
+
+def falls(values: Iterable[float]) -> bool:
+    """Whether each value is below the one before."""
+    return all(after < before for before, after in pairwise(values))
+
+
+def spread(values: Sequence[float]) -> float:
+    """Largest less smallest, as a share of the mean."""
+    return (max(values) - min(values)) * len(values) / sum(values)
+
+
+def listed(values: Iterable[float], how: str = "g") -> str:
+    """'1, 2.5'."""
+    return ", ".join(format(value, how) for value in values)

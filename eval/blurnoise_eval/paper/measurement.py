@@ -1,34 +1,46 @@
 """Measurements that items share, each made once: charts through a camera, and signs before networks.
 
 Domain: exposures in ms (the paper's unit), light in lux, speeds in px/s along x (the paper's DX).
+
+Networks see signs in two chains. "paper", as the paper's tool makes pictures: grey = 0.2989 R + 0.5870 G + 0.1140 B
+of sRGB-coded values, which are taken for light; one plane of noise; 8 bits linear in light. It needs no switch of the
+simulator: its light enters as a 16-bit picture coded so that it decodes to the coded grey (to 1e-5 of white), and its
+camera has one plane and a straight tone curve. "camera": linear light of three colours, 8 bits sRGB-coded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import torch
 
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, slanted_edge
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan, cell_seed
-from blurnoise_eval.paper import chains
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.scoring.on_picture import Reader
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.engines import ThreadEngine
 
+Chain = Literal["paper", "camera"]
+CHAINS: tuple[Chain, ...] = ("paper", "camera")
 CAMERA = "lin2024"
+LUMA = (0.2989, 0.5870, 0.1140)
 READ_FIELDS = 8
 """Noise fields of a reading, at least: what is read right six times in ten is so in all of three every fifth time."""
+_SIDE: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
 
 
 class NotRun(Exception):
@@ -65,13 +77,8 @@ class Charts:
 
     def measure(self, using: Measurements) -> dict[tuple[str, float, float], Estimate]:
         """The estimates; NaN where a metric is withheld."""
-        rows = quality.measure(
-            Camera.preset(self.camera),
-            SweepPlan(_grid(self)).conditions(),
-            repeats=using.repeats,
-            seed=using.seed,
-            threads=using.threads,
-        )
+        how: Any = {"repeats": using.repeats, "seed": using.seed, "threads": using.threads}
+        rows = quality.measure(Camera.preset(self.camera), SweepPlan(_grid(self)).conditions(), **how)
         return {(row.metric, *_place(row.at)): row.estimate for row in rows}
 
 
@@ -88,13 +95,8 @@ class Saturation:
     def measure(self, using: Measurements) -> dict[float, float]:
         """By bisection of the exposure's logarithm."""
         camera, seed = Camera.preset(CAMERA), cell_seed(using.seed, "saturation", 0)
-        scene = charts.slanted_edge(
-            quality.ALONG_PX,
-            quality.ACROSS_PX,
-            angle_deg=quality.TILT_DEG,
-            dark=quality.DARK,
-            bright=quality.BRIGHT,
-        )
+        levels: Any = {"angle_deg": quality.TILT_DEG, "dark": quality.DARK, "bright": quality.BRIGHT}
+        scene = charts.slanted_edge(quality.ALONG_PX, quality.ACROSS_PX, **levels)
         found: dict[float, float] = {}
         for lux in self.lights_lux:
             low, high = (each / lux for each in self.within_lux_ms)
@@ -102,9 +104,8 @@ class Saturation:
                 middle = (low * high) ** 0.5
                 light: Any = {"exposure_s": 1e-3 * middle, "illuminance_lux": lux}
                 dn = simulate(scene, camera, **light, encoding="linear", generator=[seed])
-                edge = slanted_edge(dn[0], full_scale=camera.saturated_dn)
-                clipped = not isinstance(edge, list) and Flag.CLIPPED in edge.flags
-                low, high = (low, middle) if clipped else (middle, high)
+                edge: Any = slanted_edge(dn[0], full_scale=camera.saturated_dn)
+                low, high = (low, middle) if Flag.CLIPPED in edge.flags else (middle, high)
             found[lux] = high
         return found
 
@@ -116,7 +117,7 @@ class Signs:
     A detector's is the mean over noise fields. A reader's is the least of them, 0 where one reads anything but STOP.
     """
 
-    chain: chains.Chain
+    chain: Chain
     read: bool
     sizes_px: tuple[int, ...]
     exposures_ms: tuple[float, ...]
@@ -131,17 +132,44 @@ class Signs:
             raise NotRun("needs PP-OCR's networks: pip install 'blurnoise[ocr]'")
         repeats = max(using.repeats, READ_FIELDS) if self.read else using.repeats
         plan = SweepPlan(_grid(self), repeats=repeats, seed=using.seed, examples=False)
-        shown = chains.signs(self.chain, self.sizes_px, read=self.read)
-        camera, engine = chains.camera_of(self.chain, self.camera), ThreadEngine(using.threads)
+        shown, camera = signs(self.chain, self.sizes_px, read=self.read), camera_of(self.chain, self.camera)
         scores: dict[tuple[int, float, float], list[float]] = {}
         with TemporaryDirectory() as folder, Store(Path(folder, "signs"), create=True) as store:
-            sweep.run([model], camera, shown, plan, store, engine=engine)
+            sweep.run([model], camera, shown, plan, store, engine=ThreadEngine(using.threads))
             for row in store.targets():
                 if not row["clean"]:
                     key = (int(row["group"].split()[0]), *_place(row))
                     scores.setdefault(key, []).append(row["confidence"])
         of_fields = np.min if self.read else np.mean
         return {key: float(of_fields(values)) for key, values in scores.items()}
+
+
+def camera_of(chain: Chain, name: str = CAMERA) -> Camera:
+    """The preset as the chain has it."""
+    camera = Camera.preset(name)
+    return replace(camera, cfa="mono", tone=((0.0, 0.0), (1.0, 1.0))) if chain == "paper" else camera
+
+
+def signs(chain: Chain, sizes_px: tuple[int, ...], *, read: bool) -> PictureSet:
+    """A stop sign of each size in the middle of 320 px of 18 % grey, to be found or to be read; group "SIZE px"."""
+    pictures = []
+    for place, size in enumerate(sizes_px, 1):
+        group, name = f"{size} px", f"stop-sign-{size}px-{chain}"
+        target = Target("stop sign", group, charts.stop_sign_box(size, **_SIDE))
+        if read:
+            target = Target("text", group, charts.stop_sign_text_box(size, **_SIDE), text="STOP")
+        pictures.append(Picture(name, (target,), partial(picture, chain, size), name, place))
+    return PictureSet("rendered", f"stop signs on 18 % grey, {chain} chain", tuple(pictures))
+
+
+def picture(chain: Chain, size_px: int) -> Image:
+    """The sign as the chain's scene, (320, 320, 3), sRGB-coded: 16 bits of grey, or 8 of colour."""
+    coded, kind = srgb_from_linear(charts.stop_sign(size_px, **_SIDE)[0]), "uint8"
+    if chain == "paper":
+        grey = torch.einsum("c,chw->hw", torch.tensor(LUMA), coded)
+        coded, kind = srgb_from_linear(grey).expand(3, -1, -1), "uint16"
+    codes = coded.double().mul(np.iinfo(kind).max).round().permute(1, 2, 0).numpy()
+    return np.ascontiguousarray(codes.astype(kind))
 
 
 def _grid(of: Charts | Signs) -> dict[str, list[float]]:

@@ -14,9 +14,8 @@ from itertools import pairwise
 
 from scipy.stats import spearmanr
 
-from blurnoise_eval.paper.chains import CHAINS, Chain
 from blurnoise_eval.paper.item import Check, Figure, Found, Line
-from blurnoise_eval.paper.measurement import Charts, Measurements, NotRun, Signs
+from blurnoise_eval.paper.measurement import CHAINS, Chain, Charts, Measurements, NotRun, Signs
 
 SIZES = (100, 50, 32)
 LEVEL = 0.6
@@ -28,12 +27,9 @@ _FAR_DX = (0.0, 100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 800.0, 1000.0)
 _MAP_MS, _MAP_DX = (1, 2, 3, 5, 10, 20, 45, 90), (0.0, 50.0, 150.0, 300.0, 600.0, 1000.0)
 MAP_CAMERA, MAP_LUX = "imx250", 1.0
 """Noise and blur both within the exposures of the map, and edges told where the detector is at its limit."""
-
-_BESIDE_MS = (0.5, 1, 4, 20, 50, 70, 90)
-"""Of the camera's chain, where nothing is judged."""
 FOUND_AT_REST = {
     "paper": Signs("paper", False, SIZES, _REST_MS, (0.0,)),
-    "camera": Signs("camera", False, SIZES, (0.05, 0.1, 0.2, *_BESIDE_MS), (0.0,)),
+    "camera": Signs("camera", False, SIZES, (0.05, 0.1, 0.2, 0.5, 1, 4, 20, 50, 70, 90), (0.0,)),
 }
 FOUND_AT_30_MS = {chain: Signs(chain, False, SIZES, (30,), _FAR_DX) for chain in CHAINS}
 _READ_MS = {
@@ -79,41 +75,28 @@ def detection(measured: Measurements) -> Found:
         over_dx = [_curve(measured, FOUND_AT_30_MS[chain], size) for size in SIZES]
         first, last = [first_held(each) for each in over_ms], [last_held(each) for each in over_ms]
         lost = [first_lost(each) for each in over_dx]
+        found, gone = _by_size(first, "ms", "none"), _by_size(lost, "px/s", f"none to {_FAR_DX[-1]:g}")
+        slower = ordered([-each for each in lost])
+        first_at, lost_at = (
+            ", ".join(f"{value:g} {unit} ({size} px)" for size, value in quoted.items())
+            for quoted, unit in ((FIRST_MS, "ms"), (LOST_DX, "px/s"))
+        )
+        tops = f"{TOPS_MS[0]:g}-{TOPS_MS[1]:g} ms"
+        limit, at_last = "another network's limit", _by_size(last, "ms", "none")
         return [
-            Check(
-                "first exposure at rest that finds it",
-                _quoted(FIRST_MS, "ms"),
-                _by_size(first, "ms", "none"),
-                "falls with size",
-                ordered(first),
-            ),
-            Check(
-                "DX that loses it at 30 ms",
-                f"about {_quoted(LOST_DX, 'px/s')}",
-                _by_size(lost, "px/s", f"none to {_FAR_DX[-1]:g}"),
-                "rises with size",
-                ordered([-each for each in lost]),
-            ),
-            Check(
-                "last exposure at rest that finds it",
-                f"{TOPS_MS[0]:g}-{TOPS_MS[1]:g} ms",
-                _by_size(last, "ms", "none"),
-                "another network's limit",
-                None,
-            ),
+            Check("first exposure at rest that finds it", first_at, found, "falls with size", ordered(first)),
+            Check("DX that loses it at 30 ms", f"about {lost_at}", gone, "rises with size", slower),
+            Check("last exposure at rest that finds it", tops, at_last, limit, None),
         ]
 
-    rest = _lines(measured, FOUND_AT_REST.values())
-    fast = _lines(measured, FOUND_AT_30_MS.values())
-    tops = [(*TOPS_MS, "last")]
+    rest, fast = (_lines(measured, signs.values()) for signs in (FOUND_AT_REST, FOUND_AT_30_MS))
     lost = [(dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()]
-    return Found(
-        _of_chains(checks, judged="paper"),
-        [
-            Figure("Signs found at rest, 50 lux", _EXPOSURE, _CONFIDENCE, rest, tops, level=LEVEL),
-            Figure("Signs found at 30 ms, 50 lux", _SPEED, _CONFIDENCE, fast, lost, False, level=LEVEL),
-        ],
-    )
+    at_rest, at_30_ms = "Signs found at rest, 50 lux", "Signs found at 30 ms, 50 lux"
+    figures = [
+        Figure(at_rest, _EXPOSURE, _CONFIDENCE, rest, [(*TOPS_MS, "last")], level=LEVEL),
+        Figure(at_30_ms, _SPEED, _CONFIDENCE, fast, lost, False, level=LEVEL),
+    ]
+    return Found(_of_chains(checks, judged="paper"), figures)
 
 
 def maps(measured: Measurements) -> Found:
@@ -138,28 +121,32 @@ def maps(measured: Measurements) -> Found:
         rule = "SIC and NEQ each above both others"
         return [Check(what, "MTF50, patch SNR poor; SIC, NEQ good", text, rule, agrees)]
 
-    figures = []
-    for name, rank in ranks["camera"].items():
-        points = [Line("32 px", values[name], confidence["camera"])]
-        title = f"Map of {name}: rank correlation {rank:.2f}"
-        figures.append(Figure(title, name, _CONFIDENCE, points, points=True, level=LEVEL))
+    figures = [
+        Figure(
+            f"Map of {name}: rank correlation {rank:.2f}", name, _CONFIDENCE,
+            [Line("32 px", values[name], confidence["camera"])], points=True, level=LEVEL,
+        )
+        for name, rank in ranks["camera"].items()
+    ]  # fmt: skip
     return Found(_of_chains(checks, judged="camera"), figures)
 
 
 def reading(measured: Measurements) -> Found:
     """The exposures from which, and to which, STOP is read."""
+    ends = (
+        ("from", READ_FROM_MS, FROM_FACTOR, first_held),
+        ("to", READ_TO_MS, TO_FACTOR, last_held),
+    )
 
     def checks(chain: Chain) -> list[Check]:
         found = []
-        for what, quoted, factor, end in (
-            ("from", READ_FROM_MS, FROM_FACTOR, first_held),
-            ("to", READ_TO_MS, TO_FACTOR, last_held),
-        ):
+        for what, quoted, factor, end in ends:
             for (size, dx), ms in quoted.items():
                 seen = end(_curve(measured, READ_OVER_EXPOSURE[chain, size, dx], size))
                 text = f"{seen:g} ms" if math.isfinite(seen) else "not read"
-                agrees, rule = within(seen, ms, factor), f"factor {factor:g}"
-                found.append(Check(f"{size} px, DX {dx:g}: read {what}", f"{ms:g} ms", text, rule, agrees))
+                agrees = seen > 0 and ms / factor <= seen <= ms * factor
+                name = f"{size} px, DX {dx:g}: read {what}"
+                found.append(Check(name, f"{ms:g} ms", text, f"factor {factor:g}", agrees))
         return found
 
     figures = []
@@ -175,22 +162,20 @@ def reading_over_speed(measured: Measurements) -> Found:
     """The speeds at which STOP is read at 30 ms."""
 
     def checks(chain: Chain) -> list[Check]:
-        fails = first_lost(_curve(measured, READ_AT_30_MS[chain], 32))
-        reads = last_held(_curve(measured, READ_AT_30_MS[chain], 100))
+        curves = measured, READ_AT_30_MS[chain]
+        fails, reads = first_lost(_curve(*curves, 32)), last_held(_curve(*curves, 100))
         failing = f"{fails:g} px/s" if math.isfinite(fails) else f"not to {_DX[-1]:g} px/s"
-        reading = f"{reads:g} px/s" if math.isfinite(reads) else "not read"
+        until = f"{reads:g} px/s" if math.isfinite(reads) else "not read"
         rule = "a step of the DX list"
         return [
             Check("32 px: fails by", "100 px/s", failing, rule, one_step(fails, 100.0)),
-            Check("100 px: reads to", "350 px/s", reading, rule, one_step(reads, 350.0)),
+            Check("100 px: reads to", "350 px/s", until, rule, one_step(reads, 350.0)),
         ]
 
     lines = _lines(measured, READ_AT_30_MS.values())
     quoted = [(100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to")]
-    return Found(
-        _of_chains(checks, judged="paper"),
-        [Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, lines, quoted, False, level=LEVEL)],
-    )
+    figure = Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, lines, quoted, False, level=LEVEL)
+    return Found(_of_chains(checks, judged="paper"), [figure])
 
 
 def first_held(curve: Curve) -> float:
@@ -215,11 +200,6 @@ def ordered(values: Sequence[float]) -> bool:
     return rises and values[-1] > values[0]
 
 
-def within(found: float, quoted: float, factor: float) -> bool:
-    """Whether the two differ by no more than the factor."""
-    return found > 0 and quoted / factor <= found <= quoted * factor
-
-
 def one_step(found: float, quoted: float) -> bool:
     """Whether both are the same or neighbours among the speeds that are measured."""
     return found in _DX and abs(_DX.index(found) - _DX.index(quoted)) <= 1
@@ -237,22 +217,17 @@ def _of_chains(checks: Callable[[Chain], list[Check]], *, judged: Chain) -> list
 def _curve(measured: Measurements, of: Signs, size: int) -> Curve:
     """Confidence in signs of a size over what ``of`` varies: exposure, or else speed."""
     over_ms = len(of.exposures_ms) > 1
-    return {ms if over_ms else dx: y for (px, ms, dx), y in sorted(measured[of].items()) if px == size}
+    found: Mapping[tuple[int, float, float], float] = measured[of]
+    return {ms if over_ms else dx: y for (px, ms, dx), y in sorted(found.items()) if px == size}
 
 
 def _lines(measured: Measurements, signs: Iterable[Signs]) -> list[Line]:
     """A line per chain and size."""
-    lines = []
-    for of in signs:
-        for size in of.sizes_px:
-            curve = _curve(measured, of, size)
-            label, dashed = f"{size} px, {of.chain}", of.chain == "camera"
-            lines.append(Line(label, list(curve), list(curve.values()), dashed, SIZES.index(size)))
-    return lines
-
-
-def _quoted(by_size: Mapping[int, float], unit: str) -> str:
-    return ", ".join(f"{value:g} {unit} ({size} px)" for size, value in by_size.items())
+    curves = [(of.chain, size, _curve(measured, of, size)) for of in signs for size in of.sizes_px]
+    return [
+        Line(f"{size} px, {chain}", list(curve), list(curve.values()), chain == "camera", SIZES.index(size))
+        for chain, size, curve in curves
+    ]
 
 
 def _by_size(values: Sequence[float], unit: str, none: str) -> str:

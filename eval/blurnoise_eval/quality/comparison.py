@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
 from statistics import NormalDist
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,11 @@ from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE
 from blurnoise_eval.quality.picture import Coding, Linear
+from blurnoise_eval.system.tables import finite
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.table import Table
 
 Floats = NDArray[np.float64]
 BLOCK_PX = 16
@@ -64,10 +68,8 @@ class Quantity:
 
     def row(self) -> dict[str, Any]:
         """Plain values, None for what cannot be told."""
-        numbers = {
-            "simulated": self.simulated, "real": self.real, "difference": self.difference, "chance": self.chance,
-        }  # fmt: skip
-        told = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
+        names = ("simulated", "real", "difference", "chance")
+        told = {name: finite(getattr(self, name)) for name in names}
         return {"quantity": self.name, "unit": self.unit, **told, "verdict": self.verdict}
 
 
@@ -75,41 +77,69 @@ class Quantity:
 class Compared:
     """What two pictures have in common. levels (n, 3): level, noise of the simulated and of the real one.
 
-    spectrum: frequency in cycles/px and both powers, each (n,), rings of the relative power.
+    spectrum (3, n): frequency in cycles/px and both powers, rings of the relative power.
     """
 
     quantities: tuple[Quantity, ...]
     notes: tuple[str, ...]
     levels: Floats
-    spectrum: tuple[Floats, Floats, Floats]
+    spectrum: Floats
+
+    def table(self) -> Table:
+        """A row per quantity, within 80 columns."""
+        from rich import box
+        from rich.table import Table
+
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
+        for head in ("quantity", "simulated", "real", "chance", "verdict"):
+            table.add_column(head, justify="left" if head in ("quantity", "verdict") else "right")
+        for each in self.quantities:
+            scale, unit = (100, " %") if each.unit == "of full scale" else (1, "")
+            numbers = [
+                f"{scale * value:.4g}{unit}" if math.isfinite(value) else "-"
+                for value in (each.simulated, each.real)
+            ]
+            chance = f"±{100 * each.chance:.2g} %" if math.isfinite(each.chance) else "-"
+            table.add_row(each.name, *numbers, chance, each.verdict)
+        return table
+
+    def figure(self) -> Figure:
+        """Noise over level, and the relative power spectra, of both pictures."""
+        from matplotlib.figure import Figure
+
+        from blurnoise_eval.plots.style import COLOURS, tidy
+
+        figure, levels = Figure(figsize=(11.4, 4.6), layout="constrained"), 100 * self.levels
+        left, right = figure.subplots(1, 2)
+        for column, (label, mark) in enumerate((("simulated", "o-"), ("real", "s--")), 1):
+            look: dict[str, Any] = {"color": COLOURS[column - 1], "label": label}
+            left.plot(levels[:, 0], levels[:, column], mark, ms=5, **look)
+            right.loglog(self.spectrum[0], self.spectrum[column], mark[1:], lw=1.2, **look)
+        tidy(left, x="Level / % of full scale", y="Noise / % of full scale")
+        tidy(right, x="Frequency / cycles per px", y="Power relative to mean² / px²")
+        for axes in (left, right):
+            axes.legend(fontsize=8.5, frameon=False)
+        return figure
 
 
-def pair_of(
-    simulated: Image,
-    real: Image,
-    coding: Coding = "auto",
-    *,
-    black_level: float | None = None,
-    full_scale: float | None = None,
-) -> tuple[Linear, Linear]:
-    """Make both pictures linear in the same way.
+def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: Any) -> tuple[Linear, Linear]:
+    """Make both pictures linear in the same way. levels: of :func:`linear`.
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
     """
     sizes = [f"{each.shape[1]} x {each.shape[0]}" for each in (simulated, real)]
+    bits = [8 * each.itemsize for each in (simulated, real)]
     if sizes[0] != sizes[1]:
         raise ValueError(
             f"simulated is {sizes[0]} px, real {sizes[1]}: must be of one size, of the same chart"
         )
-    if simulated.dtype != real.dtype:
-        bits = [8 * each.itemsize for each in (simulated, real)]
+    if bits[0] != bits[1]:
         raise ValueError(f"simulated has {bits[0]} bits, real {bits[1]}: must be of one depth")
     if min(simulated.shape[:2]) < SMALLEST_PX:
         raise ValueError(
             f"simulated and real are {sizes[0]} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}"
         )
-    made_linear = partial(measuring.linear, coding=coding, black_level=black_level, full_scale=full_scale)
-    return made_linear(simulated), made_linear(real)
+    return measuring.linear(simulated, coding, **levels), measuring.linear(real, coding, **levels)
 
 
 def compare(pair: tuple[Linear, Linear]) -> Compared:
@@ -123,7 +153,11 @@ def compare(pair: tuple[Linear, Linear]) -> Compared:
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
     octaves, spectrum = _spectrum(shares, levels)
-    quantities = [_mean(shares, levels), *noise, *sharpness, *octaves]
+    # chance of the mean: by the noise of the levels alone, the same in every pixel
+    simulated, real = shares.mean((1, 2)).tolist()
+    error = math.sqrt(float((levels[:, 1:] ** 2).mean()) if len(levels) else 0.0)
+    chance = _Z * error * math.sqrt(2 / shares[0].size) / abs(simulated) if simulated else math.nan
+    quantities = [Quantity("mean", "of full scale", simulated, real, chance), *noise, *sharpness, *octaves]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
     together = tuple(replace(each, chance=wider * each.chance) for each in quantities)
     return Compared(together, tuple(notes), levels, spectrum)
@@ -136,45 +170,33 @@ def _share(light: Linear) -> Floats:
     return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 
-def _mean(shares: Floats, levels: Floats) -> Quantity:
-    """Chance by the noise of the levels alone, the same in every pixel."""
-    noise = math.sqrt(float((levels[:, 1:] ** 2).mean())) if len(levels) else 0.0
-    simulated, real = shares.mean((1, 2)).tolist()
-    chance = _Z * noise * math.sqrt(2 / shares[0].size) / abs(simulated) if simulated else math.nan
-    return Quantity("mean", "of full scale", simulated, real, chance)
-
-
 def _noise(shares: Floats) -> tuple[Floats, list[Quantity]]:
-    """Noise of the squares that are even in both pictures, by level."""
-    levels, variances, structure = zip(*(_squares(each) for each in shares), strict=True)
-    even = np.logical_and(*(_even(each) for each in structure)) & (np.minimum(*variances) > 0)
-    level, variance = np.mean(levels, 0)[even], np.stack(variances, 1)[even]
+    """Noise of the squares that are even in both pictures, by level: squares of like level are parted at the widest
+    gaps of the ordered levels, as a chart's patches lie."""
+    levels, variances, even = zip(*(_squares(each) for each in shares), strict=True)
+    used = np.logical_and(*even) & (np.minimum(*variances) > 0)
+    level, variance = np.mean(levels, 0)[used], np.stack(variances, 1)[used]
+    order = np.argsort(level, kind="stable")
+    gaps = np.diff(level[order])
+    wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
     rows, quantities = [], []
-    for members in _by_level(level):
-        deviations = np.sqrt(variance[members].mean(0))
+    for members in np.split(order, sorted(int(place) + 1 for place in wide if gaps[place] > 0.01)):
+        if (count := len(members)) < FEWEST_BLOCKS:
+            continue
+        simulated, real = np.sqrt(variance[members].mean(0)).tolist()
+        at = float(level[members].mean())
         # chi-square of all squares' pixels, or the scatter between the squares, whichever is more: of variances
-        count = len(members)
         scatter = variance[members].std(0, ddof=1) / variance[members].mean(0) / math.sqrt(count)
         error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
-        at = float(level[members].mean())
-        simulated, real = deviations.tolist()
-        rows.append((at, simulated, real))
         chance = _Z * math.hypot(*error.tolist())
+        rows.append((at, simulated, real))
         quantities.append(Quantity(f"noise at {100 * at:.3g} %", "of full scale", simulated, real, chance))
     return np.array(rows).reshape(-1, 3), quantities
 
 
-def _by_level(level: Floats) -> list[NDArray[np.intp]]:
-    """Squares of like level: parted at the widest gaps of the ordered levels, as a chart's patches lie."""
-    order = np.argsort(level, kind="stable")
-    gaps = np.diff(level[order])
-    wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
-    cuts = sorted(int(place) + 1 for place in wide if gaps[place] > 0.01)
-    return [part for part in np.split(order, cuts) if len(part) >= FEWEST_BLOCKS]
-
-
-def _squares(picture: Floats) -> tuple[Floats, Floats, Floats]:
-    """Of each square: mean, variance about its plane, and variance of cells' means over what noise makes of it."""
+def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Of each square: mean, variance about its plane, and whether its cells vary by no more than noise explains,
+    which may itself be coarse: then as in most even squares."""
     rows, columns = (side // BLOCK_PX for side in picture.shape)
     cut = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
     squares = cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
@@ -189,16 +211,10 @@ def _squares(picture: Floats) -> tuple[Floats, Floats, Floats]:
     cells = BLOCK_PX // _CELL_PX
     means = rest.reshape(-1, cells, _CELL_PX, cells, _CELL_PX).mean((2, 4))
     expected = variance / _CELL_PX**2
-    structure = (means * means).sum((1, 2)) / (cells**2 - 3)
-    return (
-        level, variance, np.divide(structure, expected, out=np.zeros_like(level), where=expected > 0),
-    )  # fmt: skip
-
-
-def _even(structure: Floats) -> NDArray[np.bool_]:
-    """Where cells vary by no more than noise explains, which may itself be coarse: then as in most even squares."""
+    seen = (means * means).sum((1, 2)) / (cells**2 - 3)
+    structure = np.divide(seen, expected, out=np.zeros_like(level), where=expected > 0)
     usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
-    return np.asarray(structure < _EVEN * usual)
+    return level, variance, structure < _EVEN * usual
 
 
 def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
@@ -213,18 +229,19 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
     found = []
     for both in zip(*(measuring.measure(light, regions) for light in pair), strict=True):
         usable = all(each.estimates["mtf50"].told and not UNUSABLE & each.edge.flags for each in both)
-        if not usable or both[0].edge.bright_side != both[1].edge.bright_side:
-            continue
-        simulated, real = (each.estimates["mtf50"].value for each in both)
-        ranges = [each.edge.noise_intervals["mtf50"] for each in both]
-        errors = [(high - low) / 2 / of for (low, high), of in zip(ranges, (simulated, real), strict=True)]
-        at = ",".join(map(str, both[0].roi[:2]))
-        found.append(Quantity(f"MTF50 at {at}", "cycles/px", simulated, real, math.hypot(*errors)))
+        if usable and both[0].edge.bright_side == both[1].edge.bright_side:
+            simulated, real = (each.estimates["mtf50"].value for each in both)
+            ranges = [each.edge.noise_intervals["mtf50"] for each in both]
+            errors = [
+                (high - low) / 2 / of for (low, high), of in zip(ranges, (simulated, real), strict=True)
+            ]
+            at = ",".join(map(str, both[0].roi[:2]))
+            found.append(Quantity(f"MTF50 at {at}", "cycles/px", simulated, real, math.hypot(*errors)))
     return found[:MOST_EDGES]
 
 
-def _spectrum(shares: Floats, levels: Floats) -> tuple[list[Quantity], tuple[Floats, Floats, Floats]]:
-    """Power relative to the mean squared, by octave below half a cycle per px.
+def _spectrum(shares: Floats, levels: Floats) -> tuple[list[Quantity], Floats]:
+    """Power relative to the mean squared, by octave below half a cycle per px, and by ring.
 
     A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
     octave's values independent. N is that of white noise as the levels have it, or all of P without them.
@@ -233,33 +250,31 @@ def _spectrum(shares: Floats, levels: Floats) -> tuple[list[Quantity], tuple[Flo
     window = np.outer(np.hanning(height), np.hanning(width))
     norm = float((window * window).sum())
     radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
-    powers, noise = [], []
+    powers, errors = [], []
     for column, each in enumerate(shares, start=1):
         mean = float((window * each).sum() / window.sum())
-        noise.append(float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) and mean else math.inf)
-        powers.append(
-            np.abs(np.fft.rfft2(window * (each / mean - 1))) ** 2 / norm if mean else np.zeros(radius.shape)
-        )
+        power, noise = np.zeros(radius.shape), math.inf
+        if mean:
+            power = np.abs(np.fft.rfft2(window * (each / mean - 1))) ** 2 / norm
+            noise = float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) else math.inf
+        white = np.minimum(noise, power) if math.isinf(noise) else noise
+        powers.append(power)
+        errors.append(white**2 + 2 * white * np.maximum(power - white, 0))
     found, high = [], 0.5
     while high * min(height, width) >= 8:
         ring = (radius > high / 2) & (radius <= high)
+        totals = [float(power[ring].sum()) for power in powers]
+        relative = [
+            2.1 * math.sqrt(float(np.sum(error[ring]))) / total if total else math.nan
+            for error, total in zip(errors, totals, strict=True)
+        ]
         simulated, real = (float(power[ring].mean()) for power in powers)
-        errors = [_power_error(power[ring], white) for power, white in zip(powers, noise, strict=True)]
         name = f"power, {high / 2:.3g} to {high:.3g} c/px"
-        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*errors)))
+        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*relative)))
         high /= 2
     steps = min(height, width) // 2
-    rings = np.round(radius * 2 * steps).astype(int)
-    counts = np.maximum(np.bincount(rings.ravel())[1 : steps + 1], 1)
-    simulated_power, real_power = (
-        np.bincount(rings.ravel(), power.ravel())[1 : steps + 1] / counts for power in powers
-    )
-    return found, (np.arange(1, steps + 1) / (2 * steps), simulated_power, real_power)
-
-
-def _power_error(powers: Floats, noise: float) -> float:
-    """Standard deviation of the mean of ``powers``, relative to it."""
-    white = np.minimum(noise, powers) if math.isinf(noise) else noise
-    varying = white**2 + 2 * white * np.maximum(powers - white, 0)
-    total = float(powers.sum())
-    return 2.1 * math.sqrt(float(np.sum(varying))) / total if total else math.nan
+    rings = np.round(radius * 2 * steps).astype(int).ravel()
+    counts = np.maximum(np.bincount(rings), 1)
+    by_ring = [np.bincount(rings, power.ravel()) / counts for power in powers]
+    frequency = np.arange(len(counts)) / (2 * steps)
+    return found, np.stack([frequency, *by_ring])[:, 1 : steps + 1]

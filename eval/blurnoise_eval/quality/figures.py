@@ -12,6 +12,7 @@ from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,15 +20,7 @@ from matplotlib.patches import Patch
 
 from blurnoise.metrics import Flag
 from blurnoise_eval.grid.axes import axis, setting_of, velocity_of, velocity_text
-from blurnoise_eval.plots.style import (
-    MAX_LINES,
-    legend_above,
-    line_colours,
-    plain_numbers,
-    small_multiples,
-    spread,
-    tidy,
-)
+from blurnoise_eval.plots import style
 from blurnoise_eval.quality.measure import CLIPPED, METRICS, Metric, Row
 from blurnoise_eval.quality.table import varying
 from blurnoise_eval.system.files import write_figure
@@ -58,7 +51,7 @@ def against_exposure(rows: Sequence[Row], camera: str, named: Sequence[str] = ("
     velocities = sorted({velocity_of(row.at) for row in rows}, key=lambda v: (math.hypot(*v), v))
     lines = {
         velocity_text(velocity): [row for row in rows if velocity_of(row.at) == velocity]
-        for velocity in spread(velocities, MAX_LINES)
+        for velocity in style.spread(velocities, style.MAX_LINES)
     }
     return _figure(rows, lines, _EXPOSURE, f"{plain(camera)}, {_texts(rows[0], named)}")
 
@@ -66,9 +59,9 @@ def against_exposure(rows: Sequence[Row], camera: str, named: Sequence[str] = ("
 def against_blur(rows: Sequence[Row], camera: str, named: Sequence[str] = ("illuminance_lux",)) -> Figure:
     """Rows of one setting, whose axes ``named`` are in the title: a line per exposure over the motion blur."""
     lines = {}
-    for exposure_s in spread(sorted({row.at["exposure_s"] for row in rows}), MAX_LINES):
+    for exposure_s in style.spread(sorted({row.at["exposure_s"] for row in rows}), style.MAX_LINES):
         of = [row for row in rows if row.at["exposure_s"] == exposure_s]
-        saturated = " (saturated)" if any(_clipped(row) for row in of) else ""
+        saturated = " (saturated)" if any(CLIPPED in row.estimate.flags for row in of) else ""
         lines[axis("exposure_s").text(exposure_s) + saturated] = of
     return _figure(rows, lines, _BLUR, f"{plain(camera)}, {_texts(rows[0], named)}")
 
@@ -100,48 +93,43 @@ def _texts(row: Row, named: Sequence[str]) -> str:
 
 def _figure(rows: Sequence[Row], lines: Mapping[str, list[Row]], along: _Along, of: str) -> Figure:
     """A panel per metric; places at which any line fails are shaded."""
-    colours = dict(zip(lines, line_colours(along.colours, len(lines)), strict=True))
+    colours = dict(zip(lines, style.line_colours(along.colours, len(lines)), strict=True))
     places = sorted({along.x(row) for row in rows})
-    figure, panels = small_multiples(len(METRICS), _COLUMNS, (3.5, 2.45), (0.0, 1.3), sharex=True)
+    figure, panels = style.small_multiples(len(METRICS), _COLUMNS, (3.5, 2.45), (0.0, 1.3), sharex=True)
     for axes, metric in zip(panels, METRICS, strict=True):
         drawn = {
-            label: sorted((row for row in each if row.metric == metric.name), key=along.x)
+            colours[label]: sorted((row for row in each if row.metric == metric.name), key=along.x)
             for label, each in lines.items()
         }
-        _panel(axes, metric, drawn, colours, along, places)
+        _panel(axes, metric, drawn, along, places)
     figure.supxlabel(along.label, fontsize=9)
-    handles: list[Any] = [
-        Line2D([], [], color=colour, marker="o", ms=3.5, lw=1.4, label=label)
-        for label, colour in colours.items()
-    ]
     failures = {along.failure(row) for row in rows}
-    handles += [
-        Patch(color=colour, alpha=2 * alpha, label=label)
-        for colour, (label, alpha) in _SHADES.items()
-        if colour in failures
-    ]
-    handles += [
+    handles: list[Any] = [
+        *(
+            Line2D([], [], color=each, marker="o", ms=3.5, lw=1.4, label=label)
+            for label, each in colours.items()
+        ),
+        *(
+            Patch(color=c, alpha=2 * alpha, label=text)
+            for c, (text, alpha) in _SHADES.items()
+            if c in failures
+        ),
         Line2D([], [], color="0.3", marker="x", ls="", ms=5, label="not told (its line)"),
         Line2D([], [], color="0.3", marker="o", mfc="white", ls="", ms=4.5, label="told, with a flag"),
         Patch(color="0.3", alpha=0.18, label="95 % interval"),
     ]
-    legend_above(figure, handles, f"{of}: image quality against {along.title}")
+    style.legend_above(figure, handles, f"{of}: image quality against {along.title}")
     return figure
 
 
 def _panel(
-    axes: Axes,
-    metric: Metric,
-    lines: Mapping[str, list[Row]],
-    colours: Mapping[str, str],
-    along: _Along,
-    places: Sequence[float],
+    axes: Axes, metric: Metric, lines: Mapping[str, list[Row]], along: _Along, places: Sequence[float]
 ) -> None:
-    unit = "" if metric.unit == "1" else f" / {metric.unit}"
-    tidy(axes, title=f"{metric.title}{unit}")
+    """lines: by colour."""
+    style.tidy(axes, title=metric.title if metric.unit == "1" else f"{metric.title} / {metric.unit}")
     if metric.log:
         axes.set_yscale("log")
-        plain_numbers(axes.yaxis, digits=(1, 2, 5))
+        style.plain_numbers(axes.yaxis, digits=(1, 2, 5))
     if metric.share:
         axes.set_ylim(0, 1.05)
     along.scale(axes, places)
@@ -153,29 +141,30 @@ def _panel(
             if fails:
                 ends = [spans[x] for x in run]
                 axes.axvspan(ends[0][0], ends[-1][1], color=colour, alpha=alpha, lw=0, zorder=0)
-    for number, (label, rows) in enumerate(lines.items()):
-        _line(axes, [along.x(row) for row in rows], rows, colours[label])
+    for number, (colour, rows) in enumerate(lines.items()):
+        _line(axes, [along.x(row) for row in rows], rows, colour)
         lost = [along.x(row) for row in rows if not row.estimate.told and along.failure(row)]
         foot = [0.03 + 0.035 * number] * len(lost)
         across = axes.get_xaxis_transform()  # y in shares of the panel
-        axes.plot(lost, foot, "x", color=colours[label], ms=4.5, mew=1.3, transform=across, zorder=5)
+        axes.plot(lost, foot, "x", color=colour, ms=4.5, mew=1.3, transform=across, zorder=5)
     positive = [row.estimate.value for row in every if row.estimate.value > 0]
     if metric.log and positive:
         axes.set_ylim(min(positive) / 1.6, max(positive) * 1.6)
 
 
 def _line(axes: Axes, x: list[float], rows: list[Row], colour: str) -> None:
-    estimates = [row.estimate for row in rows]
+    values, lows, highs = (
+        np.array([getattr(row.estimate, end) for row in rows]) for end in ("value", "low", "high")
+    )
     least = _LEAST if axes.get_yscale() == "log" else -math.inf
-    if not any(estimate.value > least for estimate in estimates):
+    if not (values > least).any():
         return
-    axes.plot(x, [estimate.value for estimate in estimates], "o-", color=colour, ms=3, lw=1.4, zorder=3)
-    low = [max(estimate.low, least) if math.isfinite(estimate.low) else math.nan for estimate in estimates]
-    high = [estimate.high if math.isfinite(estimate.high) else math.nan for estimate in estimates]
+    axes.plot(x, values, "o-", color=colour, ms=3, lw=1.4, zorder=3)
+    low = np.where(np.isfinite(lows), np.maximum(lows, least), math.nan)
+    high = np.where(np.isfinite(highs), highs, math.nan)
     axes.fill_between(x, low, high, color=colour, alpha=0.18, lw=0, zorder=2)
-    flagged = [(at, each.value) for at, each in zip(x, estimates, strict=True) if each.told and each.flags]
-    places, values = [at for at, _ in flagged], [value for _, value in flagged]
-    axes.plot(places, values, "o", mfc="white", mec=colour, ms=4.2, zorder=4)
+    flagged = np.array([row.estimate.told and bool(row.estimate.flags) for row in rows])
+    axes.plot(np.array(x)[flagged], values[flagged], "o", mfc="white", mec=colour, ms=4.2, zorder=4)
 
 
 def _surroundings(places: Sequence[float], axes: Axes) -> dict[float, tuple[float, float]]:
@@ -187,42 +176,34 @@ def _surroundings(places: Sequence[float], axes: Axes) -> dict[float, tuple[floa
     return dict(zip(places, pairwise([first, *middles, last]), strict=True))
 
 
-def _clipped(row: Row) -> bool:
-    return CLIPPED in row.estimate.flags
-
-
 def _exposure_failure(row: Row) -> str | None:
     """Saturation, also where a number is told, or another loss, or noise."""
-    if _clipped(row):
+    if CLIPPED in row.estimate.flags:
         return SATURATED
     return FAILED if not row.estimate.told or _NOISY in row.estimate.flags else None
+
+
+def _blur_failure(row: Row) -> str | None:
+    return None if row.estimate.told or CLIPPED in row.estimate.flags else FAILED
 
 
 def _exposure_scale(axes: Axes, exposures_ms: Sequence[float]) -> None:
     axes.set_xscale("log")
     axes.set_xlim(exposures_ms[0] / 1.2, exposures_ms[-1] * 1.2)
-    plain_numbers(axes.xaxis, digits=(1, 3))
+    style.plain_numbers(axes.xaxis, digits=(1, 3))
 
 
 def _blur_scale(axes: Axes, blurs_px: Sequence[float]) -> None:
     axes.set_xscale("symlog", linthresh=1)
     axes.set_xlim(-0.1, 1.2 * max(blurs_px[-1], 1))
-    plain_numbers(axes.xaxis)
+    style.plain_numbers(axes.xaxis)
 
 
 _EXPOSURE = _Along(
-    title="exposure",
-    label="Exposure / ms",
-    colours="viridis",
-    x=lambda row: 1e3 * row.at["exposure_s"],
-    failure=_exposure_failure,
-    scale=_exposure_scale,
-)
+    "exposure", "Exposure / ms", "viridis", lambda row: 1e3 * row.at["exposure_s"], _exposure_failure,
+    _exposure_scale,
+)  # fmt: skip
 _BLUR = _Along(
-    title="motion blur",
-    label="Motion blur / px (linear below 1 px, logarithmic above)",
-    colours="plasma",
-    x=lambda row: row.blur_px,
-    failure=lambda row: None if row.estimate.told or _clipped(row) else FAILED,
-    scale=_blur_scale,
-)
+    "motion blur", "Motion blur / px (linear below 1 px, logarithmic above)", "plasma", lambda row: row.blur_px,
+    _blur_failure, _blur_scale,
+)  # fmt: skip

@@ -69,20 +69,17 @@ class _Box:
     line: Segment
     top: float
     bottom: float
-    left: float
-    right: float
+    left: float = 0.0
+    right: float = 0.0
 
     def roi(self, height: int, width: int) -> Roi | None:
         """As far as the picture reaches; None where that is too small."""
         top, bottom = max(0, math.ceil(self.top)), min(height, math.floor(self.bottom))
-        ends = self.x(top), self.x(bottom)
+        x0, y0, x1, y1 = self.line
+        ends = [x0 + (x1 - x0) * (y - y0) / (y1 - y0) for y in (top, bottom)]
         left, right = max(0, math.floor(min(ends) - self.left)), min(width, math.ceil(max(ends) + self.right))
         large_enough = bottom - top >= SHORTEST_PX and right - left >= _WIDTHS_PX[0]
         return (left, top, right - left, bottom - top) if large_enough else None
-
-    def x(self, y: float) -> float:
-        x0, y0, x1, y1 = self.line
-        return x0 + (x1 - x0) * (y - y0) / (y1 - y0)
 
 
 def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) -> Found:
@@ -94,23 +91,34 @@ def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) 
     """
     kept: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
-    frames = {
-        lying: _Frame(picture.mT if lying else picture, full_scale, black_level) for lying in (False, True)
-    }
-    for lying, line in _lines(frames[False].plane):
-        if any(lying == other and _inside(roi, _middle(line)) for roi, other, _ in kept):
+    frames = [_Frame(each, full_scale, black_level) for each in (picture, picture.mT)]
+    for lying, line in _lines(frames[0].plane):
+        if any(lying == other and _crosses(line, roi) for roi, other, _ in kept):
             continue
-        found = _grown(frames[lying], line)
+        found = frames[lying].grown(line)
         if isinstance(found, Flag):
             reasons[found] += 1
-        elif not any(lying == other and _inside(found, _middle(known)) for _, other, known in kept):
+        elif not any(lying == other and _crosses(known, found) for _, other, known in kept):
             kept.append((found, lying, line))
     rois = [
         (top, left, high, wide) if lying else (left, top, wide, high)
         for (left, top, wide, high), lying, _ in kept
     ]
     rois.sort(key=lambda roi: (-roi[2] * roi[3], roi))
-    return Found(_in_reading_order(rois[:MOST]), dict(reasons.most_common()), max(0, len(rois) - MOST))
+    waiting, ordered = sorted(rois[:MOST], key=lambda roi: (roi[1], roi[0])), list[Roi]()
+    while waiting:  # top to bottom, and left to right what starts above the middle of the first of its line
+        middle = waiting[0][1] + waiting[0][3] / 2
+        line_of = [roi for roi in waiting if roi[1] <= middle]
+        ordered += sorted(line_of)
+        waiting = waiting[len(line_of) :]
+    return Found(ordered, dict(reasons.most_common()), max(0, len(rois) - MOST))
+
+
+def _crosses(line: Segment, roi: Roi) -> bool:
+    """Whether the middle of ``line`` is in the region."""
+    left, top, width, height = roi
+    x, y = (line[0] + line[2]) / 2, (line[1] + line[3]) / 2
+    return left <= x <= left + width and top <= y <= top + height
 
 
 class _Frame:
@@ -123,7 +131,21 @@ class _Frame:
             torch.einsum("chw,c->hw", picture, weights).sub(black_level).float().numpy()
         )
 
-    def edge_in(self, box: _Box) -> SlantedEdge | Flag:
+    def grown(self, line: Segment) -> Roi | Flag:
+        """The largest region about ``line`` in which the edge can be used, or why there is none."""
+        _, top, _, bottom = line
+        spare = (bottom - top) / 4
+        why = []
+        # a blurred corner begins before its line ends
+        for ends_px in (_END_PX, spare) if spare > _END_PX else (_END_PX,):
+            box, edge = self._widest(_Box(line, top + ends_px, bottom - ends_px))
+            if not isinstance(edge, Flag):
+                box = self._stretched(box, float(edge.distance_px[-1]))
+                return box.roi(*self.plane.shape) or Flag.REGION_TOO_SMALL
+            why.append(edge)
+        return why[0]
+
+    def _edge_in(self, box: _Box) -> SlantedEdge | Flag:
         """The edge in ``box``, or why it cannot be used."""
         roi = box.roi(*self.plane.shape)
         if roi is None:
@@ -132,10 +154,12 @@ class _Frame:
             self.picture, roi=roi, full_scale=self.full_scale, black_level=self.black_level, bootstrap=0
         )
         edge = seen[0] if isinstance(seen, list) else seen
-        bad = edge.flags & UNUSABLE
-        if bad:
+        if bad := edge.flags & UNUSABLE:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
+
+    def _usable(self, box: _Box) -> bool:
+        return not isinstance(self._edge_in(box), Flag)
 
     def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
         """Whether no block of the region stands off what the edge's shape along a straight line says of it.
@@ -158,65 +182,46 @@ class _Frame:
         blocks = cv2.blur(off, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REFLECT)
         return bool(np.abs(blocks).max() < max(_UNEVEN, 6 * noise / _BLOCK_PX))
 
-
-def _grown(frame: _Frame, line: Segment) -> Roi | Flag:
-    """The largest region about ``line`` in which the edge can be used, or why there is none."""
-    _, top, _, bottom = line
-    spare = (bottom - top) / 4
-    why = []
-    for ends_px in (
-        (_END_PX, spare) if spare > _END_PX else (_END_PX,)
-    ):  # a blurred corner begins before its line ends
-        box, edge = _first(frame, _Box(line, top + ends_px, bottom - ends_px, 0, 0))
-        if not isinstance(edge, Flag):
-            box = _stretched(frame, box, float(edge.distance_px[-1]))
-            roi = box.roi(*frame.plane.shape)
-            return Flag.REGION_TOO_SMALL if roi is None else roi
-        why.append(edge)
-    return why[0]
-
-
-def _first(frame: _Frame, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
-    """The widest of the regions with as much on both sides, or why there is none."""
-    best: tuple[_Box, SlantedEdge] | None = None
-    why: list[Flag] = []
-    for width in _WIDTHS_PX:
-        wider = replace(box, left=width, right=width)
-        edge = frame.edge_in(wider)
-        if not isinstance(edge, Flag):
-            best = wider, edge
-            continue
-        why.append(edge)
-        if best or why.count(Flag.TWO_EDGES) == 2:  # once would be noise, or a blur that fills the region
-            break
-    return best or (box, why[0])
-
-
-def _stretched(frame: _Frame, box: _Box, reach_px: float) -> _Box:
-    """``box`` moved outwards on one side after the other while the edge can be used.
-
-    reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the blur
-    of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
-    """
-    for end, sign in (("top", -1.0), ("bottom", 1.0)):
-        step = sign * (_GROWTH - 1) * (box.bottom - box.top)
-        while not isinstance(frame.edge_in(longer := replace(box, **{end: getattr(box, end) + step})), Flag):
-            if longer.roi(*frame.plane.shape) == box.roi(*frame.plane.shape):
+    def _widest(self, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
+        """The widest of the regions with as much on both sides, or why there is none."""
+        best: tuple[_Box, SlantedEdge] | None = None
+        why: list[Flag] = []
+        for width in _WIDTHS_PX:
+            wider = replace(box, left=width, right=width)
+            edge = self._edge_in(wider)
+            if not isinstance(edge, Flag):
+                best = wider, edge
+                continue
+            why.append(edge)
+            if best or why.count(Flag.TWO_EDGES) == 2:  # once would be noise, or a blur that fills the region
                 break
-            box = longer
-    cut = min(reach_px, (box.bottom - box.top) / 4)
-    shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
-    if not isinstance(frame.edge_in(shorter), Flag):
-        box = shorter
-    most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
-    box = replace(box, left=min(box.left, most), right=min(box.right, most))
-    for side in ("left", "right"):
-        while (width := getattr(box, side)) < most:
-            wider = replace(box, **{side: min(_GROWTH * width, most)})
-            if isinstance(frame.edge_in(wider), Flag):
-                break
-            box = wider
-    return box
+        return best or (box, why[0])
+
+    def _stretched(self, box: _Box, reach_px: float) -> _Box:
+        """``box`` moved outwards on one side after the other while the edge can be used.
+
+        reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the
+        blur of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
+        """
+        size = self.plane.shape
+        for end, sign in (("top", -1.0), ("bottom", 1.0)):
+            step = sign * (_GROWTH - 1) * (box.bottom - box.top)
+            while self._usable(longer := replace(box, **{end: getattr(box, end) + step})):
+                if longer.roi(*size) == box.roi(*size):
+                    break
+                box = longer
+        cut = min(reach_px, (box.bottom - box.top) / 4)
+        shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
+        box = shorter if self._usable(shorter) else box
+        most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
+        box = replace(box, left=min(box.left, most), right=min(box.right, most))
+        for side in ("left", "right"):
+            while (width := getattr(box, side)) < most:
+                wider = replace(box, **{side: min(_GROWTH * width, most)})
+                if not self._usable(wider):
+                    break
+                box = wider
+        return box
 
 
 def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
@@ -236,35 +241,13 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
         size = tuple(max(1, round(side * scale)) for side in plane.shape[::-1])
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
         segments = detector.detect((255 * small).round().astype(np.uint8))[0]
-        for x0, y0, x1, y1 in (
-            np.asarray([] if segments is None else segments, np.float64).reshape(-1, 4) / scale
-        ):
-            lying = abs(x1 - x0) > abs(y1 - y0)
-            ends = sorted([(y0, x0), (y1, x1)] if not lying else [(x0, y0), (x1, y1)])
-            (top, first), (bottom, last) = ends
+        every = np.asarray([] if segments is None else segments, np.float64).reshape(-1, 4) / scale
+        for x0, y0, x1, y1 in every:
+            lying = bool(abs(x1 - x0) > abs(y1 - y0))
+            (top, first), (bottom, last) = sorted([(x0, y0), (x1, y1)] if lying else [(y0, x0), (y1, x1)])
             if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
                 found.add((lying, (first, top, last, bottom)))
         scale /= 2
         if longer * scale < _COARSEST_PX:
             break
     return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]
-
-
-def _in_reading_order(rois: list[Roi]) -> list[Roi]:
-    """Top to bottom, and left to right what starts above the middle of the first of its line."""
-    waiting, ordered = sorted(rois, key=lambda roi: (roi[1], roi[0])), []
-    while waiting:
-        middle = waiting[0][1] + waiting[0][3] / 2
-        line = [roi for roi in waiting if roi[1] <= middle]
-        ordered += sorted(line)
-        waiting = waiting[len(line) :]
-    return ordered
-
-
-def _middle(line: Segment) -> tuple[float, float]:
-    return (line[0] + line[2]) / 2, (line[1] + line[3]) / 2
-
-
-def _inside(roi: Roi, point: tuple[float, float]) -> bool:
-    left, top, width, height = roi
-    return left <= point[0] <= left + width and top <= point[1] <= top + height

@@ -28,13 +28,14 @@ from torch import Tensor
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.estimate import BatchEstimate, Estimate
-from blurnoise.metrics.patches import PatchContrast, detection_probability, patch_contrast, patch_snr
+from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr
 from blurnoise.metrics.similarity import psnr, ssim
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
+from blurnoise_eval.system.tables import finite
 from blurnoise_eval.system.threads import limited_threads
 
 DARK, BRIGHT = 0.18, 0.8
@@ -64,7 +65,7 @@ class Charts:
         self._repeats, self._seed = repeats, seed
 
     def frames(self, name: str) -> Tensor:
-        """Digital numbers (n, 1, H, W) of a chart by its name in :func:`_scenes`."""
+        """Digital numbers (n, 1, H, W) of a chart by its name in :func:`_scenes`, not rounded after digital gain."""
         dn = simulate(
             _scenes()[name].expand(self._repeats, -1, -1, -1),
             self._taker,
@@ -75,19 +76,30 @@ class Charts:
             encoding="linear",
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
-        return _amplified(dn, self._camera, self._digital_db)
+        if self._digital_db == 0:
+            return dn
+        black = self._camera.black_level_dn
+        amplified = (dn - black) * 10 ** (self._digital_db / 20) + black
+        return amplified.clamp(0.0, self._camera.full_scale_dn)
 
     @cached_property
     def across_x(self) -> list[SlantedEdge]:
         """The edge that motion along x blurs."""
         dn = self.frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :]
-        return _edges(dn, self._camera, along_px=self._moved_px[1], seed=0)
+        return self._edges(dn, along_px=self._moved_px[1], seed=0)
 
     @cached_property
     def across_y(self) -> list[SlantedEdge]:
         """The edge that motion along y blurs."""
         dn = self.frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX]
-        return _edges(dn, self._camera, along_px=self._moved_px[0], seed=1)
+        return self._edges(dn, along_px=self._moved_px[0], seed=1)
+
+    def _edges(self, dn: Tensor, *, along_px: float, seed: int) -> list[SlantedEdge]:
+        if along_px > 2 * SPARE_PX:
+            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
+        full, black = self._camera.saturated_dn, self._camera.black_level_dn
+        edges = slanted_edge(dn.clamp(max=full), full_scale=full, black_level=black, seed=seed)
+        return edges if isinstance(edges, list) else [edges]
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
@@ -103,19 +115,10 @@ class Charts:
         bright, dark = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in self.patches)
         return bright, dark
 
-    @cached_property
-    def contrast(self) -> PatchContrast:
-        """Between both patches."""
-        return patch_contrast(*self.patches)
-
     def of_patches(self, batch: BatchEstimate) -> list[Estimate]:
         """Estimates of what rests on both patches, either of which may be clipped."""
         bright, dark = self.snr
         return _estimates(batch, clipped=bright.flags[CLIPPED] | dark.flags[CLIPPED])
-
-    @cached_property
-    def _sign(self) -> Tensor:
-        return self.frames("sign").double()
 
     def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
         """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
@@ -131,6 +134,10 @@ class Charts:
             replace(each, flags=each.flags | {CLIPPED}) if clipped else each
             for each, clipped in zip(found, cut.tolist(), strict=True)
         ]
+
+    @cached_property
+    def _sign(self) -> Tensor:
+        return self.frames("sign").double()
 
 
 @dataclass(frozen=True)
@@ -155,8 +162,12 @@ def _across_x(name: str) -> Callable[[Charts], list[Estimate]]:
 
 def _both_edges(measure: Callable[..., Estimate], **how: Any) -> Callable[[Charts], list[Estimate]]:
     return lambda charts: [
-        measure(*pair, **how) for pair in zip(charts.across_x, charts.across_y, strict=True)
+        measure(x, y, **how) for x, y in zip(charts.across_x, charts.across_y, strict=True)
     ]
+
+
+def _contrast(name: str) -> Callable[[Charts], list[Estimate]]:
+    return lambda charts: charts.of_patches(getattr(patch_contrast(*charts.patches), name))
 
 
 def _neq_0(charts: Charts) -> list[Estimate]:
@@ -185,8 +196,7 @@ METRICS = (
         _across_x("edge_snr_db"),
     ),
     Metric(
-        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches",
-        lambda charts: charts.of_patches(charts.contrast.cnr), log=True,
+        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), log=True,
     ),
     Metric(
         "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}",
@@ -219,7 +229,7 @@ METRICS = (
     ),
     Metric(
         "michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches",
-        lambda charts: charts.of_patches(charts.contrast.michelson), share=True,
+        _contrast("michelson"), share=True,
     ),
     Metric(
         "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}", _cdp,
@@ -238,7 +248,7 @@ METRICS = (
 
 @dataclass(frozen=True)
 class Row:
-    """One metric under one condition, the mean of ``repeats``; those of them that told a number are ``told``.
+    """One metric under one condition, the mean of ``repeats``; ``told`` of them have a number.
 
     at: the condition's actual number on every axis.
     """
@@ -256,13 +266,12 @@ class Row:
 
     def record(self) -> dict[str, Any]:
         """As a table's row: None for what is withheld or has no interval, flags in alphabetical order."""
-        of = self.estimate
         return {
             **self.at,
             "blur_px": self.blur_px,
             "metric": self.metric,
-            **{name: _finite(getattr(of, name)) for name in ("value", "low", "high")},
-            "flags": " ".join(sorted(of.flags)),
+            **{name: finite(getattr(self.estimate, name)) for name in ("value", "low", "high")},
+            "flags": " ".join(sorted(self.estimate.flags)),
             "told": self.told,
             "repeats": self.repeats,
         }
@@ -321,6 +330,16 @@ def check(camera: Camera, plan: SweepPlan) -> None:
         conditions.exposure(camera)
 
 
+def together(estimates: Sequence[Estimate]) -> Estimate:
+    """The mean of independent estimates of one number, with its interval; NaN where one of them is withheld."""
+    count = len(estimates)
+    value = math.fsum(estimate.value for estimate in estimates) / count
+    below = math.fsum(estimate.value - estimate.low for estimate in estimates) / count**1.5
+    above = math.fsum(estimate.high - estimate.value for estimate in estimates) / count**1.5
+    flags = frozenset[str]().union(*(estimate.flags for estimate in estimates))
+    return Estimate(value, value - below, value + above, flags)
+
+
 @cache
 def _scenes() -> dict[str, Tensor]:
     """The charts, (1, C, H, W) linear reflectance."""
@@ -339,38 +358,12 @@ def _with_gain(camera: Camera, gain_db: float) -> Camera:
     """The camera as if its digital gain were the converter's: as many DN per electron, and the same end of scale."""
     if gain_db == 0:
         return camera
-    gain = 10 ** (gain_db / 20)
-    clip_dn = (camera.clip_dn - camera.black_level_dn) * gain + camera.black_level_dn
-    clip_dn = min(camera.full_scale_dn, math.floor(clip_dn))  # what clips reaches it
+    gain, black = 10 ** (gain_db / 20), camera.black_level_dn
+    clip_dn = min(
+        camera.full_scale_dn, math.floor((camera.clip_dn - black) * gain + black)
+    )  # what clips reaches it
     per_e = camera.system_gain_dn_per_e * gain
-    full_well_e = max(clip_dn - camera.black_level_dn, 1.0) / per_e
-    return replace(camera, system_gain_dn_per_e=per_e, full_well_e=full_well_e)
-
-
-def _amplified(dn: Tensor, seen: Camera, gain_db: float) -> Tensor:
-    """Digital numbers after a digital gain, as light that is yet to be developed: not rounded again."""
-    if gain_db == 0:
-        return dn
-    black = seen.black_level_dn
-    return ((dn - black) * 10 ** (gain_db / 20) + black).clamp(0.0, seen.full_scale_dn)
-
-
-def together(estimates: Sequence[Estimate]) -> Estimate:
-    """The mean of independent estimates of one number, with its interval; NaN where one of them is withheld."""
-    count = len(estimates)
-    value = math.fsum(estimate.value for estimate in estimates) / count
-    below = math.fsum(estimate.value - estimate.low for estimate in estimates) / count**1.5
-    above = math.fsum(estimate.high - estimate.value for estimate in estimates) / count**1.5
-    flags = frozenset[str]().union(*(estimate.flags for estimate in estimates))
-    return Estimate(value, value - below, value + above, flags)
-
-
-def _edges(dn: Tensor, camera: Camera, *, along_px: float, seed: int) -> list[SlantedEdge]:
-    if along_px > 2 * SPARE_PX:
-        return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
-    full = camera.saturated_dn
-    edges = slanted_edge(dn.clamp(max=full), full_scale=full, black_level=camera.black_level_dn, seed=seed)
-    return edges if isinstance(edges, list) else [edges]
+    return replace(camera, system_gain_dn_per_e=per_e, full_well_e=max(clip_dn - black, 1.0) / per_e)
 
 
 def _estimates(batch: BatchEstimate, **flags: Tensor) -> list[Estimate]:
@@ -380,11 +373,6 @@ def _estimates(batch: BatchEstimate, **flags: Tensor) -> list[Estimate]:
     found = []
     for index, (value, low, high) in enumerate(zip(*numbers, strict=True)):
         names = frozenset(name for name, where in raised.items() if where[index])
-        found.append(
-            Estimate(math.nan, flags=names) if names & _WITHHELD else Estimate(value, low, high, names)
-        )
+        withheld = names & _WITHHELD
+        found.append(Estimate(math.nan, flags=names) if withheld else Estimate(value, low, high, names))
     return found
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -16,23 +18,15 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.checks import limited
-from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise._core.files import read_text
+from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.information import (
-    NOT_WHITE,
-    capacity_radial,
-    capacity_square,
-    neq_0,
-    neq_integral,
-    square_snr,
-)
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
-from blurnoise_eval.quality.oecf import Oecf
+from blurnoise_eval.system.tables import finite
 
 Coding = Literal["auto", "srgb", "linear"]
 
@@ -52,9 +46,12 @@ TITLES = {
 }
 """The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
+FEWEST_FIELDS = 3
+"""Of a grey scale: two make a straight line."""
 _DOUBTS = {
     "noiseless": "no noise: what is measured against it has no bound",
-    NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it for white",
+    information.NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it "
+    "for white",
 }
 """Flags of numbers, in words."""
 _UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
@@ -85,7 +82,7 @@ class Square:
 
     def __post_init__(self) -> None:
         checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
-        limited("target_contrast", self.contrast, "contrast")
+        checks.limited("target_contrast", self.contrast, "contrast")
 
 
 @dataclass(frozen=True)
@@ -109,11 +106,49 @@ class Measured:
         row: dict[str, Any] = {"region": self.number}
         row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
         row |= {"orientation": edge.orientation, "bright_side": edge.bright_side}
-        row |= {name: _finite(getattr(edge, name)) for name in ("angle_deg", "dark", "bright")}
+        row |= {name: finite(getattr(edge, name)) for name in ("angle_deg", "dark", "bright")}
         for name, estimate in self.estimates.items():
-            row |= {name: _finite(estimate.value)}
-            row |= {f"{name}_low": _finite(estimate.low), f"{name}_high": _finite(estimate.high)}
+            row |= {name: finite(estimate.value)}
+            row |= {f"{name}_low": finite(estimate.low), f"{name}_high": finite(estimate.high)}
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
+
+
+@dataclass(frozen=True)
+class Oecf:
+    """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
+
+    numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
+    """
+
+    numbers: tuple[float, ...]
+    light: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        for name, values in (("numbers", self.numbers), ("light", self.light)):
+            sound = all(math.isfinite(value) and value >= 0 for value in values)
+            rising = all(a < b for a, b in pairwise(values))
+            if not (sound and rising and len(values) >= FEWEST_FIELDS):
+                raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+
+    @classmethod
+    def read(cls, path: Path) -> Oecf:
+        """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+
+        Raises ``OSError``, and ``ValueError`` for other content.
+        """
+        fields = []
+        for number, line in enumerate(read_text(path).split("\n"), 1):
+            try:
+                at, light = (float(cell) for cell in line.split(","))
+                fields.append((at, light))
+            except ValueError:
+                if number > 1 and line.strip():
+                    raise ValueError(
+                        f"oecf: line {number} of {path} must be two numbers with a comma, got {line!r}"
+                    ) from None
+        if not fields:
+            raise ValueError(f"oecf: {path} holds no line of two numbers with a comma")
+        return cls(*zip(*sorted(fields), strict=True))
 
 
 def linear(
@@ -139,8 +174,10 @@ def linear(
             raise ValueError(
                 f"{[*given, 'coding'][0]}: goes without --oecf, which says what every number means"
             )
+        least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
+        light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
         note = f"made linear by a grey scale of {len(oecf.light)} fields"
-        return Linear(torch.from_numpy(oecf.light_of(planes.numpy())), 1.0, 0.0, "of white", (note,))
+        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     if coding == "srgb" or (coding == "auto" and bits == 8):
         if given:
@@ -154,8 +191,9 @@ def linear(
             )
         return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
-    if full_scale is None and _piled_up(planes, largest):
-        full_scale = largest
+    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
+    if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
+        full_scale = largest  # that of a converter of fewer bits
         notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
     top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
     if largest > top:
@@ -171,30 +209,22 @@ def linear(
     return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
 
 
-def _piled_up(planes: Tensor, largest: float) -> bool:
-    """Whether the largest number is that of a converter of fewer bits, and too many pixels hold it."""
-    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
-    return whole and float((planes == largest).double().mean()) > CLIPPED_SHARE
-
-
 def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
     """The regions of ``light`` that hold a usable slanted edge, and a note on what was passed over.
 
     Raises ``ValueError`` that says what was looked for where there is none.
     """
     found = find_edges(light.picture, full_scale=light.full_scale, black_level=light.black_level)
-    reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
-    passed = f"lines turned down: {reasons}" if reasons else "no straight line at all"
     if not found.rois:
+        reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
+        passed = f"lines turned down: {reasons}" if reasons else "no straight line at all"
         raise ValueError(
             f"image: no usable slanted edge: looked for straight edges of {SHORTEST_PX} px or more, at most "
             f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that "
             f"do not clip ({passed}); name a region with --roi x,y,w,h to see its flags"
         )
-    left_out = (
-        (f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any",) if found.left_out else ()
-    )
-    return found.rois, left_out
+    left_out = f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any"
+    return found.rois, (left_out,) if found.left_out else ()
 
 
 def measure(
@@ -204,7 +234,11 @@ def measure(
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    edges = [_edge(light, roi, mode) for roi in rois]
+    scale: Any = {"full_scale": light.full_scale, "black_level": light.black_level}
+    edges: list[SlantedEdge] = []
+    for roi in rois:
+        seen = slanted_edge(light.picture, mode=mode, roi=roi, bootstrap=_RESAMPLES, **scale)
+        edges += seen if isinstance(seen, list) else [seen]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
@@ -218,34 +252,15 @@ def measure(
     return measured
 
 
-def _edge(light: Linear, roi: Roi, mode: Mode) -> SlantedEdge:
-    edge = slanted_edge(
-        light.picture,
-        mode=mode,
-        roi=roi,
-        full_scale=light.full_scale,
-        black_level=light.black_level,
-        bootstrap=_RESAMPLES,
-    )
-    return edge[0] if isinstance(edge, list) else edge
-
-
 def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> int | None:
     """The nearest region with an edge across the other axis."""
-    own = edges[index]
-    if math.isnan(own.bright):
-        return None
-    others = (
-        (math.dist(_centre(rois[index]), _centre(rois[other])), other)
+    centres = [(left + width / 2, top + height / 2) for left, top, width, height in rois]
+    others = [
+        (math.dist(centres[index], centres[other]), other)
         for other, edge in enumerate(edges)
-        if not math.isnan(edge.bright) and edge.orientation != own.orientation
-    )
-    return min(others, default=(0.0, None))[1]
-
-
-def _centre(roi: Roi) -> tuple[float, float]:
-    left, top, width, height = roi
-    return left + width / 2, top + height / 2
+        if not math.isnan(edge.bright) and edge.orientation != edges[index].orientation
+    ]
+    return min(others)[1] if others and not math.isnan(edges[index].bright) else None
 
 
 def _estimates(edge: SlantedEdge, second: SlantedEdge, target: Square) -> dict[str, Estimate]:
@@ -253,16 +268,13 @@ def _estimates(edge: SlantedEdge, second: SlantedEdge, target: Square) -> dict[s
     both = edge, second  # in either order: a square is the same seen from the side
     # square_snr's target is as high as the mean step of both
     level, step = (sum(each.bright + sign * each.dark for each in both) for sign in (1, -1))
-    snr, scale = square_snr(*both, side_px=target.size_px), target.contrast * level / 2 / step
+    snr = information.square_snr(*both, side_px=target.size_px)
+    scale = target.contrast * level / 2 / step
     found = {name: edge.estimate(name) for name in TITLES if hasattr(edge, name)} | {
-        "sic_radial": capacity_radial(edge),
-        "sic_square": capacity_square(*both),
-        "neq_0": neq_0(edge),
-        "neq_integral": neq_integral(*both),
+        "sic_radial": information.capacity_radial(edge),
+        "sic_square": information.capacity_square(*both),
+        "neq_0": information.neq_0(edge),
+        "neq_integral": information.neq_integral(*both),
         "snri": Estimate(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags),
     }
     return {name: found[name] for name in TITLES}
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -13,7 +13,6 @@ import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.plots.style import tidy
@@ -25,37 +24,39 @@ _WIDTH_IN, _ROW_IN, _TALLEST_IN = 12.0, 2.5, 7.0
 
 
 def draw(light: Linear, measured: Sequence[Measured]) -> Figure:
-    """The picture above a row of panels for each of the first ``MOST_EDGES`` regions."""
+    """The picture, its brightest white, above a row of panels for each of the first ``MOST_EDGES`` regions."""
     shown = measured[:MOST_EDGES]
-    coded = _shown(light)
+    above = (light.picture - light.black_level).clamp_min(0)
+    white = srgb_from_linear(above / above.max().clamp_min(1e-12))
+    coded = np.asarray(white.expand(3, -1, -1).permute(1, 2, 0), np.float32)
     picture_in = min(_TALLEST_IN, 0.85 * _WIDTH_IN * coded.shape[0] / coded.shape[1])
     heights = [picture_in + 0.4] + [_ROW_IN] * len(shown)
     figure = Figure(figsize=(_WIDTH_IN, sum(heights) + 0.3), layout="constrained")
     grid = figure.add_gridspec(len(heights), 4, height_ratios=heights)
-    _draw_regions(figure.add_subplot(grid[0, :]), coded, measured, len(shown))
+    whole = figure.add_subplot(grid[0, :])
+    whole.imshow(coded, interpolation="nearest" if max(coded.shape) < 400 else "antialiased")
+    _draw_regions(whole, measured, len(shown))
+    notes = []
     for row, region in enumerate(shown, start=1):
-        _draw_crop(figure.add_subplot(grid[row, 0]), coded, region)
-        if not region.edge.sfr.numel():
-            _draw_reasons(figure.add_subplot(grid[row, 1:]), region)
-            continue
-        esf, lsf, sfr = (figure.add_subplot(grid[row, column]) for column in (1, 2, 3))
-        _draw_shape(esf, lsf, region, "DN above black" if light.unit == "DN" else light.unit)
-        _draw_response(sfr, region)
-    doubted = (each for each in shown if each.doubts and each.edge.sfr.numel())
-    notes = [f"{each.number}: {doubt}" for each in doubted for doubt in each.doubts]
+        left, top, width, height = region.roi
+        crop = figure.add_subplot(grid[row, 0], xticks=[], yticks=[])
+        crop.imshow(coded[top : top + height, left : left + width], interpolation="nearest")
+        angle = "" if region.edge.orientation is None else f", {region.edge.angle_deg:.2f}°"
+        crop.set_title(f"{region.number}: {width} x {height} px{angle}", fontsize=9)
+        if region.edge.sfr.numel():
+            esf, lsf, sfr = (figure.add_subplot(grid[row, column]) for column in (1, 2, 3))
+            _draw_shape(esf, lsf, region, "DN above black" if light.unit == "DN" else light.unit)
+            _draw_response(sfr, region)
+            notes += [f"{region.number}: {doubt}" for doubt in region.doubts]
+        else:
+            axes, reasons = figure.add_subplot(grid[row, 1:]), "\n".join(["no numbers:", *region.doubts])
+            axes.set_axis_off()
+            axes.text(0.5, 0.5, reasons, ha="center", va="center", fontsize=9, color=_WITHHELD)
     figure.supxlabel("\n".join(notes), fontsize=9)
     return figure
 
 
-def _shown(light: Linear) -> NDArray[np.float32]:
-    """The picture for the eye, (H, W, 3) in [0, 1]: the brightest white, as raw pictures are often dark."""
-    above = (light.picture - light.black_level).clamp_min(0)
-    coded = srgb_from_linear(above / above.max().clamp_min(1e-12))
-    return np.asarray(coded.expand(3, -1, -1).permute(1, 2, 0), np.float32)
-
-
-def _draw_regions(axes: Axes, coded: NDArray[np.float32], measured: Sequence[Measured], drawn: int) -> None:
-    axes.imshow(coded, interpolation="nearest" if max(coded.shape) < 400 else "antialiased")
+def _draw_regions(axes: Axes, measured: Sequence[Measured], drawn: int) -> None:
     for region in measured:
         left, top, width, height = region.roi
         colour = _USABLE if region.edge.sfr.numel() else _WITHHELD
@@ -70,20 +71,6 @@ def _draw_regions(axes: Axes, coded: NDArray[np.float32], measured: Sequence[Mea
     regions = f"{len(measured)} region{'s' if len(measured) > 1 else ''}"
     axes.set_title(f"{regions}{more}{below}", fontsize=10)
     axes.set(xticks=[], yticks=[])
-
-
-def _draw_crop(axes: Axes, coded: NDArray[np.float32], region: Measured) -> None:
-    left, top, width, height = region.roi
-    axes.imshow(coded[top : top + height, left : left + width], interpolation="nearest")
-    angle = "" if region.edge.orientation is None else f", {region.edge.angle_deg:.2f}°"
-    axes.set_title(f"{region.number}: {width} x {height} px{angle}", fontsize=9)
-    axes.set(xticks=[], yticks=[])
-
-
-def _draw_reasons(axes: Axes, region: Measured) -> None:
-    axes.set_axis_off()
-    reasons = "no numbers:\n" + "\n".join(region.doubts)
-    axes.text(0.5, 0.5, reasons, ha="center", va="center", fontsize=9, color=_WITHHELD)
 
 
 def _draw_shape(esf: Axes, lsf: Axes, region: Measured, unit: str) -> None:

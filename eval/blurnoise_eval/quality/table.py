@@ -15,6 +15,8 @@ from blurnoise_eval.quality import measure
 from blurnoise_eval.quality.measure import METRICS, Row
 from blurnoise_eval.system.files import write_records
 
+_BEST = ("exposure_s", "blur_px", "value", "low", "high")
+
 
 def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
     """Write quality.csv, a row per condition and metric, and quality.json, that and its meaning; ``OSError``."""
@@ -43,15 +45,13 @@ def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) ->
 def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """For every setting and velocity the exposure with the highest capacity of the square, if any is told."""
     best: dict[tuple[float, ...], dict[str, Any]] = {}
-    for row in sorted(rows, key=lambda row: row.at["exposure_s"]):
-        if row.metric != "sic_square":
-            continue
-        record = row.record()
-        told = {name: record[name] for name in ("exposure_s", "blur_px", "value", "low", "high")}
-        where = {name: record[name] for name in NAMES if name != "exposure_s"}
-        key = tuple(where.values())
-        if key not in best or (row.estimate.told and row.estimate.value > (best[key]["value"] or -1)):
-            best[key] = where | (told if row.estimate.told else dict.fromkeys(told))
+    of_square = [row for row in rows if row.metric == "sic_square"]
+    for row in sorted(of_square, key=lambda row: row.at["exposure_s"]):
+        where = {name: row.at[name] for name in NAMES if name != "exposure_s"}
+        before = best.setdefault(tuple(where.values()), where | dict.fromkeys(_BEST))
+        if row.estimate.told and row.estimate.value > (before["value"] or -1):
+            record = row.record()
+            before |= {name: record[name] for name in _BEST}
     return [best[key] for key in sorted(best)]
 
 
@@ -78,9 +78,5 @@ def as_table(best: Sequence[dict[str, Any]]) -> Table:
 
 def varying(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     """The light, and the other axes of a setting on which the rows differ."""
-    columns = zip(*{setting_of(row) for row in rows}, strict=True)
-    return [
-        name
-        for name, column in zip(SETTING, columns, strict=False)
-        if len(set(column)) > 1 or name == "illuminance_lux"
-    ]
+    columns = zip(SETTING, zip(*{setting_of(row) for row in rows}, strict=True), strict=False)
+    return [name for name, column in columns if len(set(column)) > 1 or name == "illuminance_lux"]

@@ -132,7 +132,7 @@ HONEST = {
 
 @pytest.mark.parametrize("how", HONEST.values(), ids=HONEST)
 def test_honest_frames_pass(tmp_path: Path, how: dict[str, float]) -> None:
-    assert found_in(tmp_path / "frames", 4, **how).doubts == ()
+    assert not found_in(tmp_path / "frames", 4, **how).doubts
 
 
 @pytest.mark.slow
@@ -145,4 +145,4 @@ def test_of_twenty_honest_folders_one_at_most_is_doubted(tmp_path: Path, how: di
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.is_dir(), reason="the shared frames are absent")
 def test_real_frames_of_a_ccd_pass() -> None:
-    assert measure(REAL, bit_depth=12).doubts == ()
+    assert not measure(REAL, bit_depth=12).doubts

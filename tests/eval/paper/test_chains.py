@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.paper import chains
+from blurnoise_eval.paper import measurement as chains
 
 from blurnoise import charts
 from blurnoise.optics.colour import srgb_from_linear

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.paper import chart_items, network_items
-from blurnoise_eval.paper.chains import CHAINS
 from blurnoise_eval.paper.item import Found
-from blurnoise_eval.paper.measurement import Charts, Measurements, NotRun, Saturation, Signs
+from blurnoise_eval.paper.measurement import CHAINS, Charts, Measurements, NotRun, Saturation, Signs
 
 from blurnoise.metrics.estimate import Estimate
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,7 +53,7 @@ def test_verdicts() -> None:
 
 
 def test_what_is_not_run_neither_agrees_nor_differs() -> None:
-    outcomes = run(item("a", True), replace(item("b", True), of=missing))
+    outcomes = run(item("a", True), item("b", True)._replace(of=missing))
     assert [row["verdict"] for row in page.rows_of(outcomes)] == ["agrees", "not run"]
     assert page.rows_of(outcomes)[1]["found"] == "needs a thing"
     assert page.summary(outcomes) == "1 of 1 statements of the paper agree; 1 item was not run."
@@ -62,7 +61,7 @@ def test_what_is_not_run_neither_agrees_nor_differs() -> None:
 
 
 def test_page_and_table(tmp_path: Path) -> None:
-    outcomes = run(item("a", True, False), replace(item("b"), of=missing))
+    outcomes = run(item("a", True, False), item("b")._replace(of=missing))
     written = page.write(outcomes, {"seed": "<b>0</b>"}, tmp_path)
     with (tmp_path / "paper.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
