@@ -7,6 +7,7 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
+from blurnoise_eval.answers import curves, exposure_window
 from blurnoise_eval.answers.table import ORDER, Measured, ScoreTable, table_of
 from blurnoise_eval.grid.axes import NAMES
 from numpy.typing import ArrayLike, NDArray
@@ -92,3 +93,32 @@ def over(of: ScoreTable, values: Array) -> Array:
     found = np.full((*values.shape[:-1], len(exposures), len(velocities)), np.nan)
     found[..., e, v] = values
     return found
+
+
+class Named(dict[str, Any]):
+    """A row whose columns are attributes, too; ``at``: those of the axes."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name in self:
+            return self[name]
+        raise AttributeError(name)
+
+    @property
+    def at(self) -> dict[str, Any]:
+        """The values of the axes."""
+        return {name: self[name] for name in NAMES if name in self}
+
+
+def answers(*of: Any, **options: Any) -> list[Named]:
+    """The answers of a table."""
+    return list(map(Named, exposure_window.answers(*of, **options)))
+
+
+def endurances(*of: Any) -> Iterator[Named]:
+    """The curves of a table over exposure and blur."""
+    return map(Named, curves.endurances(*of))
+
+
+def endurances_across(*of: Any) -> Iterator[Named]:
+    """The curves of a table over further axes."""
+    return map(Named, curves.endurances_across(*of))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from blurnoise_eval.answers.crossings import windows
+from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.deciding.nodes import Line, exposures_on, places_of
 from blurnoise_eval.deciding.search import Search
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
 """Clusters of pictures: those that were taken together and so count as one in every interval.
 
-Domain: pictures' names as the store has them. Without a pattern each picture is a cluster of its own.
+Domain: pictures' names as the store has them. Without a pattern each picture is a cluster.
 """
 
 from __future__ import annotations
@@ -19,24 +19,23 @@ from blurnoise_eval.datasets.likeness import MOST, scenes
 
 _FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too narrow
 _AGREE = 0.8  # of pairs of one scene: so many must be in one cluster of a pattern that is suggested
-_BEFORE = 12  # characters of what stands before a number
+_BEFORE = 12  # characters before a number
 _NUMBERED = re.compile(r"([^\d/]*)\d+")
+Labels = NDArray[np.int64]
 
 
 def cluster_of(picture: str, pattern: str | None = None) -> str:
     """The cluster of a picture's name.
 
     pattern: a regular expression, found anywhere in the name; what its first group, or else all of it, matches
-    names the cluster. A name that it does not match, or in which its group took no part, is a cluster of its own.
+    names the cluster. A name that it does not match, or in which its group took no part, is a cluster.
     Raises ``ValueError`` for a pattern that is not a regular expression.
     """
     if pattern is None:
         return picture
     compiled = _compiled(pattern)
     found = compiled.search(picture)
-    if found is None:
-        return picture
-    shared = found.group(1 if compiled.groups else 0)
+    shared = None if found is None else found.group(1 if compiled.groups else 0)
     return picture if shared is None else shared
 
 
@@ -68,26 +67,22 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
         names = [names[place] for place in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
     shown = scenes([looks[name] for name in names])
     counted = _labels(names, pattern)
-    joined = _together(shown, counted)
-    if joined >= _FEWER * (counted.max(initial=-1) + 1):
+    together, count = _together(shown, counted), int(counted.max(initial=-1)) + 1
+    if together >= _FEWER * count:
         return None
-    pictures = (
-        f"{len(names)} pictures" if pattern is None else f"the {counted.max() + 1} clusters of pictures"
-    )
-    found = suggested(names, shown)
-    advice = (
-        f"use --cluster {shlex.quote(found)}"
-        if found
-        else "give --cluster a pattern that finds the same in the file names of one scene"
-    )
-    about = "1 scene" if joined == 1 else f"{joined} scenes"
+    pictures = f"{count} pictures" if pattern is None else f"the {count} clusters of pictures"
+    found = _suggested(names, shown)
+    advice = "give --cluster a pattern that finds the same in the file names of one scene"
+    if found:
+        advice = f"use --cluster {shlex.quote(found)}"
+    about = "1 scene" if together == 1 else f"{together} scenes"
     return f"{pictures} show about {about} but count as independent, so intervals are too narrow: {advice}"
 
 
-def suggested(names: Sequence[str], shown: NDArray[np.int64]) -> str | None:
+def _suggested(names: Sequence[str], shown: Labels) -> str | None:
     """A pattern by which the names of pictures cluster about as their scenes do, None where none of those tried does.
 
-    Tried are each number in the names with what stands before it, all before the last number, and the folder.
+    Tried are each number in the names with the text before it, all before the last number, and the folder.
     """
     sizes = np.bincount(shown)
     best: tuple[float, str] | None = None
@@ -104,7 +99,6 @@ def suggested(names: Sequence[str], shown: NDArray[np.int64]) -> str | None:
 
 
 def _candidates(names: Sequence[str]) -> Iterator[str]:
-    """Patterns of numbers with what stands before them, then of all before the last number, and of the folder."""
     before = Counter(
         found[-_BEFORE:] for name in names for found in {each.group(1) for each in _NUMBERED.finditer(name)}
     )
@@ -115,13 +109,13 @@ def _candidates(names: Sequence[str]) -> Iterator[str]:
     yield r"^(.*)/"
 
 
-def _labels(names: Sequence[str], pattern: str | None) -> NDArray[np.int64]:
+def _labels(names: Sequence[str], pattern: str | None) -> Labels:
     """Numbers of the names' clusters, (N,)."""
     numbers: dict[str, int] = {}
     return np.array([numbers.setdefault(cluster_of(name, pattern), len(numbers)) for name in names], np.int64)
 
 
-def _together(one: NDArray[np.int64], other: NDArray[np.int64]) -> int:
+def _together(one: Labels, other: Labels) -> int:
     """How many groups there are of pictures that are together by one or the other."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

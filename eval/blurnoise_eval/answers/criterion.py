@@ -1,7 +1,7 @@
 """A criterion: what of a detector's performance is enough.
 
-Domain: levels are shares, 0 to 1. Scores: :func:`names` by kind of model; "recall@0.1" is the recall at
-the confidence at which the untouched pictures give 0.1 false alarms each, the same under every condition.
+Domain: levels are shares, 0 to 1. Scores: :func:`names` by kind of model; "recall@0.1" is the recall at the
+confidence at which the untouched pictures give 0.1 false alarms each, the same under every condition.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from blurnoise_eval.scoring.scores import BOTH, criteria
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
 RECALL = "recall@"
 PRECISIONS = ("ap50", "ap")
-"""Of all targets of a size together, never of one target: they have groups of their own."""
+"""Of all targets of a size together, never of one target: they have groups by size."""
 KEPT, ENOUGH = 0.9, 0.6
-"""What is enough unless stated: the share kept on pictures of one's own, confidence in rendered signs and texts."""
+"""The default: the share kept on the user's pictures, confidence in rendered signs and texts."""
 _MOST_ALARMS = 1e3
 
 
 def names(kind: str) -> list[str]:
     """The scores that may be a criterion, of "detector" or "reader"."""
-    own = [score.name for score in criteria(kind)]
-    return own if kind == "reader" else [*own, f"{RECALL}RATE"]
+    every = [score.name for score in criteria(kind)]
+    return every if kind == "reader" else [*every, f"{RECALL}RATE"]
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,12 @@ class Criterion:
     def __post_init__(self) -> None:
         in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
         if self._words is None:
-            listed = dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind))
-            raise ValueError(
-                f"score = {self.score!r}: must be one of {', '.join(listed)}, RATE as in recall@0.1"
-            )
+            listed = ", ".join(dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind)))
+            raise ValueError(f"score = {self.score!r}: must be one of {listed}, RATE as in recall@0.1")
 
     @property
     def _words(self) -> tuple[str, str] | None:
-        """What the score is called where a share is kept, and by itself; None for one that is no criterion."""
+        """The score's name where a share is kept, and by itself; None for one that is no criterion."""
         if (rate := self.alarms_per_picture) is not None:
             return (f"recall at {rate:g} false alarms per picture",) * 2
         every = (score for kind in sorted(BOTH) for score in criteria(kind))
@@ -58,7 +56,7 @@ class Criterion:
 
     @property
     def alarms_per_picture(self) -> float | None:
-        """At which rate of false alarms recall is asked for; None of another score, or for what is no rate."""
+        """The rate of false alarms of a recall; None of another score, or for what is no rate."""
         try:
             rate = float(self.score.removeprefix(RECALL)) if self.score.startswith(RECALL) else math.nan
         except ValueError:
@@ -71,7 +69,7 @@ class Criterion:
 
     @property
     def noun(self) -> str:
-        """What is asked for: of its 'confidence' where a share is kept, else 'mean confidence'."""
+        """The score in words: of its 'confidence' where a share is kept, else 'mean confidence'."""
         of_kept, of_itself = self._words or (self.score, self.score)
         return of_kept if self.kept else of_itself
 
@@ -95,12 +93,12 @@ def stated(
     reads: bool,
     labelled: bool = True,
 ) -> Criterion:
-    """The criterion of a run: as stated, else ``KEPT`` of what the untouched pictures give, and ``ENOUGH`` for
+    """The criterion of a run: as given, else ``KEPT`` of what the untouched pictures give, and ``ENOUGH`` for
     ``rendered`` pictures, whose every target a model should find.
 
-    reads: of text; on pictures of one's own such models are asked for exact matches. labelled: whether the pictures
-    say what is in them. Raises ``ValueError`` for both a threshold and a share to keep, or a score that such models
-    do not have, or not on such pictures.
+    reads: text; readers have exact matches as the default on the user's pictures. labelled: whether the pictures have
+    labels. Raises ``ValueError`` for both a threshold and a share to keep, or a score that such models do not have,
+    or not on such pictures.
     """
     if threshold is not None and keep is not None:
         raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; state one of them")

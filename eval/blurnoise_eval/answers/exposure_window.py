@@ -10,123 +10,30 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.crossings import Bounds, Crossed, Curve, Stretch
-from blurnoise_eval.answers.limits import DARK, Limit, Limits, Line, of_best, of_window
+from blurnoise_eval.answers.curves import Curve, Row, Stretch
+from blurnoise_eval.answers.limits import DARK, Limits, Line, of_best, of_window
 from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import SETTING
 
+WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
 _MOST_PICTURES = 9999  # that are asked for
-Verdict = Literal["works", "no exposure works", "cannot tell"]
+_OF_LINES = ("exposures_s", "confidence", "low", "high", "saturated")
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What to do for one model and kind of target in one setting and at one velocity.
-
-    criterion: what is enough, in words. at: values of all axes but the exposure. exposures_s: tested, increasing;
-    confidence: of the ``n_targets`` targets (times repeats) at each, in the criterion's unit; low, high: its 95 %
-    interval over ``n_pictures`` clusters, which count as ``effective_pictures``, see
-    :func:`~blurnoise_eval.answers.uncertainty.effective`: None below 8 such; few_pictures: fewer than 20. saturated:
-    mean share of the pictures' values at a limit of the sensor, None where it is not known.
-
-    verdict: "works": at some tested exposure ``low`` is at or above its level; "no exposure works": ``high`` is
-    at none in the range; else "cannot tell", as always below 8 pictures, and ``pictures_to_tell`` says how
-    many should be enough in half of such cases, ``pictures_to_tell_mostly`` in nine of ten (None: more than
-    9999). windows_s: stretches of exposure in which
-    the mean stays at or above it; windows_low_s, windows_high_s: the 95 % intervals of their first and
-    last exposures, None at an end that lies outside the tested range or is not known. sure_windows_s: where it is
-    surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
-
-    recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is
-    "works" it is only the best guess. recommended_low, recommended_high: the interval of its confidence.
-    regret_95: what it loses at most, at 95 %, against the best of the tested exposures.
-
-    best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
-    best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
-    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them;
-    limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
-    pictures, None where it is not known.
-    """
-
-    model: str
-    group: str
-    at: Mapping[str, float]
-    n_targets: int
-    exposures_s: tuple[float, ...]
-    confidence: tuple[float, ...]
-    low: tuple[float, ...] | None
-    high: tuple[float, ...] | None
-    windows_s: tuple[Stretch, ...]
-    open_low: bool
-    open_high: bool
-    recommended_s: float | None
-    confidence_at_recommended: float | None
-    n_pictures: int
-    effective_pictures: float
-    few_pictures: bool
-    verdict: Verdict
-    pictures_to_tell: int | None
-    pictures_to_tell_mostly: int | None
-    windows_low_s: tuple[Bounds, ...]
-    windows_high_s: tuple[Bounds, ...]
-    sure_windows_s: tuple[Stretch, ...]
-    recommended_low: float | None
-    recommended_high: float | None
-    regret_95: float | None
-    saturated: tuple[float, ...] | None
-    saturated_at_recommended: float | None
-    criterion: str
-    best_s: float
-    best_value: float
-    best_low: float | None
-    best_high: float | None
-    limited_low: Limit | None
-    limited_high: Limit | None
-    limited_by: str | None
-    limits_untold: str | None
-    clean_value: float | None
-
-    def row(self) -> dict[str, Any]:
-        """As a table's row: the axes are columns."""
-        rest = {name: value for name, value in vars(self).items() if name not in ("model", "group", "at")}
-        for name in ("windows_s", "windows_low_s", "windows_high_s", "sure_windows_s"):
-            rest[name] = [list(pair) for pair in rest[name]]
-        return {"model": self.model, "group": self.group, **self.at, **rest}
-
-
-def recommend(
-    exposures_s: Sequence[float],
-    confidence: Sequence[float],
-    threshold: float,
-    *,
-    saturated: Sequence[float] | None = None,
-) -> tuple[float, float] | None:
-    """A tested exposure and its confidence, by the rule of :mod:`.recommendation`; None when none reaches the
-    threshold."""
-    counted = np.asarray(confidence, float)
-    if not (counted >= threshold).any():
-        return None
-    if saturated is not None:
-        counted = without_saturated(counted, saturated, threshold)
-    chosen = best_exposure(exposures_s, np.where(counted >= threshold, counted, -1.0))  # no dip of a plateau
-    return None if chosen is None else (exposures_s[chosen], confidence[chosen])
 
 
 def answers(
     table: ScoreTable, criterion: Criterion, dark_below: float = DARK, *, monotone: bool = True
-) -> list[Answer]:
-    """One :class:`Answer` for every setting and velocity of the table; dark_below: as :class:`~.limits.Line` has it.
+) -> list[Row]:
+    """An :func:`answer` for every setting and velocity of the table; dark_below: as :class:`~.limits.Line` has it.
     monotone: whether no answer may be better at a higher speed, where pictures move as a whole; see
     :mod:`.monotone`."""
     settings = table.take(table.measured).split(SETTING)
@@ -135,7 +42,7 @@ def answers(
 
 def _of_setting(
     setting: ScoreTable, criterion: Criterion, dark_below: float, monotone: bool
-) -> Iterator[Answer]:
+) -> Iterator[Row]:
     monotone = monotone and is_uniform(setting)
     setting = pooled(setting) if monotone else setting
     lines = list(setting.along("exposure_s"))
@@ -146,31 +53,125 @@ def _of_setting(
     if monotone:
         curves = nested(curves, [line.velocities_px_s[0] for line in lines])
     for table, speed, curve in zip(lines, speeds, curves, strict=True):
-        line = Line(
-            curve.x,
-            curve.mean,
-            np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None,
-            speed > 0,
-            table.saturated,
-            table.brightness,
-            dark_below,
+        slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
+        pictures = table.saturated, table.brightness
+        yield answer(
+            table, curve, Line(curve.x, curve.mean, slower, speed > 0, *pictures, dark_below), criterion
         )
-        at = {name: value for name, value in table.at(0).items() if name != "exposure_s"}
-        yield answer((table.model, table.group, at), table.n_targets, curve, line, criterion, table.clean)
 
 
-def flat(row: Mapping[str, Any]) -> dict[str, Any]:
-    """An answer's row in plain cells: of its windows the one with the recommended exposure, or the first."""
-    lists = ("exposures_s", "confidence", "low", "high", "saturated")
-    kept = {name: value for name, value in row.items() if name not in lists and "windows" not in name}
-    spans = list(zip(row["windows_s"], row["windows_low_s"], row["windows_high_s"], strict=True))
-    names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
-    ends: list[float | None] = [None] * len(names)
-    if spans:
+def answer(table: ScoreTable, curve: Curve, line: Line, criterion: Criterion) -> Row:
+    """What to do for one model and kind of target in one setting and at one velocity: a line of exposures.
+
+    A row of the model, the group, the axes but the exposure, and
+
+    exposures_s: tested, increasing; confidence: of the ``n_targets`` targets (times repeats) at each, in the
+    criterion's unit; low, high: its 95 % interval over ``n_pictures`` clusters, which count as ``effective_pictures``
+    (:func:`~blurnoise_eval.answers.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
+    saturated: mean share of the pictures' values at a limit of the sensor, None where unknown.
+
+    verdict: "works": at some tested exposure ``low`` is at or above the level; "no exposure works": ``high`` is at
+    none in the range; else "cannot tell", as always below 8 pictures. Then ``pictures_to_tell`` is how many should be
+    enough in half of such cases, ``pictures_to_tell_mostly`` in nine of ten (None: more than 9999).
+
+    windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
+    95 % intervals of their first and last exposures, None at an end that lies outside the tested range or is not
+    known. sure_windows_s: where it is surely so. open_low, open_high: a window reaches the shortest or longest
+    exposure tested.
+
+    recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
+    is only the best guess; confidence_at_recommended, its interval recommended_low, recommended_high, and
+    saturated_at_recommended. regret_95: what it loses at most, at 95 %, against the best tested exposure.
+
+    best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
+    best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
+    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them;
+    limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
+    pictures, None where unknown.
+    """
+    mean, crossed = curve.mean.tolist(), curve.crossed(criterion.level)
+    saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
+    chosen = recommended(curve.x, mean, criterion.level, saturated)
+    best = int(np.argmax(mean))
+    ends = curve.interval()
+    low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
+    verdict = CANNOT_TELL if crossed.possible else NONE_WORKS
+    if any(first <= x <= last for first, last in crossed.sure for x in curve.x):
+        verdict = WORKS
+    needed = _pictures_to_tell(curve, criterion.level) if verdict == CANNOT_TELL else (None, None)
+
+    def at(values: Sequence[Any] | None, place: int | None) -> Any:
+        return None if values is None or place is None else values[place]
+
+    recommended_s = at(curve.x, chosen)
+    if crossed.windows:
+        held = crossed.windows[chosen_window(crossed.windows, recommended_s)]
+        limits = of_window(line, held, criterion.level)
+    elif not criterion.kept and table.clean is not None and table.clean < criterion.level:
+        limits = Limits(by="the model, as the untouched pictures show")
+    else:
+        limits = of_best(line, best)
+    axes = {name: value for name, value in table.at(0).items() if name != "exposure_s"}
+    return {"model": table.model, "group": table.group, **axes} | {
+        "n_targets": table.n_targets,
+        "exposures_s": curve.x,
+        "confidence": tuple(mean),
+        "low": low,
+        "high": high,
+        "windows_s": [list(window) for window in crossed.windows],
+        "open_low": mean[0] >= criterion.level,
+        "open_high": mean[-1] >= criterion.level,
+        "recommended_s": recommended_s,
+        "confidence_at_recommended": at(mean, chosen),
+        "n_pictures": curve.n_clusters,
+        "effective_pictures": curve.n_effective,
+        "few_pictures": curve.n_effective < uncertainty.FEW,
+        "verdict": verdict,
+        "pictures_to_tell": needed[0],
+        "pictures_to_tell_mostly": needed[1],
+        "windows_low_s": [list(crossed.around(window[0])) for window in crossed.windows],
+        "windows_high_s": [list(crossed.around(window[1])) for window in crossed.windows],
+        "sure_windows_s": [list(window) for window in crossed.sure],
+        "recommended_low": at(low, chosen),
+        "recommended_high": at(high, chosen),
+        "regret_95": None if chosen is None else _regret(curve, chosen),
+        "saturated": saturated,
+        "saturated_at_recommended": at(saturated, chosen),
+        "criterion": criterion.text,
+        "best_s": curve.x[best],
+        "best_value": mean[best],
+        "best_low": at(low, best),
+        "best_high": at(high, best),
+        "limited_low": limits.low,
+        "limited_high": limits.high,
+        "limited_by": limits.by,
+        "limits_untold": limits.untold,
+        "clean_value": table.clean,
+    }
+
+
+def recommended(
+    exposures_s: Sequence[float], values: Sequence[float], level: float, saturated: Sequence[float] | None
+) -> int | None:
+    """The place of the exposure to use, by the rule of :mod:`.recommendation`; None where none reaches the level."""
+    counted = np.asarray(values, float)
+    if not (counted >= level).any():
+        return None
+    if saturated is not None:
+        counted = without_saturated(counted, saturated, level)
+    return best_exposure(exposures_s, np.where(counted >= level, counted, -1.0))  # no dip of a plateau
+
+
+def flat(row: Mapping[str, Any]) -> Row:
+    """An answer in plain cells: of its windows the one with the recommended exposure, or the first."""
+    kept = {name: value for name, value in row.items() if name not in _OF_LINES and "windows" not in name}
+    ends: list[float | None] = [None] * 6
+    if row["windows_s"]:
         place = chosen_window(row["windows_s"], row["recommended_s"])
-        (low, high), low_bounds, high_bounds = spans[place]
-        ends = [low, *low_bounds, high, *high_bounds]
-    return {**kept, "n_windows": len(spans), **dict(zip(names, ends, strict=True))}
+        low, high = row["windows_s"][place]
+        ends = [low, *row["windows_low_s"][place], high, *row["windows_high_s"][place]]
+    names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
+    return {**kept, "n_windows": len(row["windows_s"]), **dict(zip(names, ends, strict=True))}
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
@@ -179,98 +180,16 @@ def natural(text: str) -> list[tuple[int, float, str]]:
     return [(1, float(part), "") if part.isdigit() else (0, 0.0, part) for part in parts]
 
 
-def answer(
-    shared: tuple[str, str, Mapping[str, float]],
-    n_targets: int,
-    curve: Curve,
-    line: Line,
-    criterion: Criterion,
-    clean_value: float | None,
-) -> Answer:
-    """The answer of one line of exposures. shared: model, group, values of all axes but the exposure."""
-    mean, crossed = curve.mean.tolist(), curve.crossed(criterion.level)
-    sure = [any(low <= x <= high for low, high in crossed.sure) for x in curve.x]
-    verdict = _verdict(crossed, sure)
-    saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
-    choice = recommend(curve.x, mean, criterion.level, saturated=saturated)
-    chosen = None if choice is None else curve.x.index(choice[0])
-    best = int(np.argmax(mean))
-    ends = curve.interval()
-    low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
-    limits = _limits(
-        line, crossed.windows, None if choice is None else choice[0], best, criterion, clean_value
-    )
-    needed = _pictures_to_tell(curve, criterion.level) if verdict == "cannot tell" else (None, None)
-    return Answer(
-        *shared,
-        n_targets=n_targets,
-        exposures_s=curve.x,
-        confidence=tuple(mean),
-        low=low,
-        high=high,
-        windows_s=crossed.windows,
-        open_low=mean[0] >= criterion.level,
-        open_high=mean[-1] >= criterion.level,
-        recommended_s=None if choice is None else choice[0],
-        confidence_at_recommended=None if choice is None else choice[1],
-        n_pictures=curve.n_clusters,
-        effective_pictures=curve.n_effective,
-        few_pictures=curve.n_effective < uncertainty.FEW,
-        verdict=verdict,
-        pictures_to_tell=needed[0],
-        pictures_to_tell_mostly=needed[1],
-        windows_low_s=tuple(crossed.around(window[0]) for window in crossed.windows),
-        windows_high_s=tuple(crossed.around(window[1]) for window in crossed.windows),
-        sure_windows_s=crossed.sure,
-        recommended_low=None if chosen is None or low is None else low[chosen],
-        recommended_high=None if chosen is None or high is None else high[chosen],
-        regret_95=None if chosen is None else _regret(curve, chosen),
-        saturated=saturated,
-        saturated_at_recommended=None if chosen is None or saturated is None else saturated[chosen],
-        criterion=criterion.text,
-        best_s=curve.x[best],
-        best_value=mean[best],
-        best_low=None if low is None else low[best],
-        best_high=None if high is None else high[best],
-        limited_low=limits.low,
-        limited_high=limits.high,
-        limited_by=limits.by,
-        limits_untold=limits.untold,
-        clean_value=clean_value,
-    )
-
-
 def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> int:
     """The place of the window that holds the recommended exposure, or else of the first."""
     held = [recommended_s is not None and low <= recommended_s <= high for low, high in windows_s]
     return held.index(True) if any(held) else 0
 
 
-def _limits(
-    line: Line,
-    found: Sequence[Stretch],
-    recommended_s: float | None,
-    best: int,
-    criterion: Criterion,
-    clean_value: float | None,
-) -> Limits:
-    if found:
-        return of_window(line, found[chosen_window(found, recommended_s)], criterion.level)
-    if not criterion.kept and clean_value is not None and clean_value < criterion.level:
-        return Limits(by="the model, as the untouched pictures show")
-    return of_best(line, best)
-
-
-def _verdict(crossed: Crossed, sure: Sequence[bool]) -> Verdict:
-    if any(sure):
-        return "works"
-    return "cannot tell" if crossed.possible else "no exposure works"
-
-
 def _pictures_to_tell(curve: Curve, threshold: float) -> tuple[int | None, int | None]:
-    """How many pictures like these would tell, in half of the cases and in most: enough for the exposure that is most
+    """How many pictures like these would be enough, in half of the cases and in most: for the exposure that is most
     clearly above the threshold, or else for all to be clearly below. Exposures at which fewer than two clusters were
-    measured say nothing of it."""
+    measured do not count."""
     n = np.isfinite(curve.influence).sum(axis=0)
     known = n > 1
     if not known.any():
@@ -293,11 +212,11 @@ def _pictures_to_tell(curve: Curve, threshold: float) -> tuple[int | None, int |
 def _regret(curve: Curve, chosen: int) -> float | None:
     others = np.arange(len(curve.x)) != chosen
     if not others.any():
-        return 0.0 if curve.told.all() else None
+        return 0.0 if curve.known.all() else None
     gain = (curve.mean - curve.mean[chosen])[others]
-    told = curve.told & curve.told[chosen]
-    paired = np.where(told, curve.influence - curve.influence[:, [chosen]], np.nan)[:, others]
-    unknown = np.zeros((len(others),) * 2) if curve.open is None else curve.open
-    apart = uncertainty.sigma_of_differences(unknown, chosen)
-    bound = float(uncertainty.regret_bound(paired, gain, sigma=apart[others]))
+    known = curve.known & curve.known[chosen]
+    paired = np.where(known, curve.influence - curve.influence[:, [chosen]], np.nan)[:, others]
+    cov = np.zeros((len(curve.x),) * 2) if curve.open is None else curve.open
+    sigma = uncertainty.sigma_of_differences(cov, chosen)[others]
+    bound = float(uncertainty.regret_bound(paired, gain, sigma=sigma))
     return None if math.isnan(bound) else bound

@@ -1,7 +1,7 @@
 """Limits: what ends a window of exposures, and what holds the best exposure back where none works.
 
-Domain: lines of exposures as :class:`Line` has them, values in a criterion's unit. All are told by comparison with
-what was tested beside them; where that does not tell, there is a reason instead of a guess.
+Domain: lines of exposures as :class:`Line` has them, values in a criterion's unit. All follow from comparison with
+what was tested beside them; where that is not enough, there is a reason instead of a guess.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Line:
     dark_below: float = DARK
 
     def lacks(self, place: int) -> Limit | None:
-        """What too little light means at an exposure: a picture darker than half of auto-exposure's aim, since gain
-        has ended or was fixed, is lost in darkness, one as bright as it should be in noise."""
+        """What too little light means at an exposure: darkness in a picture that is darker than half of
+        auto-exposure's aim, since gain has ended or was fixed; noise in one as bright as it should be."""
         if not np.isfinite(self.brightness[place]):
             return None
         return "darkness" if self.brightness[place] < self.dark_below else "noise"
@@ -62,12 +62,12 @@ class Line:
 
 
 def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
-    """What ends a window, from one exposure to another, in which the value stays at or above the level.
+    """What ends a window, from one exposure to another, in which the value is at or above the level.
 
-    Beyond its upper end, at the first exposure that fails, the same light and time at the slowest speed tell: if that
-    works it is blur, else saturation if more of the picture is saturated than at the window's best. With no slower
-    speed tested it is saturation at rest; of a line that moves it is blur where nothing saturates, else untold.
-    Before its lower end, at the last exposure that fails: darkness or noise, see :meth:`Line.lacks`.
+    At the last exposure that fails before its lower end: darkness or noise, see :meth:`Line.lacks`. At the first
+    that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else saturation
+    if more of the picture is saturated than at the window's best. With no slower speed tested it is saturation at
+    rest; of a line that moves it is blur where nothing saturates, else unknown.
     """
     x = np.array(line.exposures_s)
     inside = (window[0] <= x) & (x <= window[1])
@@ -80,22 +80,19 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
         if low is None:
             reasons.append("lower end: the pictures' brightness is not known")
     if window[1] < x[-1] or line.value[-1] < level:
-        high, why = _upper(line, int((x <= window[1]).sum()), best, level)
+        high, why = _upper(line, min(int((x <= window[1]).sum()), len(x) - 1), best, level)
         reasons += [f"upper end: {why}"] if high is None else []
     return Limits(low, high, None, "; ".join(reasons) or None)
 
 
 def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | None, str]:
-    place = min(place, len(line.exposures_s) - 1)
     saturates = line.saturates(place, best)
-    if line.slower is not None and np.isfinite(line.slower[place]):
-        if line.slower[place] >= level:
-            return "blur", ""
-        return (
-            ("saturation", "") if saturates else (None, "the slowest fails there too, and nothing saturates")
-        )
-    if not line.moves:
-        return ("saturation", "") if saturates else (None, "at rest, and nothing saturates")
+    slower = np.nan if line.slower is None else line.slower[place]
+    if slower >= level:
+        return "blur", ""
+    if np.isfinite(slower) or not line.moves:
+        why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
+        return ("saturation", "") if saturates else (None, f"{why}, and nothing saturates")
     if saturates is False:
         return "blur", ""
     return None, "blur and saturation cannot be told apart, as no slower speed was tested"
@@ -104,11 +101,11 @@ def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | Non
 def of_best(line: Line, best: int) -> Limits:
     """What holds the best of the tested exposures back, where none works.
 
-    What the slowest speed under this light still lacks at the best: if it does better at a longer time, or still
-    rises at the longest tested, light (noise or darkness), if at a shorter one, saturation. Beside it blur: if the
-    slowest does better with the same light and time, or with the longer exposure that would bring the light, at which
-    this line stays behind. On the slowest line itself the best exposure is where light begins to suffice or to be too
-    much: what has the value fall on either side of it, and light if it still rises at the longest tested.
+    By the slowest speed under this light: noise or darkness, if it does better at a longer time or still rises at the
+    longest tested; saturation, if at a shorter one. Beside it blur: if the slowest does better with the same light
+    and time, or with the longer exposure that would bring the light, at which this line is worse. On the slowest line
+    itself: what has the value fall on either side of the best, and too little light if it still rises at the longest
+    tested.
     """
     value, x = line.value, line.exposures_s
     parts: list[Limit | None] = []

@@ -7,7 +7,7 @@ adjacent violators, weighted by what was counted, on the tree whose root is rest
 alike, so that intervals are those of the pooled means.
 
 It holds for pictures that move as a whole. Where only targets or only the background move, where the camera drives,
-or along a trajectory of its own, a speed may undo another motion, and nothing is pooled.
+or along a trajectory, a speed may undo another motion, and nothing is pooled.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers.crossings import Curve
+from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.answers.uncertainty import Ends
 
 Array = NDArray[np.float64]
 Velocity = tuple[float, float]
 _SAME = 1e-6  # of an exposure by which it is the same
-_UNIFORM = ("moves", "ego_speed_m_s")
-"""Axes that must be 0 for the picture to move as a whole."""
+_UNIFORM = ("moves", "ego_speed_m_s")  # axes that must be 0 for the picture to move as a whole
 
 
 def is_uniform(setting: ScoreTable) -> bool:
@@ -39,7 +38,7 @@ def is_uniform(setting: ScoreTable) -> bool:
 def pooled(setting: ScoreTable) -> ScoreTable:
     """One setting with sums and counts pooled over speeds, so that its mean never rises with speed.
 
-    Directions are not compared with each other; rest belongs to each. The rest of the table stays.
+    Directions are not compared with each other; rest belongs to each.
     """
     weight, velocities = setting.counts.sum(axis=0), setting.velocities_px_s
     sums, counts = setting.sums.copy(), setting.counts.copy()
@@ -54,22 +53,21 @@ def pooled(setting: ScoreTable) -> ScoreTable:
 
 
 def nested(curves: Sequence[Curve], velocities: Sequence[Velocity]) -> list[Curve]:
-    """The curves of a pooled table with intervals that never rise with speed: what surely works at one speed does at
-    all slower ones of its direction, and what surely does not work fails at all faster ones.
+    """The curves of a pooled table, one for each velocity, with intervals that never rise with speed: what surely
+    works at one speed does at all slower ones of its direction, and what surely fails does at all faster ones.
 
-    curves: one for each velocity. They are compared at the exposures that they share, and between two of these where
-    neither has another.
+    They are compared at the exposures that they share, and between two of these where neither has another.
     """
     branches, root = _branches(velocities)
     found = list(curves)
     for v, curve in enumerate(curves):
-        chains = [[*root, *branch] for branch in branches if v in root or v in branch]
-        faster = {other for chain in chains for other in chain[chain.index(v) + 1 :]}
-        slower = {other for chain in chains for other in chain[: chain.index(v)]}
-        low = [_shared(curves[other], curves[other].ends.low, curve) for other in faster]
-        high = [_shared(curves[other], curves[other].ends.high, curve) for other in slower]
-        ends = Ends(np.fmax.reduce([curve.ends.low, *low]), np.fmin.reduce([curve.ends.high, *high]))
+        low, high = [curve.ends.low], [curve.ends.high]
+        for chain in ([*root, *branch] for branch in branches if v in root or v in branch):
+            place = chain.index(v)
+            low += [_shared(curves[faster], curves[faster].ends.low, curve) for faster in chain[place + 1 :]]
+            high += [_shared(curves[slower], curves[slower].ends.high, curve) for slower in chain[:place]]
         known = np.isfinite(curve.ends.low)
+        ends = np.fmax.reduce(low), np.fmin.reduce(high)
         found[v] = replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends)))
     return found
 

@@ -3,14 +3,14 @@
 A place is (u, w): log2 of H (lux times seconds) and log2 of L (length of the motion during the exposure, px).
 Conditions at one place are one experiment, as far as dark current and a rolling shutter do not tell them apart. So a
 grid of exposures, lights and speeds covers a piece of the plane, some of it many times over. Motion below
-``STILL_PX`` is none and stands there, as do pictures at rest. Motion in opposite directions shares a plane.
+``STILL_PX`` is none and lies there, as do pictures at rest. Motion in opposite directions shares a plane.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,6 @@ DIGITS = 9
 AT_REST = (1.0, 0.0)
 """The direction of a plane on which nothing moves."""
 _FURTHER = tuple(axis for axis in SETTING_AXES if axis is not LIGHT)
-Row = Mapping[str, Any]
 Array = NDArray[np.float64]
 Direction = tuple[float, float]
 
@@ -52,62 +51,73 @@ def direction_of(velocity_px_s: tuple[float, float]) -> Direction | None:
     return (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
 
 
-def coordinate(x: ArrayLike, logarithmic: bool) -> Array:
-    """Where the values x stand on their axis: straight lines are drawn there."""
+def coordinate(x: ArrayLike, logarithmic: bool) -> tuple[Array, bool]:
+    """Where the values x are on their axis, and whether these are logarithms: lines are straight there."""
     values = np.asarray(x, float)
-    return np.log(values) if logarithmic and (values > 0).all() else values
+    is_log = logarithmic and bool((values > 0).all())
+    return np.log(values) if is_log else values, is_log
 
 
-def mean_over_plane(rows: Iterable[Row], value_of: Callable[[Row], float | None]) -> float | None:
-    """Mean of ``value_of`` over the piece of the plane that the rows cover, straight between their conditions.
+def trapezoid_weights(x: Array) -> Array:
+    """Weights (N,) of values at increasing x in their mean over the range, straight between them."""
+    if len(x) < 2 or not np.isfinite(x).all():  # a value that the camera sets has no place on its axis
+        return np.full(len(x), 1 / max(len(x), 1))
+    weights = np.zeros(len(x))
+    steps = np.diff(x)
+    weights[:-1] += steps / 2
+    weights[1:] += steps / 2
+    return np.asarray(weights / steps.sum())
 
-    The distribution is uniform over that piece: light, exposure and speed log-uniform over what was tested, each
-    experiment counted once, directions of one speed alike. Along every further axis that varies (temperature,
-    f-number ...) it is the mean over its range, uniform in the axis's coordinate, or over its choices. rows: of
-    exposed pictures, one per condition; None of a row leaves it out. None without any.
+
+def plane_weights(rows: Sequence[Mapping[str, Any]]) -> Array | None:
+    """Weights (N,) of the rows' values in their mean over the piece of the plane that they cover; None without any.
+
+    The distribution is uniform over that piece, straight between conditions: light, exposure and speed log-uniform
+    over what was tested, each experiment counted once, directions of one speed alike. Along every further axis that
+    varies (temperature, f-number ...) it is the mean over its range, uniform in the axis's coordinate, or over its
+    choices. rows: of exposed pictures, one per condition; those without light have no logarithm and no weight.
     """
-    planes: dict[tuple[float, ...], list[tuple[float, float, float]]] = defaultdict(list)
-    for row in rows:
-        value = value_of(row)
-        if (
-            value is None or not row["exposure_s"] * row[LIGHT.name] > 0
-        ):  # without light there is no logarithm
-            continue
-        place = places_of(row["exposure_s"], row[LIGHT.name], blur_px(row) / row["exposure_s"]).tolist()
-        planes[tuple(row[axis.name] for axis in _FURTHER)].append((*place, value))
-    means = {setting: _mean(np.array(points)) for setting, points in planes.items()}
+    planes: dict[tuple[float, ...], list[int]] = defaultdict(list)
+    for number, row in enumerate(rows):
+        if row["exposure_s"] * row[LIGHT.name] > 0:
+            planes[tuple(row[axis.name] for axis in _FURTHER)].append(number)
+    weights = {}
+    for setting, numbers in planes.items():
+        some = [rows[number] for number in numbers]
+        exposures, light = (np.array([row[name] for row in some]) for name in ("exposure_s", LIGHT.name))
+        speeds = np.array([blur_px(row) for row in some]) / exposures
+        weights[setting] = np.zeros(len(rows))
+        weights[setting][numbers] = _over_hull(places_of(exposures, light, speeds))
     for axis in _FURTHER:
-        lines: dict[tuple[float, ...], list[tuple[float, float]]] = defaultdict(list)
-        for setting, mean in sorted(means.items()):
-            lines[setting[1:]].append((setting[0], mean))
-        means = {
-            rest: float(np.mean([mean for _, mean in line]))
-            if axis.choices
-            else _along(coordinate([x for x, _ in line], axis.logarithmic), [mean for _, mean in line])
-            for rest, line in lines.items()
+        lines: dict[tuple[float, ...], list[float]] = defaultdict(list)
+        for setting in sorted(weights):
+            lines[setting[1:]].append(setting[0])
+        weights = {
+            rest: _along(axis.choices, coordinate(x, axis.logarithmic)[0])
+            @ np.array([weights[each, *rest] for each in x])
+            for rest, x in lines.items()
         }
-    return means.get(())
+    return weights.get(())
 
 
-def _mean(points: Array) -> float:
-    """Mean over the hull of points (N, 3) of u, w and a value, straight over Delaunay's triangles."""
-    places, which = same_places(points[:, :2])
-    values = np.bincount(which, points[:, 2]) / np.bincount(which)
-    away = places - places.mean(axis=0)
+def _along(choices: Any, x: Array) -> Array:
+    return np.full(len(x), 1 / len(x)) if choices else trapezoid_weights(x)
+
+
+def _over_hull(places: Array) -> Array:
+    """Weights (N,) of values at places (N, 2) in their mean over the hull, straight over Delaunay's triangles."""
+    different, which = same_places(places)
+    away = different - different.mean(axis=0)
     if np.linalg.matrix_rank(away, tol=1e-6 * len(away)) < 2:  # a point, or points on one line
-        direction = np.linalg.svd(away, full_matrices=False)[2][0]
-        along = away @ direction
+        along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
         order = np.argsort(along)
-        return _along(along[order], values[order].tolist())
-    from scipy.spatial import Delaunay  # takes 0.2 s
+        weights = np.empty(len(different))
+        weights[order] = trapezoid_weights(along[order])
+    else:
+        from scipy.spatial import Delaunay  # takes 0.2 s
 
-    corners = Delaunay(places).simplices
-    sides = places[corners[:, 1:]] - places[corners[:, :1]]
-    areas = np.abs(np.linalg.det(sides)) / 2
-    return float((areas * values[corners].mean(axis=1)).sum() / areas.sum())
-
-
-def _along(x: Array, y: Sequence[float]) -> float:
-    if len(x) < 2 or not np.isfinite(x).all():  # what the camera sets itself has no place on its axis
-        return float(np.mean(y))
-    return float(np.trapezoid(y, x) / (x[-1] - x[0]))
+        corners = Delaunay(different).simplices
+        sides = different[corners[:, 1:]] - different[corners[:, :1]]
+        areas = np.abs(np.linalg.det(sides)) / 2
+        weights = np.bincount(corners.ravel(), np.repeat(areas / 3, 3), len(different)) / areas.sum()
+    return np.asarray((weights / np.bincount(which))[which])

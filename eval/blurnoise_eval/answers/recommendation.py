@@ -1,9 +1,9 @@
 """Which exposure to use: the one rule, for one condition, for one light, and for all that was tested.
 
-The exposure to use keeps most on average over the conditions asked (lights, speeds, target groups), all weighted
-alike. One that saturates more than a tenth of the picture, averaged over these conditions, is not used while another
-one works. Of exposures that keep as much within ``NEAR`` the middle one is taken (in log exposure), so that a finer
-grid does not move the answer along a plateau.
+The exposure to use keeps most on average over the conditions (lights, speeds, target groups), all weighted alike. One
+that saturates more than a tenth of the picture, averaged over these conditions, is not used while another one works.
+Of exposures that keep as much within ``NEAR`` the middle one is taken (in log exposure), so that a finer grid does
+not move the answer along a plateau.
 
 Domain: exposures in s; values in the criterion's unit: a score, or the share of it that is kept. N conditions, each
 a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: not tested.
@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,7 @@ from blurnoise_eval.grid.axes import EGO, EGO_SPEED, GAIN, SETTING
 Array = NDArray[np.float64]
 Setting = tuple[float, ...]
 Velocity = tuple[float, float]
+Row = dict[str, Any]
 NEAR = 0.005
 """Exposures whose values differ by less are equally good."""
 SATURATED = 0.1
@@ -35,14 +36,14 @@ SATURATED = 0.1
 AS_SATURATED = 0.05
 """Where all that work saturate more, shares this close to the least are equally good."""
 CLOSE = 0.2
-"""Stops from a tested exposure, closer than which no further one is asked for."""
+"""Stops from a tested exposure, closer than which no further one is tested."""
 WIDE, THIRD = 0.5, 1 / 3
 """Stops from the best tested exposure to its neighbours, or to one that saturates, within which it is known."""
 MOST_COMMON = 4
 """Exposures that are added for each model under all conditions, at most."""
 SURE, FAILS, CANNOT_TELL = "sure", "no", "cannot tell"
 _ROUNDED = 0.02  # stops: exposures are rounded to three digits
-_LEAST_EFFECTIVE = 3.0  # pictures of equal weight, below which no interval is given
+_GAIN, _EGO = SETTING.index(GAIN.name), SETTING.index(EGO.name)
 
 
 def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None:
@@ -56,13 +57,8 @@ def best_exposure(exposures_s: Sequence[float], values: ArrayLike) -> int | None
     if not len(tested):
         return None
     best = int(np.argmax(value[tested]))
-    near = value[tested] >= value[tested[best]] - NEAR
-    low = high = best
-    while low > 0 and near[low - 1]:
-        low -= 1
-    while high + 1 < len(tested) and near[high + 1]:
-        high += 1
-    plateau = tested[low : high + 1]
+    worse = np.flatnonzero(value[tested] < value[tested[best]] - NEAR)
+    plateau = tested[worse[worse < best].max(initial=-1) + 1 : worse[worse > best].min(initial=len(tested))]
     at = np.array([exposures_s[place] for place in plateau])
     if len(plateau) == 1 or not (np.isfinite(at).all() and (at > 0).all()):
         return int(tested[best])
@@ -85,15 +81,13 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     return np.asarray(np.where((share > limit) & np.isfinite(value), 0.0, value))
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """The exposure to use under some conditions, and what it keeps there on average.
 
     places: the conditions, one gain for each light. low, high: the 95 % interval of ``value``, None from too few
     pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". loss: how much less this is than
     the best exposure of each condition would keep. saturated: the largest share of saturated values among the
-    conditions, None where it is not known. sure, fails: in how many conditions the level is surely reached, surely
-    missed.
+    conditions, None where unknown. sure, fails: in how many conditions the level is surely reached, surely missed.
     """
 
     places: tuple[int, ...]
@@ -113,9 +107,9 @@ class Averages:
     """What one model reaches, averaged over target groups, by condition and exposure.
 
     settings: (N) as ``SETTING`` names their values. velocities_px_s: (N) x and y. speeds: (N) px/s, or km/h of a
-    vehicle. value, saturated, sigma: (N, E); sigma: the standard error of what is predicted rather than measured.
-    departures: (C, N, E) contributions of clusters; effective: (N, E) the number of pictures of equal weight. most:
-    (N,) greatest possible values. monotone: whether more speed can only hurt.
+    vehicle. value, saturated, sigma: (N, E); sigma: the standard error of a prediction. departures: (C, N, E)
+    influence of clusters; effective: (N, E) the number of pictures of equal weight. most: (N,) greatest possible
+    values. monotone: whether more speed can only hurt.
     """
 
     model: str
@@ -132,28 +126,33 @@ class Averages:
     saturated: Array
     monotone: bool = True
 
-    @cached_property
-    def _ends(self) -> uncertainty.Ends:
-        """95 % intervals (N, E)."""
-        return self._interval(self.value, self.departures, self.effective, self.sigma, self.most[:, None])
-
-    def with_saturated(self, share_of: Callable[[Setting, Velocity, float], float | None]) -> Averages:
-        """With the mean shares of the pictures in place of those of the targets, where they are known."""
-        known = [
-            [share_of(setting, velocity, each) for each in self.exposures_s]
-            for setting, velocity in zip(self.settings, self.velocities_px_s, strict=True)
-        ]
-        shares = np.array([[np.nan if each is None else each for each in row] for row in known], float)
-        return replace(self, saturated=np.where(np.isfinite(shares), shares, self.saturated))
-
     def choose(self, places: Iterable[int] | None = None) -> Choice | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
         Of several gains that were tested at a light, the one that keeps most is used.
         """
-        own, counted = self._line(range(len(self.settings)) if places is None else places)
+        every, counted = self._line(range(len(self.settings)) if places is None else places)
         e = best_exposure(self.exposures_s, counted)
-        return None if e is None else self._choice(own[:, e].tolist(), e)
+        if e is None:
+            return None
+        own = every[:, e]
+        value, share = float(self.value[own, e].mean()), self.saturated[own, e]
+        low, high = (float(end[0]) for end in self._mean_interval(own, np.array([e])))
+        known = math.isfinite(low) and math.isfinite(high)
+        verdicts = [self._verdict(place, e) for place in own]
+        best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
+        return Choice(
+            tuple(own.tolist()),
+            self.exposures_s[e],
+            value,
+            low if known else None,
+            high if known else None,
+            self._of_ends(low, high),
+            float(np.maximum(best - self.value[own, e], 0.0).mean()),
+            float(np.nanmax(share)) if np.isfinite(share).any() else None,
+            verdicts.count(SURE),
+            verdicts.count(FAILS),
+        )
 
     def next_exposure(self) -> float | None:
         """The exposure to test next under all conditions, nearer to the one that keeps most; None where it is near.
@@ -174,9 +173,8 @@ class Averages:
             top = x[best] - slope / (2 * bend) if bend < 0 else x[best]
             if np.abs(top - x).min() >= CLOSE:
                 return float(f"{2.0**top:.3g}")
-        gaps = {place: abs(x[place] - x[best]) for place in beside}
-        less = [place for place in beside if y[place] < y[best] - NEAR]
-        wide = [place for place in less if gaps[place] > (WIDE if y[place] else THIRD) + _ROUNDED]
+        gaps = {place: abs(x[place] - x[best]) for place in beside if y[place] < y[best] - NEAR}
+        wide = [place for place, gap in gaps.items() if gap > (WIDE if y[place] else THIRD) + _ROUNDED]
         if not wide:
             return None
         place = max(wide, key=lambda place: (y[place] == 0, gaps[place]))
@@ -195,8 +193,9 @@ class Averages:
         where it is not used since it saturates."""
         of_light: dict[Setting, dict[float, list[int]]] = {}
         for place in places:
-            setting, gain = _without_gain(self.settings[place])
-            of_light.setdefault(setting, {}).setdefault(gain, []).append(place)
+            setting = self.settings[place]
+            light = setting[:_GAIN] + setting[_GAIN + 1 :]
+            of_light.setdefault(light, {}).setdefault(setting[_GAIN], []).append(place)
         own = np.concatenate([self._best_gains(by_gain) for by_gain in of_light.values()])
         value, saturated = (np.take_along_axis(each, own, axis=0) for each in (self.value, self.saturated))
         with warnings.catch_warnings():
@@ -210,220 +209,182 @@ class Averages:
         best = np.where(np.isnan(means), -1.0, means).argmax(axis=0)
         return np.array([by_gain[gains[each]] for each in best]).T
 
-    def curve(self, places: Sequence[int]) -> tuple[Array, Array, Array, Array]:
-        """Mean over conditions at the exposures tested in all of them: exposures, values, and their intervals."""
-        own = list(places)
-        value = self.value[own].mean(axis=0)
-        tested = np.isfinite(value)
-        ends = self._mean_interval(own, np.flatnonzero(tested))
-        return np.array(self.exposures_s)[tested], value[tested], *ends
+    def curve(self, places: Sequence[int]) -> Row:
+        """Mean over conditions at the exposures tested in all of them, with its interval."""
+        value = self.value[list(places)].mean(axis=0)
+        tested = np.flatnonzero(np.isfinite(value))
+        low, high = self._mean_interval(list(places), tested)
+        columns = np.array(self.exposures_s)[tested], value[tested], low, high
+        names = "exposures_s", "values", "low", "high"
+        return {name: each.tolist() for name, each in zip(names, columns, strict=True)}
 
-    def at(self, place: int, exposure_s: float) -> tuple[float, str] | None:
-        """Value and verdict of one condition at an exposure; None where it was not tested."""
-        e = self.exposures_s.index(exposure_s)
-        value = float(self.value[place, e])
-        if not math.isfinite(value):
-            return None
-        return value, self._verdict(float(self._ends.low[place, e]), float(self._ends.high[place, e]))
+    def values_at(self, places: Sequence[int], exposure_s: float | None) -> list[float]:
+        """Values of conditions at an exposure, of those in which it was tested."""
+        if exposure_s is None:
+            return []
+        values = self.value[list(places), self.exposures_s.index(exposure_s)]
+        return [float(value) for value in values if math.isfinite(value)]
 
-    def _choice(self, places: list[int], e: int) -> Choice:
-        value = float(self.value[places, e].mean())
-        low, high = (float(end[0]) for end in self._mean_interval(places, np.array([e])))
-        verdicts = [
-            self._verdict(float(self._ends.low[place, e]), float(self._ends.high[place, e]))
-            for place in places
-        ]
-        share = self.saturated[places, e]
-        known = math.isfinite(low) and math.isfinite(high)
-        counted = without_saturated(self.value[places], self.saturated[places], self.level)
-        best = np.nanmax(counted, axis=1)
-        return Choice(
-            tuple(places),
-            self.exposures_s[e],
-            value,
-            low if known else None,
-            high if known else None,
-            self._verdict(low, high),
-            float(np.maximum(best - self.value[places, e], 0.0).mean()),
-            float(np.nanmax(share)) if np.isfinite(share).any() else None,
-            verdicts.count(SURE),
-            verdicts.count(FAILS),
-        )
+    @cached_property
+    def _ends(self) -> uncertainty.Ends:
+        """95 % intervals (N, E)."""
+        return self._interval(self.value, self.departures, self.effective, self.sigma, self.most[:, None])
 
-    def _verdict(self, low: float, high: float) -> str:
+    def _verdict(self, place: int, e: int) -> str:
+        return self._of_ends(self._ends.low[place, e], self._ends.high[place, e])
+
+    def _of_ends(self, low: float, high: float) -> str:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
-    def _mean_interval(self, places: list[int], e: NDArray[Any]) -> uncertainty.Ends:
+    def _mean_interval(self, places: Sequence[int] | NDArray[np.int64], e: NDArray[Any]) -> uncertainty.Ends:
+        """95 % intervals (E,) of means over conditions, errors of prediction as if they were all alike."""
         some = np.ix_(np.array(places), e)
         away = self.departures[:, places][:, :, e]
-        known = np.isfinite(away).any(axis=1)
-        mean = np.where(known, np.nansum(away, axis=1) / len(places), np.nan)
-        return self._interval(
-            self.value[some].mean(axis=0),
-            mean,
-            self.effective[some].min(axis=0),
-            self.sigma[some].mean(axis=0),  # as if errors of prediction were all alike
-            np.array(self.most[places].mean()),
-        )
+        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(places), np.nan)
+        value, sigma = self.value[some].mean(axis=0), self.sigma[some].mean(axis=0)
+        most = np.array(self.most[places].mean())
+        return self._interval(value, mean, self.effective[some].min(axis=0), sigma, most)
 
-    def _interval(
-        self, value: Array, away: Array, effective: Array, sigma: Array, most: Array
-    ) -> uncertainty.Ends:
-        n = np.isfinite(away).sum(axis=0)
-        # where few pictures hold most of the targets, as wide as Student's t of so many
-        student_t = uncertainty.student_t
-        wider = np.fmax(student_t(np.maximum(effective, _LEAST_EFFECTIVE)) / student_t(n), 1.0)
-        low, high = uncertainty.of_level(value, away, most)
-        widened = uncertainty.Ends(value - wider * (value - low), value + wider * (high - value))
-        ends = uncertainty.with_prediction(widened, value, sigma)
-        enough = uncertainty.enough(n) & (effective >= _LEAST_EFFECTIVE)
-        return uncertainty.Ends(*(np.where(enough, end.clip(0.0, most), np.nan) for end in ends))
+    @staticmethod
+    def _interval(value: Array, away: Array, effective: Array, sigma: Array, most: Array) -> uncertainty.Ends:
+        known = uncertainty.enough(effective)
+        ends = uncertainty.of_level(value, away, most, sigma)
+        return uncertainty.Ends(*(np.where(known, end, np.nan) for end in ends))
 
 
-def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = False) -> Averages:
+def averages(
+    tables: Sequence[ScoreTable],
+    level: float,
+    *,
+    monotone: bool = False,
+    saturated: Mapping[tuple[float, ...], float | None] | None = None,
+) -> Averages:
     """The averages of one model's tables, all target groups weighted alike. monotone: whether these are pooled
-    over speeds (:mod:`.monotone`), so that no verdict is better at a higher speed.
+    over speeds (:mod:`.monotone`), so that no verdict is better at a higher speed. saturated: mean shares of pictures
+    by setting, velocity and exposure, in place of those of the targets.
 
     An exposure counts in a condition where every group was measured that is measured there at all.
     """
     every = [list(zip(table.settings, table.velocities_px_s, strict=True)) for table in tables]
-    conditions = dict.fromkeys(condition for own in every for condition in own)
+    conditions = list(dict.fromkeys(condition for own in every for condition in own))
     place_of = {condition: place for place, condition in enumerate(conditions)}
     exposures = np.unique(np.concatenate([table.conditions["exposure_s"] for table in tables]))
     clusters = dict.fromkeys(name for table in tables for name in table.clusters)
     cluster_of = {name: place for place, name in enumerate(clusters)}
     shape = len(conditions), len(exposures)
-    value, sigma, saturated, weight = (np.zeros(shape) for _ in range(4))
-    most, groups = np.zeros(len(conditions)), np.zeros(len(conditions))
-    away, shares = np.zeros((len(clusters), *shape)), np.zeros((len(clusters), *shape))
-    measured = np.zeros(shape)
+    value, sigma, share, measured, weight = np.zeros((5, *shape))
+    most, groups = np.zeros((2, len(conditions)))
+    away, shares = np.zeros((2, len(clusters), *shape))
     for table, own_conditions in zip(tables, every, strict=True):
         e = np.searchsorted(exposures, table.conditions["exposure_s"])
         n = np.array([place_of[condition] for condition in own_conditions], np.int64)
         c = np.array([cluster_of[name] for name in table.clusters])[:, None]
-        there = n, e
-        value[there] += np.nan_to_num(table.mean)
-        weight[there] += np.isfinite(table.mean)
+        value[n, e] += np.nan_to_num(table.mean)
+        weight[n, e] += np.isfinite(table.mean)
         most[np.unique(n)] += table.most
         groups[np.unique(n[np.isfinite(table.mean)])] += 1
         known = np.isfinite(table.influence)
         with np.errstate(invalid="ignore", divide="ignore"):
-            own = np.where(known, table.influence / known.sum(axis=0), 0.0)
-            share = np.nan_to_num(table.counts / table.counts.sum(axis=0))
-        away[c, n, e] += own
-        shares[c, n, e] += share
-        saturated[there] += np.nan_to_num(table.saturated)
-        measured[there] += np.isfinite(table.saturated)
+            away[c, n, e] += np.where(known, table.influence / known.sum(axis=0), 0.0)
+            shares[c, n, e] += np.nan_to_num(table.counts / table.counts.sum(axis=0))
+        share[n, e] += np.nan_to_num(table.saturated)
+        measured[n, e] += np.isfinite(table.saturated)
         if table.prediction_cov is not None:
-            cov = table.prediction_cov
             for line in (np.flatnonzero(n == place) for place in np.unique(n)):
-                sigma[n[line], e[line]] += np.sqrt(np.diag(cov(line)))
+                sigma[n[line], e[line]] += np.sqrt(np.diag(table.prediction_cov(line)))
     of = groups[:, None]
     complete = (weight == of) & (of > 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        spread = np.where((shares > 0).sum(axis=0) > 0, away / of * (shares > 0).sum(axis=0), np.nan)
-        return Averages(
-            tables[0].model,
-            level,
-            tuple(setting for setting, _ in conditions),
-            tuple(velocity for _, velocity in conditions),
-            tuple(_speed(*condition) for condition in conditions),
-            tuple(exposures.tolist()),
-            np.where(complete, value / of, np.nan),
-            np.where((shares > 0) & complete, spread, np.nan),
-            uncertainty.effective(shares),
-            np.where(complete, sigma / of, np.nan),
-            most / np.maximum(groups, 1),
-            np.where(measured > 0, saturated / measured, np.nan),
-            monotone,
-        )
+        share = np.where(measured > 0, share / measured, np.nan)
+        spread = away / of * (shares > 0).sum(axis=0)
+        value, sigma = (np.where(complete, each / of, np.nan) for each in (value, sigma))
+    for place, (setting, velocity) in enumerate(conditions if saturated else ()):
+        found = [
+            (saturated or {}).get((*setting, *velocity, exposure_s)) for exposure_s in exposures.tolist()
+        ]
+        share[place] = [old if new is None else new for old, new in zip(share[place], found, strict=True)]
+    return Averages(
+        tables[0].model,
+        level,
+        tuple(setting for setting, _ in conditions),
+        tuple(velocity for _, velocity in conditions),
+        tuple(_speed(*condition) for condition in conditions),
+        tuple(exposures.tolist()),
+        value,
+        np.where((shares > 0) & complete, spread, np.nan),
+        uncertainty.effective(shares),
+        sigma,
+        most / np.maximum(groups, 1),
+        share,
+        monotone,
+    )
 
 
-def recommendations(of: Averages) -> list[dict[str, Any]]:
+def recommendations(of: Averages) -> list[Row]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
-    there. Axes and speed are None where a row is an average over them; a chosen gain is given."""
+    there. Axes and speed are None where a row is an average over them; a chosen gain is given. at_common: what the
+    exposure for all conditions keeps there, None where it was not tested there."""
     lights: dict[Setting, dict[float, list[int]]] = {}
     for place, (setting, speed) in enumerate(zip(of.settings, of.speeds, strict=True)):
-        lights.setdefault(_light(setting), {}).setdefault(speed, []).append(place)
-    rows = [_row(of, "all", of.choose(), None, None)]
-    whole = rows[0]["exposure_s"] if rows[0] else None
-    for light in sorted(lights):
-        by_speed = lights[light]
-        rows.append(
-            _row(of, "light", of.choose([place for own in by_speed.values() for place in own]), light, None)
-        )
+        light = tuple(0.0 if axis in (_GAIN, _EGO) else value for axis, value in enumerate(setting))
+        lights.setdefault(light, {}).setdefault(speed, []).append(place)
+    whole = of.choose()
+    common_s = None if whole is None else whole.exposure_s
+    rows = _rows(of, "all", whole, None, None, common_s)
+    for light, by_speed in sorted(lights.items(), key=lambda each: each[0]):
+        over_speeds = of.choose(place for own in by_speed.values() for place in own)
+        rows += _rows(of, "light", over_speeds, light, None, common_s)
         found = [
-            _row(of, "condition", of.choose(by_speed[speed]), light, speed) for speed in sorted(by_speed)
+            row
+            for speed in sorted(by_speed)
+            for row in _rows(of, "condition", of.choose(by_speed[speed]), light, speed, common_s)
         ]
-        rows += _nested(found) if of.monotone else found
-    return [_at_common(of, row, whole) for row in rows if row]
+        if of.monotone:
+            _nest(found)
+        rows += found
+    return rows
 
 
-def _nested(by_speed: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _nest(by_speed: list[Row]) -> None:
     """What is sure at one speed is at all slower ones, and what surely fails does at all faster ones."""
-    known = [row for row in by_speed if row]
-    for fast, slow in ((fast, slow) for fast in reversed(known) for slow in known):
+    for fast, slow in ((fast, slow) for fast in reversed(by_speed) for slow in by_speed):
         if slow["speed"] < fast["speed"] and fast["verdict"] == SURE:
             slow |= {"verdict": SURE, "sure": slow["conditions"], "fails": 0}
         if slow["speed"] < fast["speed"] and slow["verdict"] == FAILS:
             fast |= {"verdict": FAILS, "sure": 0, "fails": fast["conditions"]}
-    return by_speed
 
 
-def curves(of: Averages) -> list[dict[str, Any]]:
-    """A row for all speeds (None) and one for each: means over lights and targets at exposures tested in all."""
-    found = []
-    for speed in (None, *sorted(set(of.speeds))):
-        own = [place for place, each in enumerate(of.speeds) if speed in (None, each)]
-        exposures, value, low, high = (each.tolist() for each in of.curve(own))
-        found.append(
-            {"model": of.model, "speed": speed, "exposures_s": exposures, "values": value}
-            | {"low": low, "high": high}
-        )
-    return found
-
-
-def _row(
-    of: Averages, scope: str, choice: Choice | None, light: Setting | None, speed: float | None
-) -> dict[str, Any]:
+def _rows(
+    of: Averages,
+    scope: str,
+    choice: Choice | None,
+    light: Setting | None,
+    speed: float | None,
+    common_s: float | None,
+) -> list[Row]:
+    """One row, none without a choice."""
     if choice is None:
-        return {}
-    shared: dict[str, float | None]
-    shared = dict.fromkeys(SETTING) if light is None else dict(zip(SETTING, light, strict=True))
+        return []
+    axes = dict(zip(SETTING, light or [None] * len(SETTING), strict=True))
     gains = {of.settings[place][_GAIN] for place in choice.places}
-    own = {name: value for name, value in vars(choice).items() if name != "places"}
-    shared[GAIN.name] = gains.pop() if len(gains) == 1 else None
-    shared[EGO.name] = None
-    return {
-        "model": of.model,
-        "scope": scope,
-        **shared,
-        "speed": speed,
-        **own,
-        "conditions": len(choice.places),
-        "places": choice.places,
-    }
+    axes |= {GAIN.name: gains.pop() if len(gains) == 1 else None, EGO.name: None}
+    own = {name: value for name, value in choice._asdict().items() if name != "places"}
+    values = of.values_at(choice.places, common_s)
+    at_common = float(np.mean(values)) if values and len(values) == len(choice.places) else None
+    row = {"model": of.model, "scope": scope, **axes, "speed": speed, **own}
+    return [row | {"conditions": len(choice.places), "at_common": at_common}]
 
 
-def _at_common(of: Averages, row: dict[str, Any], exposure_s: float | None) -> dict[str, Any]:
-    """With what the exposure for all conditions keeps here, None where it was not tested here."""
-    found = [of.at(place, exposure_s) for place in row.pop("places") if exposure_s is not None]
-    values = [each[0] for each in found if each is not None]
-    return row | {"at_common": float(np.mean(values)) if values and len(values) == len(found) else None}
+def curves(of: Averages) -> list[Row]:
+    """A row for all speeds (None) and one for each: means over lights and targets at exposures tested in all."""
+    places = range(len(of.speeds))
+    return [
+        {"model": of.model, "speed": speed}
+        | of.curve([place for place in places if speed in (None, of.speeds[place])])
+        for speed in (None, *sorted(set(of.speeds)))
+    ]
 
 
-_GAIN, _EGO = SETTING.index(GAIN.name), SETTING.index(EGO.name)
-
-
-def _without_gain(setting: Setting) -> tuple[Setting, float]:
-    return setting[:_GAIN] + setting[_GAIN + 1 :], setting[_GAIN]
-
-
-def _light(setting: Setting) -> Setting:
-    """A setting without gain and vehicle's speed, in whose places stands 0."""
-    return tuple(0.0 if place in (_GAIN, _EGO) else value for place, value in enumerate(setting))
-
-
-def _speed(setting: Setting, velocity_px_s: tuple[float, float]) -> float:
+def _speed(setting: Setting, velocity_px_s: Velocity) -> float:
     ego = setting[_EGO]
     return float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*velocity_px_s)

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ LEAST_KNOWN = 0.05
 one target in twenty is found at most, or none with any confidence."""
 ORDER = (*SETTING, *VELOCITY, "exposure_s")
 """The axes by which the conditions of a table are sorted."""
+_OF_PICTURES = ("saturated", "brightness")
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
@@ -77,9 +78,9 @@ class ScoreTable:
     @property
     def standard_error(self) -> Array:
         """(N,) of the mean over clusters; NaN of fewer than two."""
-        n = np.isfinite(self.influence).sum(axis=0)
         if len(self.clusters) < 2:
             return np.full(len(self), np.nan)
+        n = np.isfinite(self.influence).sum(axis=0)
         return np.asarray(np.nanstd(self.influence, axis=0, ddof=1) / np.sqrt(n))
 
     @property
@@ -145,25 +146,15 @@ class ScoreTable:
             of = [plane.direction_of(velocity) for velocity in alike.velocities_px_s]
             for direction in dict.fromkeys(each for each in of if each is not None) or (None,):
                 here = alike.take([place for place, each in enumerate(of) if each in (direction, None)])
-                yield here._merged(plane.same_places(here.places)[1])
-
-    def _merged(self, which: Places) -> ScoreTable:
-        """With the means of conditions that are the same, by their number from 0."""
-        first = np.unique(which, return_index=True)[1]
-        number = np.bincount(which)
-
-        def means(values: Array) -> Array:
-            total = np.zeros((*values.shape[:-1], len(number)))
-            np.add.at(total.T, which, values.T)
-            return np.asarray(total / number)
-
-        return replace(
-            self.take(first),
-            sums=means(self.sums),
-            counts=means(self.counts),
-            saturated=means(self.saturated),
-            brightness=means(self.brightness),
-        )
+                which = plane.same_places(here.places)[1]
+                first, number = np.unique(which, return_index=True, return_counts=True)[1:]
+                means: dict[str, Any] = {}
+                for name in ("sums", "counts", *_OF_PICTURES):
+                    values = getattr(here, name)
+                    total = np.zeros((*values.shape[:-1], len(number)))
+                    np.add.at(total.T, which, values.T)
+                    means[name] = total / number
+                yield replace(here.take(first), **means)
 
     @property
     def velocities_px_s(self) -> list[tuple[float, float]]:
@@ -239,9 +230,7 @@ def table_of(
     counted = ~np.isnan(every.value) & ~np.isnan(weights)
     if not counted.any():
         return None
-    weights = weights[counted]
-    some: list[Any] = [column[counted] for column in every[1:]]
-    own = Measured(every.names, *some)
+    own = Measured(every.names, *(column[counted] for column in every[1:]))
     seen, first, picture = np.unique(own.picture, return_index=True, return_inverse=True)
     clusters: dict[str, int] = {}
     of_picture = np.empty(len(seen), np.int64)
@@ -253,12 +242,17 @@ def table_of(
     one_of_each = np.unique(of_used, return_index=True)[1]
     condition = of_used[np.searchsorted(used, own.condition)]
     shape = len(clusters), len(one_of_each)
-    flat = of_picture[picture] * shape[1] + condition
+    cell = of_picture[picture] * shape[1] + condition
+
     sums, counts = (
-        np.asarray(np.bincount(flat, each, math.prod(shape)).reshape(shape), float)
-        for each in (own.value, weights)
+        np.asarray(np.bincount(cell, each, math.prod(shape)).reshape(shape), float)
+        for each in (own.value, weights[counted])
     )
-    saturated, brightness = (_means(each, condition, shape[1]) for each in (own.saturated, own.brightness))
+
+    def means(values: Array) -> Array:
+        known = np.bincount(condition, np.isfinite(values), shape[1])
+        return ratio_of_sums(np.bincount(condition, np.nan_to_num(values), shape[1])[None], known[None])
+
     target = picture * (1 + int(own.target_id.max())) + own.target_id
     references = own.clean[np.sort(np.unique(target, return_index=True)[1])]
     known = references[~np.isnan(references)]
@@ -269,21 +263,13 @@ def table_of(
         {name: column[one_of_each] for name, column in columns.items()},
         sums,
         counts,
-        saturated,
-        brightness,
-        len(np.unique(target * (1 + int(own.repeat.max())) + own.repeat)),
-        float(np.mean(known)) if len(known) else None,
-        float(np.sum(known)),
-        kept,
+        means(own.saturated),
+        means(own.brightness),
+        n_targets=len(np.unique(target * (1 + int(own.repeat.max())) + own.repeat)),
+        clean=float(np.mean(known)) if len(known) else None,
+        reference=float(np.sum(known)),
+        kept=kept,
     )
-
-
-def _means(values: Array, condition: Places, count: int) -> Array:
-    """Means by condition of those that are known, NaN where none is."""
-    known, total = (
-        np.bincount(condition, each, count) for each in (np.isfinite(values), np.nan_to_num(values))
-    )
-    return ratio_of_sums(total[None], known[None])
 
 
 class Sized(NamedTuple):
@@ -299,39 +285,26 @@ def tables_by_size(scored: Sequence[Sized], kept: bool) -> Iterator[ScoreTable]:
 
     scored: every condition of each model, the original pictures first. Clusters are numbered.
     """
-    for model, of_model in groupby(scored, lambda each: str(each.row["model"])):
-        original, *exposed = of_model
-        for size in SIZES:
-            clean, n_targets = original.estimates[size], original.n_targets[size]
-            if clean.value is None or not n_targets:
-                continue
-            found = [
-                (each.row, ratio(each.estimates[size], clean) if kept else each.estimates[size])
-                for each in exposed
-            ]
-            known = [(row, _pseudo_values(each)) for row, each in found if each.influence is not None]
-            if not known:
-                continue
-            columns = {name: np.array([row[name] for row, _ in known], float) for name in ORDER}
-            values = np.array([own for _, own in known]).T
-            saturated, brightness = (
-                np.array([row[name] for row, _ in known], float) for name in ("saturated", "brightness")
-            )
-            table = ScoreTable(
-                model,
-                size,
-                tuple(map(str, range(len(values)))),
-                columns,
-                np.nan_to_num(values),
-                np.isfinite(values).astype(float),
-                saturated,
-                brightness,
-                n_targets,
-                clean.value,
-                clean.value * n_targets,
-                kept,
-            )
-            yield table.take(np.argsort(same_rows(list(columns.values()), len(known)), kind="stable"))
+    for model, size in product(dict.fromkeys(each.row["model"] for each in scored), SIZES):
+        original, *exposed = (each for each in scored if each.row["model"] == model)
+        clean, n_targets = original.estimates[size], original.n_targets[size]
+        found = [
+            (each.row, ratio(each.estimates[size], clean) if kept else each.estimates[size])
+            for each in exposed
+        ]
+        known = [(row, each) for row, each in found if each.influence is not None]
+        if clean.value is None or not n_targets or not known:
+            continue
+        columns = {name: np.array([row[name] for row, _ in known], float) for name in (*ORDER, *_OF_PICTURES)}
+        values = np.array([_pseudo_values(each) for _, each in known]).T
+        saturated, brightness = (columns.pop(name) for name in _OF_PICTURES)
+        sums, counts = np.nan_to_num(values), np.isfinite(values).astype(float)
+        clusters = tuple(map(str, range(len(values))))
+        of_clean = clean.value, clean.value * n_targets, kept
+        of_group = str(model), size, clusters
+        of_pictures = saturated, brightness, n_targets
+        table = ScoreTable(*of_group, columns, sums, counts, *of_pictures, *of_clean)
+        yield table.take(np.argsort(same_rows(list(columns.values()), len(known)), kind="stable"))
 
 
 def _pseudo_values(estimate: Estimate) -> Array:

@@ -1,9 +1,9 @@
 """Uncertainty of means over pictures: intervals, and a bound on what a choice loses.
 
-The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters stand
-on the first axis of every array; what is not measured in one is NaN there and does not count. Every level has its
-interval by :func:`of_level`, every difference paired by cluster by :func:`of_difference`, every choice its bound by
-:func:`regret_bound`. Two-sided at 95 % unless stated.
+The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters are the
+first axis of every array; NaN: not measured in one. Every level has its interval by :func:`of_level`, every
+difference paired by cluster by :func:`of_difference`, every choice its bound by :func:`regret_bound`; all are NaN
+below ``FEWEST`` clusters. Two-sided at 95 % unless another confidence is given.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.scoring.estimates import Estimate
 
 FEWEST = 8
-"""Clusters below which nothing is said about uncertainty: no interval, no verdict. Of curves as :func:`effective`."""
+"""Clusters below which there is no interval and no verdict. Where sizes differ, counted as :func:`effective`."""
 FEW = 20
-"""Clusters below which what is said is flagged. Of curves as :func:`effective`."""
+"""Clusters below which an answer is flagged, counted alike."""
 CONFIDENCE = 0.95
 NORMAL = 1.96
 """Standard errors to either side of the mean that hold 95 % of a normal distribution."""
 UNSEEN = 0.25
-"""Of a cluster: what the one at the bound counts; in ``blurnoise bench intervals`` 0.1 is too little, 0.5 much."""
+"""Weight of the unseen cluster at the bound, in clusters; with 0.1 the coverage is too low, with 0.5 too high."""
 DRAWS = 1000
 MOSTLY = 0.9
 Array = NDArray[np.float64]
@@ -48,17 +48,19 @@ def student_t(n: ArrayLike, confidence: float = CONFIDENCE) -> Array:
 
 
 def effective(sizes: ArrayLike) -> Array:
-    """How many clusters of one size say as much as these of ``sizes`` k (n, ...): (sum k)^2 / sum k^2 (Kish).
-
-    Of n alike it is n, of none 0.
-    """
+    """How many clusters of one size are worth these of ``sizes`` k (n, ...): (sum k)^2 / sum k^2 (Kish)."""
     size = np.asarray(sizes, float)
     square = (size**2).sum(axis=0)
     return np.asarray(np.where(square > 0, size.sum(axis=0) ** 2 / np.where(square > 0, square, 1.0), 0.0))
 
 
+def enough(clusters: ArrayLike) -> NDArray[np.bool_]:
+    """Whether so many clusters, counted or :func:`effective`, are enough for an interval."""
+    return np.asarray(np.asarray(clusters) >= FEWEST)
+
+
 def pictures_needed(margin: float, spread: float, away: float, most: int) -> int:
-    """How many clusters put the end of :func:`bounded` no further than ``margin`` from the mean; ``most + 1``: more.
+    """How many clusters put the end of :func:`bounded` at most ``margin`` from the mean; ``most + 1``: more.
 
     spread: standard deviation of the clusters' influence. away: distance from the mean to the bound at that end.
     Of the clusters' random weights (exponential, n of them) the sum by their margins is taken for normal, of variance
@@ -68,19 +70,19 @@ def pictures_needed(margin: float, spread: float, away: float, most: int) -> int
 
     unseen = _unseen()
 
-    def tells(n: int) -> bool:
+    def suffices(n: int) -> bool:
         spare = margin * n - unseen * (away - margin)
         return float(ndtr(spare / (math.hypot(spread, margin) * math.sqrt(n))).mean()) >= (1 + CONFIDENCE) / 2
 
-    return 1 + bisect_left(range(1, most + 1), True, key=tells) if margin > 0 else most + 1
+    return 1 + bisect_left(range(1, most + 1), True, key=suffices) if margin > 0 else most + 1
 
 
 def pictures_needed_mostly(margin: float, spread: float, n: float, half: int, most: int) -> int:
-    """How many clusters tell a mean from a threshold in ``MOSTLY`` of the cases like this; ``most + 1``: more.
+    """How many clusters separate a mean from a threshold in ``MOSTLY`` of such cases; ``most + 1``: more.
 
-    margin, spread: as of :func:`pictures_needed`, whose answer ``half`` tells in about half of them, since the mean
-    of n clusters is itself uncertain: the true margin is normal about the one seen. Either side of the threshold
-    counts.
+    margin, spread: as of :func:`pictures_needed`, whose answer ``half`` suffices in about half of them, since the
+    mean of n clusters is itself uncertain: the true margin is normal about the observed one. Either side of the
+    threshold counts.
     """
     from scipy.special import ndtr  # takes 0.1 s
 
@@ -89,62 +91,45 @@ def pictures_needed_mostly(margin: float, spread: float, n: float, half: int, mo
     seen = margin / spread * math.sqrt(n)  # standard errors
     needed = seen * math.sqrt(half / n)
 
-    def tells(count: int) -> bool:
+    def suffices(count: int) -> bool:
         times = count / n
         sides = [(sign * seen * math.sqrt(times) - needed) / math.sqrt(times - 1) for sign in (1, -1)]
         return float(ndtr(sides).sum()) >= MOSTLY
 
     least = max(half, math.floor(n) + 1)
-    return least + bisect_left(range(least, most + 1), True, key=tells)
+    return least + bisect_left(range(least, most + 1), True, key=suffices)
 
 
 @lru_cache(maxsize=1)
 def _unseen() -> Array:
-    """Weights of the cluster nobody has seen, equally likely, (200,)."""
+    """Equally likely weights of the unseen cluster, (200,)."""
     from scipy.special import gammaincinv  # takes 0.1 s
 
     return np.asarray(gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200))
 
 
 def of_level(mean: ArrayLike, influence: ArrayLike, most: ArrayLike = 1.0, sigma: ArrayLike = 0.0) -> Ends:
-    """The interval of a mean (...) of values from 0 to ``most``, by the clusters' influence on it (n, ...):
-    :func:`bounded` by both. NaN where clusters are too few.
+    """The interval of a mean (...) of values from 0 to ``most``, by the clusters' influence on it (n, ...).
 
-    most: of a kept share 1 by what is scored in the original pictures, however little was seen to be kept: bounded
-    by the best that was seen, or 1, the intervals of 20 and 35 pictures like photographs hold in 86 to 97 % of
-    samples in place of 93 to 100. Where there is none (infinite) it is the best that was seen, or 1: no alarm in ten
-    pictures is not none. sigma: as of :func:`with_prediction`.
+    most: of a kept share 1 by the score in the original pictures, however little was kept. Infinite: no bound is
+    known, and the greatest value of a cluster, or 1, serves. sigma: standard deviation (...) of a mean that is
+    predicted, beside what clusters differ by; the squares of half-widths add.
     """
-    top = np.where(np.isinf(most), _best_seen(mean, influence), most)
-    ends = _where_enough(bounded(mean, influence, (0.0, top)), influence)
-    wide = with_prediction(ends, mean, sigma) if np.any(sigma) else ends
-    return Ends(*(end.clip(0.0, most) for end in wide))
+    middle, half = np.asarray(mean, float), NORMAL * np.asarray(sigma, float)
+    top = np.where(np.isinf(most), _greatest(mean, influence), most)
+    low, high = _where_enough(bounded(mean, influence, (0.0, top)), influence)
+    if half.any():
+        low, high = middle - np.hypot(middle - low, half), middle + np.hypot(high - middle, half)
+    return Ends(low.clip(0.0, most), high.clip(0.0, most))
 
 
 def of_difference(mean: ArrayLike, influence: ArrayLike) -> Ends:
-    """The interval of a difference paired by cluster, or of what has no bounds: :func:`student`. NaN where clusters
-    are too few."""
+    """Student's interval of a difference paired by cluster, or of what has no bounds."""
     return _where_enough(student(mean, influence), influence)
 
 
-def _best_seen(mean: ArrayLike, influence: ArrayLike) -> Array:
-    """The greatest value of a cluster that was seen, or 1."""
-    away = np.asarray(influence, float)
-    known = np.isfinite(away)
-    middle = np.where(known, away, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    best = np.asarray(mean, float) + np.where(known, away - middle, 0.0).max(axis=0, initial=0.0)
-    return np.asarray(np.maximum(1.0, best))
-
-
-def with_prediction(ends: Ends, mean: ArrayLike, sigma: ArrayLike) -> Ends:
-    """The interval of a mean that is predicted with a standard deviation ``sigma`` beside what clusters differ by:
-    the squares of half-widths add."""
-    middle, half = np.asarray(mean, float), NORMAL * np.asarray(sigma, float)
-    return Ends(middle - np.hypot(middle - ends.low, half), middle + np.hypot(ends.high - middle, half))
-
-
 def interval_of(estimate: Estimate, most: float | None) -> tuple[float | None, float | None]:
-    """The 95 % interval of an estimate, None below ``FEWEST`` clusters.
+    """The 95 % interval of an estimate, None from too few clusters.
 
     most: the greatest value that it can have, as of :func:`of_level`; None of a difference.
     """
@@ -165,16 +150,6 @@ def columns(estimate: Estimate, name: str, most: float) -> dict[str, float | Non
     return {name: estimate.value, f"{name}_low": low, f"{name}_high": high}
 
 
-def _where_enough(ends: Ends, influence: ArrayLike) -> Ends:
-    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0))
-    return Ends(*(np.where(known, end, np.nan) for end in ends))
-
-
-def enough(clusters: ArrayLike) -> NDArray[np.bool_]:
-    """Whether so many clusters, counted or :func:`effective`, are enough for an interval."""
-    return np.asarray(np.asarray(clusters) >= FEWEST)
-
-
 def student(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
     """Student's interval, whatever the number of clusters."""
     n, _, error = _summary(influence)
@@ -182,17 +157,13 @@ def student(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENC
     return Ends(middle - half, middle + half)
 
 
-def bounded(
-    mean: ArrayLike,
-    influence: ArrayLike,
-    within: tuple[ArrayLike, ArrayLike],
-) -> Ends:
+def bounded(mean: ArrayLike, influence: ArrayLike, within: tuple[ArrayLike, ArrayLike]) -> Ends:
     """The interval of a mean of values that lie ``within`` two bounds, whatever the number of clusters.
 
-    Of clusters that are all alike, or of which few stand out, Student sees no spread. So for either end
-    a cluster nobody has seen is added, which lies at that bound and counts ``UNSEEN`` of a cluster; the ends are
-    quantiles of the mean with all clusters weighted at random (the Bayesian bootstrap, Rubin, Ann. Statist. 9
-    (1981) 130; of shares, and with half a cluster, it is Jeffreys' interval; with a whole one Gaffke's bound).
+    Of clusters that are all alike, or of which few stand out, Student sees no spread. So for either end an unseen
+    cluster is added, which lies at that bound and counts ``UNSEEN`` of a cluster; the ends are quantiles of the mean
+    with all clusters weighted at random (the Bayesian bootstrap, Rubin, Ann. Statist. 9 (1981) 130; of shares, and
+    with half a cluster, it is Jeffreys' interval; with a whole one Gaffke's bound).
     """
     away = np.asarray(influence, float)
     measured = np.isfinite(away)
@@ -201,23 +172,16 @@ def bounded(
         away = np.where(measured, away - np.where(measured, away, 0.0).sum(axis=0) / n, 0.0)
     middle = np.asarray(mean, float)
     weight, unseen = _weights(len(away))
-    shape = (len(weight), *(1,) * (away.ndim - 1))
-    total = np.tensordot(weight, measured.astype(float), 1) + unseen.reshape(shape)
+    unseen = unseen.reshape(len(weight), *(1,) * (away.ndim - 1))
+    total = np.tensordot(weight, measured.astype(float), 1) + unseen
     moved = np.tensordot(weight, away, 1)
     side = (1 - CONFIDENCE) / 2
     ends = []
     for bound, share in zip(within, (side, 1 - side), strict=True):
-        drawn = (moved + unseen.reshape(shape) * (np.asarray(bound, float) - middle)) / total
+        drawn = (moved + unseen * (np.asarray(bound, float) - middle)) / total
         end = middle + np.quantile(drawn, share, axis=0)
         ends.append(np.where(n > 0, np.clip(end, *within), np.nan))
     return Ends(*ends)
-
-
-@lru_cache(maxsize=4)
-def _weights(clusters: int) -> tuple[Array, Array]:
-    """Random weights of the clusters, (DRAWS, clusters), and of the one nobody has seen, (DRAWS,)."""
-    generator = np.random.default_rng(0)
-    return generator.exponential(size=(DRAWS, clusters)), generator.gamma(UNSEEN, size=DRAWS)
 
 
 def regret_bound(
@@ -226,29 +190,28 @@ def regret_bound(
     """What a choice loses at most against the best of its rivals, at ``confidence`` (one-sided), at least 0.
 
     gain: (S,) mean of each rival less that of the choice. influence: (n, S) of the same differences, paired by
-    cluster. Multiple comparisons with the best (Hsu, Ann. Statist. 9 (1981) 1026) by the largest of the rivals'
-    upper bounds. These hold together, since the choice is made by the same clusters: with the quantile of the
-    largest of S Student's t as correlated as the influence. sigma: (S,) standard error of the gains beside that
-    of the influence. NaN from fewer than ``FEWEST`` clusters.
+    cluster. sigma: (S,) standard error of the gains beside that of the influence. Multiple comparisons with the best
+    (Hsu, Ann. Statist. 9 (1981) 1026) by the largest of the rivals' upper bounds, which hold together: with the
+    quantile of the largest of S Student's t as correlated as the influence.
     """
     away = np.asarray(influence, float)
     n, mean, error = _summary(away)
-    told = enough(n)
-    if not told.any():
+    known = enough(n)
+    if not known.any():
         return np.asarray(np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        alike = np.where(np.isfinite(away) & (error > 0), (away - mean) / (error * n), 0.0)[:, told]
+        alike = np.where(np.isfinite(away) & (error > 0), (away - mean) / (error * n), 0.0)[:, known]
     largest = (_normal(len(away)) @ alike).max(axis=1)
-    fewest = int(n[told].min()) - 1
+    fewest = int(n[known].min()) - 1
     scale = np.sqrt(np.random.default_rng(1).chisquare(fewest, len(largest)) / fewest)
     together = float(np.quantile(largest / scale, confidence))
-    limit = np.maximum(student_t(n[told], 2 * confidence - 1), together)
-    wide = np.hypot(error, sigma)[told]
-    return np.asarray(max(0.0, float((np.asarray(gain, float)[told] + limit * wide).max())))
+    limit = np.maximum(student_t(n[known], 2 * confidence - 1), together)
+    wide = np.hypot(error, sigma)[known]
+    return np.asarray(max(0.0, float((np.asarray(gain, float)[known] + limit * wide).max())))
 
 
 def sigma_of_differences(covariance: ArrayLike, chosen: int) -> Array:
-    """Standard deviations (S,) of what S values lack against a chosen one, from their covariance (S, S)."""
+    """Standard deviations (S,) of the differences of S values from the chosen one, by their covariance (S, S)."""
     of = np.asarray(covariance, float)
     own = np.diag(of)
     return np.asarray(np.sqrt(np.maximum(own + own[chosen] - 2 * of[chosen], 0.0)))
@@ -257,13 +220,34 @@ def sigma_of_differences(covariance: ArrayLike, chosen: int) -> Array:
 def behind_best(mean: ArrayLike, influence: ArrayLike) -> Ends:
     """Intervals (S,) of how much less each of S means is than the greatest of them.
 
-    influence: (n, S), paired by cluster. Which mean is greatest is chosen by the same clusters: so the intervals are
-    Student's of all differences of two means, together at 95 % (Bonferroni). NaN where clusters are too few.
+    influence: (n, S), paired by cluster. The same clusters choose which mean is greatest: so the intervals are
+    Student's of all differences of two means, together at 95 % (Bonferroni).
     """
     value, away = np.asarray(mean, float), np.asarray(influence, float)
     best, pairs = int(value.argmax()), max(len(value) * (len(value) - 1) // 2, 1)
     apart = value[best] - value, away[:, [best]] - away
     return _where_enough(student(*apart, 1 - (1 - CONFIDENCE) / pairs), apart[1])
+
+
+def _where_enough(ends: Ends, influence: ArrayLike) -> Ends:
+    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0))
+    return Ends(*(np.where(known, end, np.nan) for end in ends))
+
+
+def _greatest(mean: ArrayLike, influence: ArrayLike) -> Array:
+    """The greatest value of a cluster, or 1."""
+    away = np.asarray(influence, float)
+    known = np.isfinite(away)
+    middle = np.where(known, away, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    best = np.asarray(mean, float) + np.where(known, away - middle, 0.0).max(axis=0, initial=0.0)
+    return np.asarray(np.maximum(1.0, best))
+
+
+@lru_cache(maxsize=4)
+def _weights(clusters: int) -> tuple[Array, Array]:
+    """Random weights of the clusters, (DRAWS, clusters), and of the unseen one, (DRAWS,)."""
+    generator = np.random.default_rng(0)
+    return generator.exponential(size=(DRAWS, clusters)), generator.gamma(UNSEEN, size=DRAWS)
 
 
 @lru_cache(maxsize=4)
@@ -276,9 +260,8 @@ def _summary(z: ArrayLike) -> tuple[Array, Array, Array]:
     values: Any = np.asarray(z, float)
     measured = np.isfinite(values)
     n = measured.sum(axis=0).astype(float)
-    filled = np.where(measured, values, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = filled.sum(axis=0) / n
+        mean = np.where(measured, values, 0.0).sum(axis=0) / n
         square = (np.where(measured, values - mean, 0.0) ** 2).sum(axis=0)
         error = np.sqrt(square / np.maximum(n - 1, 1) / n)
     tiny = error <= 1e-12 * np.maximum(np.abs(mean), 1e-300)  # equal values, up to rounding

@@ -55,7 +55,7 @@ def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[
     """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
     monotone = store.about("manifest").get("trajectory") is None
     return [
-        answer.row()
+        answer
         for each in answering(store, criterion, cluster)
         for answer in answers(each, criterion, monotone=monotone)
     ]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers.criterion import CONFIDENCE, MATCHES, Criterion
-from blurnoise_eval.answers.crossings import windows
+from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.recommendation import NEAR, best_exposure, without_saturated
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Sight
@@ -94,7 +94,7 @@ def works(
 ) -> tuple[float, float] | None:
     """From where to where along a curve the mean score is enough, around ``at`` or else the widest; None: nowhere.
 
-    As a run's windows end, see :func:`~blurnoise_eval.answers.crossings.windows`.
+    As a run's windows end, see :func:`~blurnoise_eval.answers.curves.windows`.
     """
     values, means = [point.value for point in curve], [point.mean for point in curve]
     found = windows(values, means, enough, logarithmic)

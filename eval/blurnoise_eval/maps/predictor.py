@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise_eval.answers.crossings import windows
+from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.maps.nodes import Array, Plane
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Mask, auc, blocks, held_out_r2
 from blurnoise_eval.maps.scored import NodeScores

@@ -1,8 +1,8 @@
-"""The figures of a run for print: curves, what exposure makes of pictures, examples with boxes.
+"""The figures of a run for print: curves, what exposure makes of pictures, examples with boxes, latency.
 
-Every function takes the run and returns a matplotlib ``Figure``; none keeps global state. Figures hold at most
-``MAX_PANELS`` panels and ``MAX_LINES`` lines each and say so when they leave some out.
-Domain: confidences in [0, 1], exposures in s (drawn in ms), speeds in px/s, blur in px.
+Every function takes the run and returns a matplotlib ``Figure``. Figures hold at most ``MAX_PANELS`` panels and
+``MAX_LINES`` lines each and say so when they leave some out.
+Domain: confidences in [0, 1], exposures in s (drawn in ms), speeds in px/s, blur in px, latency in ms per picture.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 
+from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.grid.axes import (
     BLUR,
     EXPOSURE,
@@ -38,33 +39,31 @@ from blurnoise_eval.plots.style import (
     spread,
     tidy,
 )
-from blurnoise_eval.report.run import Point, RunData, by_speed
+from blurnoise_eval.report.run import Point, RunData
 from blurnoise_eval.report.settings import Setting, Settings, axis_label
-from blurnoise_eval.report.words import WORKS, outcome_text, title_text
+from blurnoise_eval.report.words import outcome_text, title_text
 from blurnoise_eval.system.tables import finite
 
 MAX_PANELS, MAX_COLUMNS = 12, 4
 MAX_EXAMPLES = 12
 MAX_TICKS = 8  # of an axis whose tested values are its ticks
 MOST_EXPOSURES, MOST_OF_MOVES = 3, 9  # of what moves: exposures side by side, panels in all
-MOVE_COLOURS = ("0.25", "#c23b22", "#1f77b4")  # all, targets, background
-MOVE_LABELS = (
-    "all of the picture moves",
-    "targets move, the background is still",
-    "the camera tracks the targets: the background moves",
+MOVES_AS = (
+    ("all of the picture moves", "0.25"),
+    ("targets move, the background is still", "#c23b22"),
+    ("the camera tracks the targets: the background moves", "#1f77b4"),
 )
+ROBUSTNESS = {"auc_exposure": "AUC over exposure", "auc_blur": "AUC over blur", "rpc": "rPC"}
+"""Columns of the table of models that latency is drawn against."""
 _APART, _HIGHEST = 0.018, 1.5  # bars side by side, of the axis; intervals beyond that are cut off
 _BAR, _BAR_STEP = 0.05, 0.045  # of the first window below zero, and from bar to bar
-_OF_PICTURES = (
-    ("applied_gain_db", "Gain / dB"),
-    ("snr_db", "SNR of the mean light / dB"),
-    ("brightness", "Mean of the picture, 0-1"),
-    ("saturated", "Share of saturated pixels"),
-)
+_OF_PICTURES = {
+    "applied_gain_db": "Gain / dB",
+    "snr_db": "SNR of the mean light / dB",
+    "brightness": "Mean of the picture, 0-1",
+    "saturated": "Share of saturated pixels",
+}
 Key = tuple[str, str, Setting]  # model, group, setting
-
-
-# --- curves -----------------------------------------------------------------
 
 
 def confidence_exposure(data: RunData) -> Figure:
@@ -74,10 +73,11 @@ def confidence_exposure(data: RunData) -> Figure:
     intervals of its ends, with a tick at the recommended exposure; the shaded range is surely in the window of every
     velocity tested there.
     """
-    grid = _panels(data, data.settings)
-    velocities = sorted({point.velocity_px_s for point in data.points}, key=by_speed)
+    panels = _panels(data, data.settings)
+    measured = {point.velocity_px_s for point in data.points}
+    velocities = [velocity for velocity in data.velocities_px_s if velocity in measured]
     shown = spread(velocities, MAX_LINES)
-    for key, axes in grid:
+    for key, axes in panels:
         answers = [a for a in data.answers if (a["model"], a["group"], data.settings.of(a)) == key]
         for low, high in common_windows([answer["sure_windows_s"] for answer in answers]):
             axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
@@ -85,11 +85,12 @@ def confidence_exposure(data: RunData) -> Figure:
         for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
             line = [p for p in data.points if p[:4] == (*key, velocity)]
             _draw_line(data, axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
+            _draw_bounds(axes, [1e3 * p.exposure_s for p in line], line, colour)
             for answer in (a for a in answers if velocity_of(a) == velocity):
                 _draw_window(axes, answer, -_BAR - _BAR_STEP * row, colour)
         axes.set_ylim(-0.07 - _BAR_STEP * len(shown), 1.03 * data.highest)
         _exposure_axis(axes, [p.exposure_s for p in data.points])
-    return grid.finish(
+    return panels.finish(
         axis_label(EXPOSURE),
         "Speed; bars: exposure window (pale: cannot tell; thin: its ends' intervals), tick: recommended",
         _left_out(shown, velocities, "velocities"),
@@ -103,16 +104,14 @@ def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
     One panel per model, group and setting, but for the axis that is drawn against; lines only where no two
     directions share a speed.
     """
-    settings, measured, notes = data.settings, data.points, []
+    settings, measured, notes, label = data.settings, data.points, list[str](), axis_label(x)
     at: Callable[[Point], float] = attrgetter(x.name)
-    key_of: Callable[[Point], Key] = lambda point: point[:3]  # noqa: E731
-    label = axis_label(x)
+    place: int | None = None
     if isinstance(x, Axis):
         place, settings = data.settings.axes.index(x), data.settings.without(x)
         velocity = data.velocities_px_s[len(data.velocities_px_s) // 2]
         measured = [point for point in data.points if point.velocity_px_s == velocity]
         at = lambda point: x.shown(point.setting[place])  # noqa: E731
-        key_of = lambda p: (p.model, p.group, p.setting[:place] + p.setting[place + 1 :])  # noqa: E731
         if len(data.velocities_px_s) > 1:
             notes.append(f"At {velocity_text(velocity)}, one of {len(data.velocities_px_s)} velocities.")
     elif x is BLUR:
@@ -120,17 +119,19 @@ def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
         notes.append(
             "Along a line only the speed changes; from one line to the next the light per picture changes too."
         )
-    grid = _panels(data, settings)
+    panels = _panels(data, settings)
     exposures = sorted({point.exposure_s for point in measured}.intersection(data.exposures_s))
     shown = spread(exposures, MAX_LINES)
-    joined = isinstance(x, Axis) or data.one_velocity_per_speed
-    for key, axes in grid:
-        own = [point for point in measured if key_of(point) == key]
+    joined = place is not None or data.one_velocity_per_speed
+    for (model, group, setting), axes in panels:
+        own = [
+            point
+            for point in measured
+            if (point.model, point.group, _without(point.setting, place)) == (model, group, setting)
+        ]
         for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
             line = sorted((point for point in own if point.exposure_s == exposure_s), key=at)
-            _draw_line(
-                data, axes, list(map(at, line)), line, colour, EXPOSURE.text(exposure_s), joined, band=False
-            )
+            _draw_line(data, axes, list(map(at, line)), line, colour, EXPOSURE.text(exposure_s), joined)
         if x is BLUR:
             axes.set_xscale("symlog", linthresh=1)
             plain_numbers(axes.xaxis)
@@ -141,7 +142,7 @@ def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
                 axes.set_xscale("log")
             plain_numbers(axes.xaxis)
             axes.set_xticks(spread(values, MAX_TICKS))
-    return grid.finish(label, "Exposure", [*notes, *_left_out(shown, exposures, "exposures")])
+    return panels.finish(label, "Exposure", [*notes, *_left_out(shown, exposures, "exposures")])
 
 
 def score_moves(data: RunData) -> Figure:
@@ -149,21 +150,23 @@ def score_moves(data: RunData) -> Figure:
     exposure, under the brightest light; a row for each model where there are several."""
     place, others = data.settings.axes.index(MOVES), data.settings.without(MOVES)
     exposures = spread(data.exposures_s, MOST_EXPOSURES)
-    settings = Settings(
-        (*others.axes, EXPOSURE), tuple((*others.every[-1], at) for at in exposures), others.held
-    )
-    grid = _panels(data, settings, MOST_OF_MOVES)
+    every = tuple((*others.every[-1], exposure_s) for exposure_s in exposures)
+    panels = _panels(data, Settings((*others.axes, EXPOSURE), every, others.held), MOST_OF_MOVES)
     apart = _APART * max(point.speed_px_s for point in data.points)
     highest = data.highest
-    for (model, group, setting), axes in grid:
-        *rest, exposure_s = setting
+    for (model, group, (*setting, exposure_s)), axes in panels:
         for value in data.settings.values(MOVES):
-            own = (model, group, (*rest[:place], value, *rest[place:]))
-            line = [p for p in data.points if p[:3] == own and p.exposure_s == exposure_s]
+            line = [
+                point
+                for point in data.points
+                if (point.model, point.group, point.exposure_s) == (model, group, exposure_s)
+                and point.setting[place] == value
+                and _without(point.setting, place) == tuple(setting)
+            ]
             line.sort(key=lambda point: point.speed_px_s)
-            x, colour = [point.speed_px_s + apart * (value - 1) for point in line], MOVE_COLOURS[int(value)]
-            label = MOVE_LABELS[int(value)]
-            _draw_line(data, axes, x, line, colour, label, data.one_velocity_per_speed, band=False)
+            label, colour = MOVES_AS[int(value)]
+            x = [point.speed_px_s + apart * (value - 1) for point in line]
+            _draw_line(data, axes, x, line, colour, label, data.one_velocity_per_speed)
             for at, point in zip(x, line, strict=True):
                 if point.low is not None and point.high is not None:
                     axes.plot([at, at], [point.low, point.high], color=colour, lw=2.4, alpha=0.35)
@@ -172,35 +175,33 @@ def score_moves(data: RunData) -> Figure:
         axes.yaxis.set_major_locator(MultipleLocator(0.2))
     notes = ["Bars: 95 % intervals over pictures.", *_left_out(exposures, data.exposures_s, "exposures")]
     notes += _left_out(others.every[-1:], others.every, "settings")
-    return grid.finish(axis_label(SPEED), MOVES.title, notes)
+    return panels.finish(axis_label(SPEED), MOVES.title, notes)
 
 
 def common_windows(windows_s: Sequence[Sequence[Sequence[float]]]) -> list[tuple[float, float]]:
     """The ranges, in s, that lie inside a window of every list; empty where there is none."""
-    if not windows_s:
-        return []
-    common = [(low, high) for low, high in windows_s[0]]
+    common = [(low, high) for low, high in windows_s[0]] if windows_s else []
     for windows in windows_s[1:]:
         overlaps = [(max(a, c), min(b, d)) for a, b in common for c, d in windows]
         common = [(low, high) for low, high in overlaps if low <= high]
     return common
 
 
+def _without(setting: Setting, place: int | None) -> Setting:
+    return setting if place is None else setting[:place] + setting[place + 1 :]
+
+
 def _draw_line(
-    data: RunData,
-    axes: Axes,
-    x: list[float],
-    line: list[Point],
-    colour: str,
-    label: str,
-    joined: bool = True,
-    band: bool = True,
+    data: RunData, axes: Axes, x: list[float], line: list[Point], colour: str, label: str, joined: bool = True
 ) -> None:
     """A line with a marker where something was measured; where answers are predicted, nothing was."""
     style = "o" if not joined else "-" if data.searched else "o-"
     axes.plot(x, [p.confidence for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
+
+
+def _draw_bounds(axes: Axes, x: list[float], line: list[Point], colour: str) -> None:
     bounded = [(at, p.low, p.high) for at, p in zip(x, line, strict=True) if None not in (p.low, p.high)]
-    if band and bounded:
+    if bounded:
         at, low, high = zip(*bounded, strict=True)
         axes.fill_between(at, low, high, color=colour, alpha=0.16, lw=0)
 
@@ -219,13 +220,14 @@ def _draw_window(axes: Axes, answer: dict[str, Any], y: float, colour: str) -> N
 
 
 def _exposure_axis(axes: Axes, exposures_s: Iterable[float]) -> None:
-    known = [exposure_s for exposure_s in exposures_s if math.isfinite(exposure_s)]  # not the camera's own
-    if not known:
-        return
-    axes.set_xscale("log")
-    axes.set_xlim(1e3 * min(known) / 1.15, 1e3 * max(known) * 1.15)
-    narrow = max(known) / min(known) < 30
-    plain_numbers(axes.xaxis, digits=(1, 2, 5) if narrow else (1, 3))
+    known = [
+        exposure_s for exposure_s in exposures_s if math.isfinite(exposure_s)
+    ]  # not those the camera sets
+    if known:
+        axes.set_xscale("log")
+        axes.set_xlim(1e3 * min(known) / 1.15, 1e3 * max(known) * 1.15)
+        narrow = max(known) / min(known) < 30
+        plain_numbers(axes.xaxis, digits=(1, 2, 5) if narrow else (1, 3))
 
 
 def _left_out(shown: Sequence[object], every: Sequence[object], what: str) -> list[str]:
@@ -264,15 +266,18 @@ class _Panels:
 def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panels:
     """At most so many empty panels: a row of settings per target group, first of all groups of one model, then of the
     next."""
-    models = list(dict.fromkeys(answer["model"] for answer in data.answers))
+    sizes: dict[tuple[str, str], int] = {}
+    for answer in data.answers:
+        key = answer["model"], answer["group"]
+        sizes[key] = max(sizes.get(key, 0), answer["n_targets"])
+    models = list(dict.fromkeys(model for model, _ in sizes))
     shown_models = models[:most]
     rows_left = most // max(1, len(shown_models))
     shown_settings = spread(settings.every, min(MAX_COLUMNS, rows_left) if rows_left > 1 else 1)
     groups = data.largest_groups(rows_left // max(1, len(shown_settings)))
-    asked = {(answer["model"], answer["group"]) for answer in data.answers}
     keys = [
         (model, group, at)
-        for model in shown_models for group in groups for at in shown_settings if (model, group) in asked
+        for model in shown_models for group in groups for at in shown_settings if (model, group) in sizes
     ]  # fmt: skip
     columns = len(shown_settings) if len(shown_settings) > 1 else min(3, max(1, len(keys)))
     if len(shown_settings) == 1 < len(shown_models) and 1 < len(groups) <= MAX_COLUMNS:
@@ -282,21 +287,19 @@ def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panel
     figure, grid = small_multiples(max(1, len(keys)), columns, (wide, 2.7), (around, 1.5), sharey=True)
     if not keys:
         say_only(grid[0], "No targets in these pictures.")
-    counts = (
-        (len(shown_models), len(models), "models"),
-        (len(groups), len({answer["group"] for answer in data.answers}), "target groups"),
-        (len(shown_settings), len(settings.every), "settings" if settings.further else "light levels"),
-    )
-    notes = [f"{shown} of {total} {what} shown." for shown, total, what in counts if shown < total]
-    if special := settings.special_text(data.manifest["camera"]):
+    notes = [
+        *_left_out(shown_models, models, "models"),
+        *_left_out(groups, sorted({group for _, group in sizes}), "target groups"),
+        *_left_out(shown_settings, settings.every, "settings" if settings.further else "light levels"),
+    ]
+    if special := settings.held_text(unlike=data.manifest["camera"]):
         notes.append(f"Held: {special}.")
     if any(data.unseen_below(model, group) is not None for model, group, _ in keys):
         notes.append("Grey: below the lowest score that leaves the graph.")
     found = _Panels(figure, dict(zip(keys, grid, strict=False)), notes, title_text(data.criterion))
     for (model, group, at), axes in found:
-        n_targets = max(a["n_targets"] for a in data.answers if (a["model"], a["group"]) == (model, group))
         between = "\n" if settings.further else ", "
-        title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {n_targets})"
+        title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {sizes[model, group]})"
         tidy(axes, title=title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
         axes.set_ylim(-0.03, 1.03 * data.highest)
         axes.set_yticks([0, 0.2, 0.4, 0.6, 0.8, 1.0])
@@ -306,9 +309,6 @@ def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panel
     return found
 
 
-# --- pictures ---------------------------------------------------------------
-
-
 def gain_snr_brightness(data: RunData) -> Figure:
     """Gain, signal to noise and brightness over exposure, so that a dark picture can be told from a noisy one.
 
@@ -316,22 +316,21 @@ def gain_snr_brightness(data: RunData) -> Figure:
     """
     figure, grid = small_multiples(len(_OF_PICTURES), len(_OF_PICTURES), (3.3, 3.6), (0.0, 0.0))
     shown = spread(data.settings.every, MAX_LINES)
-    first, slowest = data.model_names[0], data.velocities_px_s[:1]
+    slowest = data.velocities_px_s[:1]
     rows = [
         row
-        for row in data.scores
-        if not row["clean"] and row["model"] == first and velocity_of(row) in slowest
+        for row in data.exposed_scores
+        if row["model"] == data.model_names[0] and velocity_of(row) in slowest
     ]
-    for axes, (name, label) in zip(grid, _OF_PICTURES, strict=True):
+    for axes, (name, label) in zip(grid, _OF_PICTURES.items(), strict=True):
         for setting, colour in zip(shown, line_colours("viridis", len(shown)), strict=True):
-            line = [
-                (1e3 * row["exposure_s"], value)
-                for row in rows
-                if data.settings.of(row) == setting and (value := finite(row.get(name))) is not None
-            ]
+            own = (
+                (row["exposure_s"], finite(row.get(name))) for row in rows if data.settings.of(row) == setting
+            )
+            line = sorted((1e3 * exposure_s, value) for exposure_s, value in own if value is not None)
             if line:
                 text = data.settings.text(setting)
-                axes.plot(*zip(*sorted(line), strict=True), "o-", ms=3, lw=1.4, color=colour, label=text)
+                axes.plot(*zip(*line, strict=True), "o-", ms=3, lw=1.4, color=colour, label=text)
         tidy(axes, title=label, x="Exposure / ms")
         _exposure_axis(axes, data.exposures_s)
     handles, labels = grid[0].get_legend_handles_labels()
@@ -349,9 +348,9 @@ def contact_sheet(data: RunData) -> Figure:
     tallest = max((each.shape[0] / each.shape[1] for each in drawn if each is not None), default=0.7)
     columns = min(MAX_COLUMNS, max(1, len(chosen)))
     figure, grid = small_multiples(max(1, len(chosen)), columns, (3.4, 3.4 * tallest + 0.5), (0.2, 0.4))
-    for axes in grid:
-        axes.set_axis_off()
+    grid[0].set_axis_off()
     for axes, example, picture in zip(grid, chosen, drawn, strict=False):
+        axes.set_axis_off()
         if picture is None:
             say_only(axes, "picture file is missing")
         else:
@@ -366,4 +365,54 @@ def contact_sheet(data: RunData) -> Figure:
     if len(chosen) < len(data.examples):
         legend += f". {len(chosen)} of {len(data.examples)} examples shown"
     figure.supxlabel(legend if chosen else "No example pictures were kept.", fontsize=9)
+    return figure
+
+
+def comparable(data: RunData) -> dict[str, str]:
+    """The measures of robustness, with their titles, that at least two models have beside a latency."""
+    timed = [row for row in data.models if finite(row["latency_ms"]) is not None]
+    count = {name: sum(finite(row[name]) is not None for row in timed) for name in ROBUSTNESS}
+    return {name: title for name, title in ROBUSTNESS.items() if count[name] > 1}
+
+
+def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
+    """For each (cost, gain), whether no other point costs no more, gains no less and betters it in one of both."""
+    return [
+        not any(c <= cost and g >= gain and (c, g) != (cost, gain) for c, g in points)
+        for cost, gain in points
+    ]
+
+
+def latency_robustness(data: RunData, measures: Sequence[str] | None = None) -> Figure:
+    """A panel per measure of robustness, by default all: latency per picture (median, line to the 95th percentile).
+
+    Filled points, joined, are the Pareto front: no other model is faster and as robust, or as fast and more
+    robust.
+    """
+    measures = list(comparable(data)) if measures is None else measures
+    columns = max(1, len(measures))
+    figure, grid = small_multiples(columns, columns, (3.6, 2.9) if columns == 1 else (4.2, 4.0), (0.0, 0.0))
+    if not measures:
+        say_only(grid[0], "No two models with latency and robustness.")
+        return figure
+    for axes, measure in zip(grid, measures, strict=True):
+        rows = [row for row in data.models if None not in (finite(row["latency_ms"]), finite(row[measure]))]
+        points = [(row["latency_ms"], row[measure]) for row in rows]
+        best = pareto_front(points)
+        front = sorted(point for point, is_best in zip(points, best, strict=True) if is_best)
+        axes.plot(*zip(*front, strict=True), "-", color="0.7", lw=1)
+        for row, at, is_best in zip(rows, points, best, strict=True):
+            colour, p95_ms = "#1f5f99" if is_best else "0.45", finite(row["latency_p95_ms"])
+            if p95_ms is not None:
+                axes.plot([at[0], p95_ms], [at[1]] * 2, color=colour, lw=1, alpha=0.6)
+            axes.plot(*at, "o", color=colour, mfc=colour if is_best else "white", ms=6)
+            name = short_text(row["model"], 28)
+            axes.annotate(name, at, (5, 6), fontsize=8, textcoords="offset points", parse_math=False)
+        tidy(axes, y=ROBUSTNESS[measure])
+        axes.margins(y=0.2)
+        axes.set_xlim(0, 1.3 * max(finite(row["latency_p95_ms"]) or row["latency_ms"] for row in rows))
+    threads = sorted({row["latency_threads"] for row in data.models if row["latency_threads"]})
+    given = f", {', '.join(map(str, threads))} thread{'s' if threads != [1] else ''}" if threads else ""
+    reading = ": median, line to the 95th percentile. Filled: Pareto front." * (columns > 1)
+    figure.supxlabel(f"Latency of one picture / ms{given}{reading}", fontsize=9)
     return figure

@@ -42,48 +42,47 @@ def swept(data: RunData) -> list[str]:
     return lines
 
 
-def invented(data: RunData) -> str | None:
-    """How much of what is seen where targets were cut out nobody had seen; None where that is little."""
-    shares = [
-        (share, row)
-        for row in data.scores
-        if not row["clean"] and (share := row.get("invented_share")) is not None
-    ]
-    much = [(share, row) for share, row in shares if share >= INVENTED]
+def invented(data: RunData) -> list[str]:
+    """How much of what is visible behind cut-out targets was invented; nothing where that is little."""
+    shares = [row for row in data.exposed_scores if row.get("invented_share") is not None]
+    much = [row for row in shares if row["invented_share"] >= INVENTED]
     if not much:
-        return None
-    most, row = max(much, key=lambda each: each[0])
-    return (
+        return []
+    row = max(much, key=lambda each: float(each["invented_share"]))
+    return [
         f"Behind targets the background was invented, and what is seen of it is {100 * INVENTED:.0f} % of their area "
         f"and more in {len(much)} of {len(shares)} conditions, most at {data.settings.condition_text(row)}: "
-        f"{100 * most:.0f} %. Pictures without the targets (--plates) would show what is there."
-    )
+        f"{100 * row['invented_share']:.0f} %. Pictures without the targets (--plates) would show what is there."
+    ]
 
 
 def alarms(data: RunData) -> list[str]:
     """What makes a model's whole answer doubtful."""
-    alarms = []
-    if missing := missing_text(data.manifest["missing_cells"]):
-        alarms.append(missing)
+    found = []
+    if missing := data.manifest["missing_cells"]:
+        found.append(
+            f"The run is not finished: {counted(missing, 'cell')} missing. "
+            "The sweep's command, given again, computes the rest."
+        )
     for model in data.manifest["models"]:
         name = model["name"]
         highest = [row["highest_confidence"] for row in data.groups if row["model"] == name]
         if highest and not any(highest):
-            alarms.append(
+            found.append(
                 f"{name}: every target in every condition, the untouched pictures included, has confidence 0. "
                 "The model file or its contract is probably wrong: colour order, scale, resize, class list, "
                 "or a broken int8 export."
             )
         if count := model.get("non_finite_values"):
-            alarms.append(f"{name}: {count} output values were NaN or infinite.")
-        alarms += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
+            found.append(f"{name}: {count} output values were NaN or infinite.")
+        found += [f"{name}: {suspicion}" for suspicion in model.get("suspicions", [])]
     if same := data.manifest.get("repeated"):
-        alarms.append(same)
+        found.append(same)
     failed = (
         f"{row['model']}: {counted(row['cells'], 'cell')} failed: {row['error']}"
         for row in data.manifest["errors"]
     )
-    return alarms + _first(failed, "further kinds of error; see results.csv")
+    return found + _first(failed, "further kinds of error; see results.csv")
 
 
 def _first(lines: Iterable[str], more: str) -> list[str]:
@@ -93,22 +92,12 @@ def _first(lines: Iterable[str], more: str) -> list[str]:
     return every if left <= 0 else [*every[:MAX_LISTED], f"… and {left} {more}."]
 
 
-def missing_text(cells: int) -> str | None:
-    """That a run is not finished; None for one that is."""
-    if not cells:
-        return None
-    missing = f"The run is not finished: {counted(cells, 'cell')} missing."
-    return f"{missing} The sweep's command, given again, computes the rest."
-
-
 def warnings(data: RunData) -> list[str]:
-    """What limits the answers: the run's own warnings, weak groups, skipped pictures."""
-    threshold = data.criterion.level
-    warnings = list(data.manifest["warnings"])
-    warnings += [told] if (told := invented(data)) else []
-    names = data.model_names
+    """What limits the answers: the run's warnings, weak groups, skipped pictures."""
+    threshold, names = data.criterion.level, data.model_names
+    found = [*data.manifest["warnings"], *invented(data)]
     if len(names) > 1 and not data.manifest["images"].get("labelled", True):
-        warnings.append(
+        found.append(
             "The pictures have no labels: each model is held to what it found itself in the untouched pictures, "
             "so the models answer for different targets."
         )
@@ -121,38 +110,35 @@ def warnings(data: RunData) -> list[str]:
         and (clean := data.clean_confidence(name, group)) is not None
         and clean < threshold
     )
-    warnings += _first(weak, "more targets below the threshold when untouched")
+    found += _first(weak, "more targets below the threshold when untouched")
     skipped = (f"Skipped {row['image']}: {row['reason']}" for row in data.skipped)
-    warnings += _first(skipped, "more skipped pictures")
-    return warnings
+    return found + _first(skipped, "more skipped pictures")
 
 
 def assumptions(data: RunData) -> list[tuple[str, list[str]]]:
-    """What nobody stated: per model, of the camera and of the pictures one line, and what it is made of.
+    """What was assumed: per model, of the camera and of the pictures one line, and what it is made of.
 
-    Of contracts and camera it is the fields whose source says that they were assumed; a figure of the camera that the
-    sweep set otherwise is not among them.
+    Of contracts and camera it is the fields whose source says so; a figure of the camera that the sweep set otherwise
+    is not among them.
     """
-    camera = data.manifest["camera"]
-    set_to = [(axis, row[axis.name]) for axis in AXES for row in data.scores if not row["clean"]]
-    stated = {
-        axis.into.removeprefix("camera.")
-        for axis, value in set_to
-        if axis.into.startswith("camera.") and value != camera.get(axis.into.removeprefix("camera."), value)
-    }
-    parts = [(model["name"], model["contract"]) for model in data.manifest["models"]]
+    camera, swept_over = data.manifest["camera"], set()
+    for axis in (axis for axis in AXES if axis.into.startswith("camera.")):
+        name = axis.into.removeprefix("camera.")
+        if any(row[axis.name] != camera.get(name, row[axis.name]) for row in data.exposed_scores):
+            swept_over.add(name)
+    parts = [(model["name"], model["contract"], set[str]()) for model in data.manifest["models"]]
     found = []
-    for part, fields in [*parts, (camera.get("name", "camera"), camera)]:
-        assumed = [
-            (name, f"{name} = {value}; {source}")
+    for part, fields, given in [*parts, (camera.get("name", "camera"), camera, swept_over)]:
+        assumed = {
+            name: f"{name} = {value}; {source}"
             for name, value, source, guessed in sourced(fields)
-            if guessed and not (fields is camera and name in stated)
-        ]
+            if guessed and name not in given
+        }
         if assumed:
-            named = ", ".join(name.replace("_", " ") for name, _ in assumed)
-            found.append((f"{part}: assumed {named}", [line for _, line in assumed]))
-    told = None if data.manifest.get("grey_anchor") else reflectance(data)
-    return found + [(f"pictures: {told}", [])] * bool(told)
+            names = ", ".join(name.replace("_", " ") for name in assumed)
+            found.append((f"{part}: assumed {names}", list(assumed.values())))
+    light = None if data.manifest.get("grey_anchor") else reflectance(data)
+    return found + [(f"pictures: {light}", [])] * bool(light)
 
 
 def reflectance(data: RunData) -> str | None:
@@ -162,15 +148,14 @@ def reflectance(data: RunData) -> str | None:
     return None if rendered and anchor is None else reflectance_text(anchor)
 
 
-def sourced(fields: dict[str, Any]) -> list[tuple[str, str, str, bool]]:
+def sourced(fields: Mapping[str, Any]) -> list[tuple[str, str, str, bool]]:
     """(field, value, source, whether it was assumed) of a contract or camera."""
-    sources = fields.get("sources", {})
-    rows = []
-    for name, value in fields.items():
-        if name != "sources":
-            source = str(sources.get(name, ""))
-            rows.append((name, shown(value), source, "assum" in source.lower()))
-    return rows
+    sources = {name: str(source) for name, source in fields.get("sources", {}).items()}
+    return [
+        (name, shown(value), sources.get(name, ""), "assum" in sources.get(name, "").lower())
+        for name, value in fields.items()
+        if name != "sources"
+    ]
 
 
 def shown(value: Any) -> str:
@@ -189,14 +174,13 @@ def shown(value: Any) -> str:
 def run_facts(data: RunData) -> dict[str, str]:
     """The circumstances of the run, by name, with the median time of a simulated picture."""
     manifest = data.manifest
-    pictures = {name: value for name, value in manifest["images"].items() if name != "notes"}
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
     facts |= _motions(manifest)
     facts |= {
         "criterion": manifest["criterion"]["text"],
-        "pictures": pictures,
+        "pictures": {name: value for name, value in manifest["images"].items() if name != "notes"},
         "cells, of all models": manifest["n_cells"],
         "target rows": manifest["n_target_rows"],
         "skipped pictures": len(data.skipped),
@@ -211,24 +195,24 @@ def run_facts(data: RunData) -> dict[str, str]:
 
 
 def _motions(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """What moves beside the velocity of a picture, of what there is."""
+    """What moves beside the velocity of a picture."""
     found, plan = dict[str, str](), manifest.get("plan", {})
     if held := manifest.get("trajectory"):
         spec = TrajectorySpec(held["text"], held["content"])
-        longest_ms = 1e3 * held["longest_s"]
-        each = f", another in every picture, so far in {longest_ms:g} ms" if spec.kind == "shake" else ""
+        each = ""
+        if spec.kind == "shake":
+            each = f", another in every picture, so far in {1e3 * held['longest_s']:g} ms"
         found["trajectory"] = f"{spec.identity}{each}; blur and speeds are of the uniform motion beside it"
     if plan.get("ego"):
-        figures = (f"{name} {value}" for name, value in plan["ego"].items() if value is not None)
+        figures = ", ".join(f"{name} {value}" for name, value in plan["ego"].items() if value is not None)
         found["ego"] = (
-            f"{', '.join(figures)}; over a flat road: what stands on it moves as the road behind it does, and not "
-            "above the horizon; blur_px of a target is that of its middle"
+            f"{figures}; over a flat road: what stands on it moves as the road behind it does, and not above the "
+            "horizon; blur_px of a target is that of its middle"
         )
-    crossings = [
-        f"{label} {each.kmh:g} km/h, "
-        + (f"{each.width_m:g} m wide" if each.width_m is not None else f"{each.away_m:g} m away")
-        for label, each in Objects(**plan.get("objects", {})).by_class.items()
-    ]
+    crossings = []
+    for label, of in Objects(**plan.get("objects", {})).by_class.items():
+        size = f"{of.width_m:g} m wide" if of.width_m is not None else f"{of.away_m:g} m away"
+        crossings.append(f"{label} {of.kmh:g} km/h, {size}")
     if crossings:
         found["crossings"] = f"{'; '.join(crossings)}; blur_px of such a target is its own"
     return found

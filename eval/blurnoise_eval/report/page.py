@@ -12,7 +12,7 @@ import io
 import math
 import warnings
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -26,8 +26,6 @@ from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, MOVES, SPEED, velocity_text
 from blurnoise_eval.plots import annotate as pictures
 from blurnoise_eval.report import figures, findings, interactive, tables, words
-from blurnoise_eval.report.kept_curve import kept_curve
-from blurnoise_eval.report.latency import ROBUSTNESS, comparable, latency_robustness
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
@@ -49,33 +47,27 @@ FIGURES: Figures = {
     "examples.png": figures.contact_sheet,
 }
 TABLES = (
-    "recommendations.csv",
-    "answers.csv",
-    "models.csv",
-    "scores.csv",
-    "curves.csv",
-    "results.csv",
-    "targets.csv",
-)
-COMPARISONS: Figures = {"latency_robustness.png": latency_robustness}  # of runs of several models
+    "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
+)  # fmt: skip
 
 
 def figures_of(data: RunData) -> Figures:
     """The figures of this run by file name: one more for each axis that varies besides the usual."""
-    further: Figures = {
-        f"confidence_{axis.name}.png": partial(figures.confidence_over, x=axis)
-        for axis in data.settings.further
-        if data.answers and not axis.choices and all(map(math.isfinite, data.settings.values(axis)))
-    }
+    found = dict(FIGURES)
+    for axis in data.settings.further if data.answers else ():
+        if not axis.choices and all(map(math.isfinite, data.settings.values(axis))):
+            found[f"confidence_{axis.name}.png"] = partial(figures.confidence_over, x=axis)
     if data.answers and MOVES in data.settings.axes:
-        further["score_moves.png"] = figures.score_moves
-    return FIGURES | further | (COMPARISONS if len(data.manifest["models"]) > 1 else {})
+        found["score_moves.png"] = figures.score_moves
+    if len(data.manifest["models"]) > 1:
+        found["latency_robustness.png"] = figures.latency_robustness
+    return found
 
 
 def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = lambda figures: None) -> Path:
     """Write ``folder``/report.html and ``folder``/figures/*.png; return the page's path.
 
-    progress: told of each figure. Raises ``OSError`` where the folder cannot be written.
+    progress: called for each figure. Raises ``OSError`` where the folder cannot be written.
     """
     path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn = figures_of(data)
@@ -96,14 +88,12 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
 
 
 def _page(data: RunData, folder: Path) -> dict[str, Any]:
-    manifest, camera = data.manifest, data.manifest["camera"]
+    manifest, camera, names = data.manifest, data.manifest["camera"], data.model_names
     groups = data.largest_groups(MAX_GROUPS)
-    names = data.model_names
-    told = opening(data)
+    shown = opening(data)
     varied = [axis for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
     return {
         "title": manifest["title"],
-        "threshold": manifest["threshold"],
         "cluster": manifest.get("cluster"),
         "models": names,
         "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
@@ -113,9 +103,11 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "setting_head": "Setting" if data.settings.further else "Light",
         "velocities": [velocity_text(velocity) for velocity in data.velocities_px_s],
         "answers": tables.model_answers(data, groups),
+        "words": words,
+        "exposure_text": EXPOSURE.text,
         "model_rows": tables.model_rows(data),
         "failures": tables.failures(data, groups),
-        "opening": told,
+        "opening": shown,
         "asked": data.criterion,
         "shown": words.title_text(data.criterion),
         "found_from": data.found_from,
@@ -128,19 +120,34 @@ def _page(data: RunData, folder: Path) -> dict[str, Any]:
         "warnings": findings.warnings(data),
         "assumptions": findings.assumptions(data),
         "numbers": interactive.numbers(data, groups),
+        "kept_curve": None if shown.model is None else interactive.kept_curve(data, shown.model),
         "examples": _examples(data, folder),
-        "trades": _trades(data),
+        "trades": [
+            (title, _base64(_png(figures.latency_robustness(data, [name]), 120)))
+            for name, title in figures.comparable(data).items()
+        ],
         "tables": list(TABLES),
         "n_examples": len(data.examples),
         "other_score": pictures.OTHER_SCORE,
         "run": findings.run_facts(data),
-        "contracts": [_contract(model) for model in manifest["models"]],
+        "contracts": [
+            {"facts": _facts(model), "fields": findings.sourced(model["contract"])}
+            for model in manifest["models"]
+        ],
         "camera": findings.sourced(camera),
         "versions": _versions(manifest),
         "hardware": {name: findings.shown(value) for name, value in manifest.get("hardware", {}).items()},
-        "plotly_packed": base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9)).decode("ascii"),
-        "kept_curve": None if told.model is None else kept_curve(data, told.model),
+        "plotly_packed": _plotly(),
     }
+
+
+@cache
+def _plotly() -> str:
+    return _base64(gzip.compress(get_plotlyjs().encode(), 9))
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
 
 
 def _png(figure: Figure, dpi: int) -> bytes:
@@ -151,66 +158,53 @@ def _png(figure: Figure, dpi: int) -> bytes:
     return drawing.getvalue()
 
 
-def _trades(data: RunData) -> list[tuple[str, str]]:
-    """Charts of latency against what several models differ in: (name, PNG in base64)."""
-    return [
-        (ROBUSTNESS[name], base64.b64encode(_png(latency_robustness(data, [name]), 120)).decode("ascii"))
-        for name in comparable(data)
-    ]
-
-
 def _versions(manifest: dict[str, Any]) -> dict[str, str]:
     """What computed the run, with ``computed_by`` of its cells; of several the versions of each."""
     every: dict[str, dict[str, str]] = manifest.get("software") or {"": manifest.get("versions", {})}
     facts = {"computed_by": ", ".join(every)} if any(every) else {}
-    for key, told in every.items():
-        facts |= {f"{key}: {name}" if len(every) > 1 else name: findings.shown(told[name]) for name in told}
+    for key, versions in every.items():
+        lead = f"{key}: " if len(every) > 1 else ""
+        facts |= {f"{lead}{name}": findings.shown(version) for name, version in versions.items()}
     return facts
 
 
-def _contract(model: dict[str, Any]) -> dict[str, Any]:
-    facts: dict[str, str] = {
-        key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model
-    }
-    if model.get("baked"):
-        facts["limits"] = baked_text(model["baked"])
-    return {"facts": facts, "fields": findings.sourced(model["contract"])}
+def _facts(model: dict[str, Any]) -> dict[str, str]:
+    facts = {key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model}
+    return facts | ({"limits": baked_text(model["baked"])} if model.get("baked") else {})
 
 
 def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:
     """The example pictures as JPEG data, evenly chosen, each with its caption and file."""
-    threshold = data.found_from
-    names = data.model_names
-    shown = []
+    threshold, home = data.found_from, folder.absolute()
+    found = []
     chosen = data.spread_examples(MAX_PICTURES)
     most = min(PICTURE_BYTES, PICTURES_BYTES // max(len(chosen), 1))
     for example in chosen:
         picture = pictures.drawn_example(example, PICTURE_PX, threshold)
         path = Path(example["path"]).absolute()
-        near = path.is_relative_to(folder.absolute())
-        shown.append(
+        file = None
+        if path.is_relative_to(home):
+            file = quote(path.relative_to(home).as_posix(), errors="surrogateescape")
+        found.append(
             {
                 "image": example["image"],
-                "model": names.index(example["model"]),
-                "jpeg": None
-                if picture is None
-                else _jpeg_base64(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), most),
+                "model": data.model_names.index(example["model"]),
+                "jpeg": None if picture is None else _jpeg(picture, most),
                 "condition": data.settings.condition_text(example),
                 "outcome": words.outcome_text(example, threshold),
                 "found": "missed" if words.missed(example, threshold) else "found",
-                "file": quote(path.relative_to(folder.absolute()).as_posix(), errors="surrogateescape")
-                if near
-                else None,
+                "file": file,
             }
         )
-    return shown
+    return found
 
 
-def _jpeg_base64(bgr: Any, most: int) -> str:
+def _jpeg(rgb: Any, most: int) -> str:
     """The picture as JPEG in base64, at the best of a few qualities, and then sizes, with at most so many bytes."""
+    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     for scale, quality in ((1.0, 88), (1.0, 75), (1.0, 60), (1.0, 40), (0.7, 40), (0.5, 30)):
         small = cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else bgr
         encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
         if len(encoded) <= most:
             break
-    return base64.b64encode(encoded).decode("ascii")
+    return _base64(encoded)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 from blurnoise.training.table import FILE as CONDITIONS_FILE
 from blurnoise_eval.answers.clusters import repeated
 from blurnoise_eval.answers.criterion import CONFIDENCE, PRECISIONS, Criterion
-from blurnoise_eval.answers.curves import Endurance, endurances, endurances_across
-from blurnoise_eval.answers.exposure_window import Answer, answers, flat, natural
+from blurnoise_eval.answers.curves import endurances, endurances_across
+from blurnoise_eval.answers.exposure_window import answers, flat, natural
 from blurnoise_eval.answers.recommendation import curves, recommendations
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.detectors.baked import UNSEEN_SCORE
@@ -38,6 +38,7 @@ from blurnoise_eval.system.tables import csv_lines, finite
 
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
+Row = dict[str, Any]
 Tables = Iterator[ScoreTable]
 
 
@@ -69,39 +70,29 @@ class Point(NamedTuple):
 class RunData:
     """Everything a report shows.
 
-    manifest: title, command, models (name, kind, file, sha256, contract with its sources), camera with its
-    sources, seed, versions, hardware, threads, threshold, images, wall_s, warnings, errors, n_cells,
-    missing_cells (of the plan, those of skipped pictures apart), n_target_rows, simulate_ms; searched:
-    in words how, where answers are predicted from the conditions that a search asked for.
-    models: a row per model: P, mPC, rPC, areas under the curves, latency, and scores when untouched.
-    scores: a row per model and condition, the untouched pictures first. groups: a row per model and target
-    group. skipped: pictures left out, with the reason.
-    answers: one per model x group x setting x velocity: mean confidence and its 95 % interval at every
-    exposure, the windows in s in which confidence stays at or above the threshold (none: no exposure works),
-    whether they reach an end of the tested range, and the recommended exposure.
-    endurances: one per curve over exposure, blur or another axis: area, failure point, its interval,
-    non-monotonic or not; None in the column of the axis that varies.
-    examples: simulated pictures on disk with their detections and targets, one per model.
-    recommendations: the exposure to use per model: for all conditions, each light, each light and speed, as
-    :func:`~blurnoise_eval.answers.recommendation.recommendations` has them. averages: per model and speed the mean
-    over lights and targets at every exposure.
+    manifest: how the run was made, and its warnings. models: a row per model, scores: per model and condition, the
+    untouched pictures first, groups: per model and target group. skipped: pictures left out, with the reason.
+    answers: see :func:`~blurnoise_eval.answers.exposure_window.answer`; endurances: the rows of
+    :mod:`~blurnoise_eval.answers.curves`. examples: simulated pictures on disk with their detections and targets.
+    recommendations: the exposure to use per model: for all conditions, each light, each light and speed; averages:
+    per model and speed the mean over lights and targets at every exposure.
     All rows but those of models and groups carry a column per axis of ``AXES``, None for untouched pictures.
     """
 
-    manifest: dict[str, Any]
-    models: list[dict[str, Any]]
-    scores: list[dict[str, Any]]
-    groups: list[dict[str, Any]]
-    skipped: list[dict[str, Any]]
-    answers: list[dict[str, Any]]
-    endurances: list[dict[str, Any]]
-    examples: list[dict[str, Any]]
-    recommendations: list[dict[str, Any]] = field(default_factory=list)
-    averages: list[dict[str, Any]] = field(default_factory=list)
+    manifest: Row
+    models: list[Row]
+    scores: list[Row]
+    groups: list[Row]
+    skipped: list[Row]
+    answers: list[Row]
+    endurances: list[Row]
+    examples: list[Row]
+    recommendations: list[Row] = field(default_factory=list)
+    averages: list[Row] = field(default_factory=list)
 
     @cached_property
     def criterion(self) -> Criterion:
-        """What is enough: what the answers' values are held to."""
+        """What is enough, in the unit of the answers' values."""
         row = self.manifest["criterion"]
         return Criterion(row["level"], row["kept"], row["score"])
 
@@ -112,19 +103,21 @@ class RunData:
         return words
 
     @property
-    def taken(self) -> Sequence[dict[str, Any]]:
-        """How pictures were taken: a row per condition, with the gain that was applied. Of a search the conditions
-        that it asked for, which are no scores to show."""
-        rows: Sequence[dict[str, Any]] = self.manifest.get("taken") or [
-            row for row in self.scores if not row["clean"]
-        ]
-        return rows
+    def exposed_scores(self) -> list[Row]:
+        """The scores of exposed pictures."""
+        return [row for row in self.scores if not row["clean"]]
+
+    @property
+    def taken(self) -> Sequence[Row]:
+        """How pictures were taken: a row per condition, with the gain that was applied; of a search the conditions
+        that it asked for, whose scores are not shown."""
+        return self.manifest.get("taken") or self.exposed_scores
 
     @property
     def found_from(self) -> float:
-        """The confidence from which a target in an example counts as found: that asked for, where such a one is."""
-        asked = not self.criterion.kept and self.criterion.score == CONFIDENCE
-        return self.criterion.level if asked else FOUND_SCORE
+        """The confidence from which a target in an example counts as found: the criterion's, if it has one."""
+        by_level = not self.criterion.kept and self.criterion.score == CONFIDENCE
+        return self.criterion.level if by_level else FOUND_SCORE
 
     @cached_property
     def highest(self) -> float:
@@ -132,9 +125,9 @@ class RunData:
         return max([1.0, *(float(answer["best_value"]) for answer in self.answers)])
 
     @cached_property
-    def exposed(self) -> list[dict[str, Any]]:
+    def exposed(self) -> list[Row]:
         """The rows of one setting and velocity each: answers, and scores of exposed pictures."""
-        return [*self.answers, *(row for row in self.scores if not row["clean"])]
+        return [*self.answers, *self.exposed_scores]
 
     @cached_property
     def settings(self) -> Settings:
@@ -144,7 +137,7 @@ class RunData:
     @cached_property
     def velocities_px_s(self) -> list[tuple[float, float]]:
         """The velocities that were tested, the slow ones first."""
-        return sorted({velocity_of(row) for row in self.exposed}, key=by_speed)
+        return sorted({velocity_of(row) for row in self.exposed}, key=lambda each: (math.hypot(*each), each))
 
     @cached_property
     def speed(self) -> Coordinate:
@@ -152,15 +145,10 @@ class RunData:
         return EGO_SPEED if any(row[EGO.name] for row in self.exposed) else SPEED
 
     @cached_property
-    def at_any_speed(self) -> Settings:
-        """The settings without a vehicle's speed."""
-        return self.settings.without(EGO) if EGO in self.settings.axes else self.settings
-
-    @cached_property
     def exposures_s(self) -> list[float]:
         """The exposures that were tested, of a grid those of the grid: at others only the ends of some windows
         were refined."""
-        scored = {row["exposure_s"] for row in self.scores if not row["clean"]}
+        scored = {row["exposure_s"] for row in self.exposed_scores}
         every = scored.union(*(answer["exposures_s"] for answer in self.answers))
         grid = self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ())
         return sorted(every.intersection(grid) or every)
@@ -181,13 +169,17 @@ class RunData:
         found = []
         for answer in self.answers:
             unknown = [None] * len(answer["exposures_s"])
-            means = answer["exposures_s"], answer["confidence"]
-            bounds = answer["low"] or unknown, answer["high"] or unknown
+            columns = (
+                answer["exposures_s"],
+                answer["confidence"],
+                answer["low"] or unknown,
+                answer["high"] or unknown,
+            )
             where = answer["model"], answer["group"], self.settings.of(answer), velocity_of(answer)
-            for exposure_s, confidence, low, high in zip(*means, *bounds, strict=True):
-                if (mean := finite(confidence)) is not None:
-                    interval = finite(low), finite(high)
-                    found.append(Point(*where, exposure_s, mean, *interval, answer["n_targets"]))
+            for exposure_s, *values in zip(*columns, strict=True):
+                mean, low, high = map(finite, values)
+                if mean is not None:
+                    found.append(Point(*where, exposure_s, mean, low, high, answer["n_targets"]))
         return found
 
     def largest_groups(self, count: int) -> list[str]:
@@ -195,15 +187,13 @@ class RunData:
         sizes: dict[str, int] = {}
         for answer in self.answers:
             sizes[answer["group"]] = max(sizes.get(answer["group"], 0), answer["n_targets"])
-        kept = set(sorted(sizes, key=lambda group: -sizes[group])[:count])
+        kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
     def clean_confidence(self, model: str, group: str) -> float | None:
         """Mean confidence of a model in a group on the untouched pictures, None where they were not run."""
-        for row in self.groups:
-            if (row["model"], row["group"]) == (model, group):
-                return finite(row["clean_confidence"])
-        return None
+        rows = (row for row in self.groups if (row["model"], row["group"]) == (model, group))
+        return next((finite(row["clean_confidence"]) for row in rows), None)
 
     def unseen_below(self, model: str, group: str) -> float | None:
         """The lowest score that ever leaves a model's graph, where confidence is drawn, as the share of the untouched
@@ -212,29 +202,20 @@ class RunData:
         lowest = (about.get("baked") or {}).get("lowest_score")
         if lowest is None or lowest < UNSEEN_SCORE or self.criterion.score != CONFIDENCE:
             return None
-        if not self.criterion.kept:
-            return float(lowest)
-        clean = self.clean_confidence(model, group)
+        clean = self.clean_confidence(model, group) if self.criterion.kept else 1.0
         return float(lowest) / clean if clean else None
 
-    def spread_examples(self, count: int) -> list[dict[str, Any]]:
+    def spread_examples(self, count: int) -> list[Row]:
         """At most ``count`` examples, evenly spread over the conditions; each condition with all models, if it can.
 
-        In the order of pictures and conditions; the models of one condition stand together, in the run's order.
+        In the order of pictures and conditions; the models of one condition side by side, in the run's order.
         """
-        order = {name: place for place, name in enumerate(self.model_names)}
-        per_condition: dict[str, list[dict[str, Any]]] = {}
-        for example in sorted(self.examples, key=lambda each: order[each["model"]]):
-            per_condition.setdefault(example["path"], []).append(example)
+        per_condition: dict[str, list[Row]] = {example["path"]: [] for example in self.examples}
+        for example in sorted(self.examples, key=lambda each: self.model_names.index(each["model"])):
+            per_condition[example["path"]].append(example)
         models = max(map(len, per_condition.values()), default=1)
-        paths = dict.fromkeys(example["path"] for example in self.examples)
-        kept = spread(paths, max(1, count // models))
+        kept = spread(per_condition, max(1, count // models))
         return [example for path in kept for example in per_condition[path]][:count]
-
-
-def by_speed(velocity_px_s: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-    """A sort key: slow velocities first, those of one speed in a fixed order."""
-    return math.hypot(*velocity_px_s), velocity_px_s
 
 
 def read_run(
@@ -245,7 +226,7 @@ def read_run(
     progress: Callable[[int], None] = lambda scores: None,
     on_lines: Callable[[Store, Tables], Tables] = lambda store, measured: measured,
 ) -> RunData:
-    """Everything that the report of this run shows; ``progress`` is told of each condition scored.
+    """Everything that the report of this run shows; ``progress`` is called for each condition scored.
 
     cluster: a pattern on pictures' names, as :func:`~blurnoise_eval.answers.clusters.cluster_of` takes it. on_lines:
     what is made of the tables that were measured.
@@ -259,146 +240,124 @@ def read_run(
     order = Stated({model["name"]: place for place, model in enumerate(manifest["models"])})
     by_size = criterion.score if criterion.score in PRECISIONS else None
     scored = run_scores(store, list(order), cluster, progress, by_size=by_size)
-    scores, performances = scored.rows, scored.performances
-    found_answers: list[Answer] = []
-    found_endurances: list[Endurance] = []
-    known: list[ScoreTable] = []
-    withheld: list[dict[str, Any]] = []
-    unfit = models_withheld(manifest, scores)
-    dark = dark_below(run.camera)
-    monotone = manifest.get("trajectory") is None
+    unfit = models_withheld(manifest, scored.rows)
     grid_s = exposures_of_grid(run.planned)
-    for table in on_lines(store, score_tables(store, criterion, cluster, scored)):
-        if table.model in unfit:
-            continue
-        if table.knows_too_little:
-            names = ("model", "group", "n_targets", "reference", "clean")
-            withheld.append({name: getattr(table, name) for name in names})
-            continue
-        known.append(table)
+    tables = [
+        table
+        for table in on_lines(store, score_tables(store, criterion, cluster, scored))
+        if table.model not in unfit
+    ]
+    known = [table for table in tables if not table.knows_too_little]
+    withheld = [
+        {name: getattr(table, name) for name in ("model", "group", "n_targets", "reference", "clean")}
+        for table in tables
+        if table.knows_too_little
+    ]
+    dark, monotone = dark_below(run.camera), manifest.get("trajectory") is None
+    found_answers: list[Row] = []
+    found_curves: list[Row] = []
+    # stable: settings and velocities stay in their order
+    for table in sorted(known, key=lambda each: (order[each.model], natural(each.group))):
         found_answers += answers(table, criterion, dark, monotone=monotone)
         exposures = table.conditions["exposure_s"]
         if table.prediction_cov is not None:
             thinned = table.take(np.isin(exposures, np.unique(exposures)[::_FINE]))
-            found_endurances += endurances(thinned, criterion, grid_s)
-            continue
-        found_endurances += endurances(table, criterion, grid_s)
-        on_grid = table.take(np.isin(exposures, grid_s)) if grid_s else table
-        found_endurances += endurances_across(on_grid, criterion)
-    # stable: settings and velocities stay in their order
-    found_answers.sort(key=lambda each: (order[each.model], natural(each.group)))
-    found_endurances.sort(key=lambda each: (order[each.model], natural(each.group)))
+            found_curves += endurances(thinned, criterion, grid_s)
+        else:
+            found_curves += endurances(table, criterion, grid_s)
+            found_curves += endurances_across(
+                table.take(np.isin(exposures, grid_s)) if grid_s else table, criterion
+            )
     reached = run_averages(store, known, criterion.level)
+    _complete(manifest, run, store, cluster)
+    manifest |= {"criterion": criterion.row(), "threshold": criterion.level}
+    manifest |= {"withheld": withheld, "withheld_models": unfit}
+    manifest["refined"] = sum(len(batch.conditions) for batch in run.asked) if grid_s else 0
+    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
+    labelled = manifest["images"]["labelled"]
+    return RunData(
+        manifest,
+        model_rows(manifest["models"], scored.rows, scored.performances, found_curves, grid_s, labelled),
+        scored.rows,
+        queries.groups(store),
+        store.skipped(),
+        found_answers,
+        found_curves,
+        list(_examples(store, manifest)),
+        [row for each in reached for row in recommendations(each)],
+        [row for each in reached for row in curves(each)],
+    )
+
+
+def _complete(manifest: Row, run: Run, store: Store, cluster: str | None) -> None:
+    """What a manifest takes from the whole store: counts, times, software, and what models failed on."""
     learnt = store.learnt()
     for model in manifest["models"]:
         model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
-    manifest |= {
-        "criterion": criterion.row(),
-        "threshold": criterion.level,
-        "withheld": withheld,
-        "withheld_models": unfit,
-    }
-    manifest["plan"] = run.planned
-    manifest["software"] = store.software()
-    manifest |= {"cluster": cluster, "wall_s": learnt["wall_s"], **_counts(store)}
+    manifest |= {"plan": run.planned, "software": store.software(), "cluster": cluster}
+    manifest |= {"wall_s": learnt["wall_s"], **queries.counts(store)}
+    manifest |= {"simulate_ms": queries.median_simulate_ms(store), "errors": queries.errors(store)}
     if not manifest["images"]["labelled"]:
         manifest["targets_found"] = queries.labels_when_clean(store)
     manifest["missing_cells"] = run.missing_cells()
-    manifest["refined"] = sum(len(batch.conditions) for batch in run.asked) if grid_s else 0
     rendered = manifest["images"]["kind"] == "rendered"
     manifest["repeated"] = None if rendered else repeated(store.looks(), cluster)
-    manifest["warnings"] = [*manifest["images"]["notes"], *_warnings(store, manifest)]
-    return RunData(
-        manifest=manifest,
-        models=model_rows(
-            manifest["models"], scores, performances, found_endurances, grid_s, manifest["images"]["labelled"]
-        ),
-        scores=scores,
-        groups=queries.groups(store),
-        skipped=store.skipped(),
-        answers=[each.row() for each in found_answers],
-        endurances=[each.row() for each in found_endurances],
-        examples=list(_examples(store, manifest)),
-        recommendations=[row for each in reached for row in recommendations(each)],
-        averages=[row for each in reached for row in curves(each)],
-    )
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:
     """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv,
     recommendations.csv (the exposure to use: for all conditions, each light, each light and speed), and
     conditions.json, which the training augmentation draws from."""
-    curves = [
-        {name: value for name, value in row.items() if name not in ("x", "confidence")}
-        for row in data.endurances
-    ]
-    written = []
-    for name, rows in (
-        ("answers.csv", [flat(row) for row in data.answers]),
-        ("scores.csv", data.scores),
-        ("curves.csv", curves),
-        ("models.csv", data.models),
-        ("recommendations.csv", data.recommendations),
-    ):
-        columns = list(rows[0]) if rows else []
-        lines = csv_lines(columns, map(named, rows))
+    written: dict[str, list[Row]] = {
+        "answers.csv": [flat(row) for row in data.answers],
+        "scores.csv": data.scores,
+        "curves.csv": [
+            {name: row[name] for name in row if name not in ("x", "confidence")} for row in data.endurances
+        ],
+        "models.csv": data.models,
+        "recommendations.csv": data.recommendations,
+    }
+    for name, rows in written.items():
+        lines = csv_lines(list(rows[0]) if rows else [], map(named, rows))
         write_whole(folder / name, (line.encode("utf-8") for line in lines))
-        written.append(folder / name)
     met = json.dumps(met_conditions(data.scores, data.manifest, data.recommendations), allow_nan=False)
     write_whole(folder / CONDITIONS_FILE, met.encode("utf-8"))
-    return [*written, folder / CONDITIONS_FILE]
+    return [folder / name for name in (*written, CONDITIONS_FILE)]
 
 
-_TOLD = ("label", "confidence", "truth", "text", "read_confidence")
-
-
-def _counts(store: Store) -> dict[str, Any]:
-    """Numbers of cells and targets, median times, and what models failed on."""
-    return {
-        **queries.counts(store),
-        "simulate_ms": queries.median_simulate_ms(store),
-        "errors": queries.errors(store),
-    }
-
-
-def _examples(store: Store, manifest: dict[str, Any]) -> Iterator[dict[str, Any]]:
+def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Row]:
     classes = {model["name"]: model["contract"].get("classes", []) for model in manifest["models"]}
     for cell in queries.examples(store):
-        found = cell.pop("detections").leading
+        found, names = cell.pop("detections").leading, classes[cell["model"]]
         rows = zip(found.boxes_xyxy.tolist(), found.scores.tolist(), found.class_ids.tolist(), strict=True)
-        names = classes[cell["model"]]
+        targets = queries.targets_of(store, cell["cell_id"], cell["model"])
         yield {
             **cell,
             "path": str(store.file(cell["example"])),
             "detections": [
-                {"box_xyxy": box, "score": score, "label": names[class_id]} for box, score, class_id in rows
+                {"box_xyxy": box, "score": score, "label": names[kind]} for box, score, kind in rows
             ],
             "targets": [
-                {
-                    "box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")],
-                    **{name: row[name] for name in _TOLD},
-                }
-                for row in queries.targets_of(store, cell["cell_id"], cell["model"])
+                {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
+                | {name: row[name] for name in ("label", "confidence", "truth", "text", "read_confidence")}
+                for row in targets
             ],
         }
 
 
-def _warnings(store: Store, manifest: dict[str, Any]) -> list[str]:
-    warnings = [
-        f"{each['model']}, {each['group']}: its targets score {each['clean'] or 0.0:.2g} on average in the original "
-        "pictures, too little to say what is kept of it"
-        for each in manifest["withheld"]
-    ]
+def _warnings(store: Store, manifest: Mapping[str, Any]) -> Iterator[str]:
+    for each in manifest["withheld"]:
+        yield (
+            f"{each['model']}, {each['group']}: its targets score {each['clean'] or 0.0:.2g} on average in the "
+            "original pictures, too little to say what is kept of it"
+        )
     for model in manifest["models"]:
         if unknown := model["unknown_labels"]:
-            named = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
-            warnings.append(
-                f"{model['name']}: does not know {len(unknown)} of the labels ({named}); nothing counts of them"
-            )
+            listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
+            yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}); nothing counts of them"
         without = queries.without_targets(store, model["name"])
         if without["pictures"]:
-            warnings.append(
+            yield (
                 f"{model['name']}: {without['pictures']} pictures have no target that the model knows; they "
                 f"count for no curve, but by what is found in them (first: {without['first']})"
             )
-    return warnings

@@ -1,7 +1,7 @@
-"""The settings of a run: where every axis but exposure and velocity stands, and the words for it.
+"""The settings of a run: the values of every axis but exposure and velocity, and the words for them.
 
-Domain: values in the units of the axes' columns. A setting names the light, and what else varies in the run;
-what is held at one value is said once.
+Domain: values in the units of the axes' columns. A setting names the light, and what else varies in the run; what is
+held at one value is said once.
 """
 
 from __future__ import annotations
@@ -11,24 +11,15 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
-from blurnoise_eval.grid.axes import (
-    BLUR,
-    EGO,
-    EXPOSURE,
-    LIGHT,
-    SETTING_AXES,
-    Axis,
-    Coordinate,
-    velocity_of,
-    velocity_text,
-)
+from blurnoise_eval.grid import axes as of_grid
+from blurnoise_eval.grid.axes import BLUR, EGO, EXPOSURE, LIGHT, Axis, Coordinate
 
 Setting = tuple[float, ...]  # a value per axis of Settings.axes
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The axes that tell the settings of a run apart, the settings in order, and the values that are held.
+    """The settings of a run in order, and the axes and values that are held.
 
     axes: the light, and every other axis but exposure and velocity that has several values in the run.
     """
@@ -64,32 +55,32 @@ class Settings:
     def condition_text(self, row: Mapping[str, Any]) -> str:
         """'5 ms · 100 lux · 400 px/s · blur 2 px', what else varies before the blur; or 'untouched picture'.
 
-        Before a camera that drives every place has a blur of its own: '5 ms · 100 lux · 50 km/h'.
+        Before a camera that drives every place has another blur: '5 ms · 100 lux · 50 km/h'.
         """
         if row["clean"]:
             return "untouched picture"
         parts = [EXPOSURE.text(row["exposure_s"]), LIGHT.text(row[LIGHT.name])]
         further = [axis.text(row[axis.name]) for axis in self.further]
-        if row[EGO.name]:  # where no blur is the picture's
-            return " · ".join([*parts, *further])
-        return " · ".join([*parts, velocity_text(velocity_of(row)), *further, BLUR.text(row["blur_px"])])
+        if not row[EGO.name]:
+            motion = of_grid.velocity_text(of_grid.velocity_of(row))
+            further = [motion, *further, BLUR.text(row["blur_px"])]
+        return " · ".join([*parts, *further])
 
-    def held_text(self) -> str:
-        """Where the axes stand that do not vary: '25 °C · f/2.8'."""
-        return " · ".join(axis.text(value) for axis, value in self.held)
-
-    def special_text(self, camera: Mapping[str, Any]) -> str:
-        """The same of those that stand elsewhere than they would if nobody had stated them; may be empty."""
-        return " · ".join(axis.text(value) for axis, value in self.held if _stated(axis, value, camera))
+    def held_text(self, unlike: Mapping[str, Any] | None = None) -> str:
+        """The axes that do not vary: '25 °C · f/2.8'; of these only what differs from a camera's own values."""
+        fields = {axis.into.rpartition(".")[2]: value for axis, value in self.held}
+        camera: Any = SimpleNamespace(**{**fields, **(unlike or {})})
+        kept = [(axis, value) for axis, value in self.held if unlike is None or axis.own(camera) != value]
+        return " · ".join(axis.text(value) for axis, value in kept)
 
 
 def settings_of(rows: Iterable[Mapping[str, Any]]) -> Settings:
     """The settings of exposed rows; light alone names them where nothing else varies."""
     every = list(rows)
-    values = {axis: {row[axis.name] for row in every} for axis in SETTING_AXES}
-    axes = tuple(axis for axis in SETTING_AXES if axis is LIGHT or len(values[axis]) > 1)
+    values = {axis: {row[axis.name] for row in every} for axis in of_grid.SETTING_AXES}
+    axes = tuple(axis for axis in values if axis is LIGHT or len(values[axis]) > 1)
     found = sorted({tuple(row[axis.name] for axis in axes) for row in every})
-    held = tuple((axis, next(iter(values[axis]))) for axis in SETTING_AXES if axis not in axes and every)
+    held = tuple((axis, next(iter(values[axis]))) for axis in values if axis not in axes and every)
     return Settings(axes, tuple(found), held)
 
 
@@ -102,9 +93,3 @@ def axis_label(axis: Axis | Coordinate) -> str:
     """Title and unit for the axis of a figure: 'Exposure / ms', 'Speed / (px/s)', 'f-number'."""
     unit = f"({axis.unit})" if "/" in axis.unit else axis.unit
     return f"{axis.title} / {unit}" if unit else axis.title
-
-
-def _stated(axis: Axis, value: float, camera: Mapping[str, Any]) -> bool:
-    field = axis.into.rpartition(".")[2]
-    own: Any = SimpleNamespace(**{field: value, **camera})  # a camera as far as the run has it
-    return axis.own(own) != value

@@ -8,43 +8,44 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.grid.axes import EXPOSURE, velocity_of
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report import words
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import Setting
-from blurnoise_eval.scoring.scores import of_models
+from blurnoise_eval.scoring.scores import Score, of_models
 from blurnoise_eval.system.tables import finite
 
 MAX_SETTINGS = 24  # rows of one target group
 MIN_BAR_PERCENT = 1.5  # of a window in its track, to be seen
+Row = dict[str, Any]
 
 
-def model_rows(data: RunData) -> list[dict[str, Any]]:
+def model_rows(data: RunData) -> list[Row]:
     """A row per score: its name and meaning, and per model its text, whether it is the best, why it is missing."""
     untouched = {row["model"]: row for row in data.scores if row["clean"]}
     models = [{**untouched.get(row["model"], {}), **row} for row in data.models]
     kind = "reader" if models and all(row["kind"] == "reader" for row in models) else "detector"
     rows = []
     for score in of_models(kind):
-        values = [finite(row.get(score.name)) for row in models]
-        known = [value for value in values if value is not None]
+        known = {value for row in models if (value := finite(row.get(score.name))) is not None}
         pick = max if score.better == "higher" else min
-        best = pick(known) if score.better and len(set(known)) > 1 else None
-        unit = " ms" if score.name.endswith("_ms") else ""
-        cells = [
-            {"text": None, "why": score.missing, "best": False}
-            if value is None
-            else {
-                "text": _number(value, score.digits) + unit + _interval(row, score.name),
-                "why": "",
-                "best": value == best,
-            }
-            for value, row in zip(values, models, strict=True)
-        ]
+        best = pick(known) if score.better and len(known) > 1 else None
+        cells = [_model_cell(row, score, best) for row in models]
         title = score.title if score.of is None else f"{score.title}, untouched"
         rows.append({"name": title, "meaning": score.meaning, "cells": cells})
     return rows
+
+
+def _model_cell(row: Row, score: Score, best: float | None) -> Row:
+    value, low, high = (finite(row.get(f"{score.name}{end}")) for end in ("", "_low", "_high"))
+    if value is None:
+        return {"text": None, "why": score.missing, "best": False}
+    text = format(int(value) if score.digits == "d" else value, score.digits)
+    unit = " ms" if score.name.endswith("_ms") else ""
+    interval = "" if low is None or high is None else f" ({low:.3f}–{high:.3f})"
+    return {"text": text + unit + interval, "why": "", "best": value == best}
 
 
 def shown_settings(data: RunData) -> list[Setting]:
@@ -52,102 +53,65 @@ def shown_settings(data: RunData) -> list[Setting]:
     return spread(data.settings.every, MAX_SETTINGS)
 
 
-def model_answers(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
-    """The answer tables, one per model that has answers: its name, in how many an exposure works, its groups."""
+def model_answers(data: RunData, groups: list[str]) -> list[Row]:
+    """The answer tables, one per model that has answers: in how many an exposure works, and for each target group a
+    row per setting, with the answer (None: not tested) and its bars for each velocity."""
     tables = []
     for model in data.model_names:
         own = [answer for answer in data.answers if answer["model"] == model]
-        parts = [
-            _group_answers(data, [answer for answer in own if answer["group"] == group]) | {"group": group}
-            for group in groups
-            if any(answer["group"] == group for answer in own)
-        ]
+        parts = []
+        for group in groups:
+            answers = [answer for answer in own if answer["group"] == group]
+            cells = {(data.settings.of(each), velocity_of(each)): {**each, **_bars(each)} for each in answers}
+            rows = [
+                (data.settings.text(setting), [cells.get((setting, each)) for each in data.velocities_px_s])
+                for setting in shown_settings(data)
+            ]
+            if answers:
+                counts = {name: max(each[name] for each in answers) for name in ("n_targets", "n_pictures")}
+                parts.append(
+                    {"group": group, **counts, "rows": rows, "clean": finite(answers[0]["clean_value"])}
+                )
         if own:
-            tables.append(
-                {
-                    "model": model,
-                    "working": sum(answer["verdict"] == words.WORKS for answer in own),
-                    "of": len(own),
-                    "parts": parts,
-                }
-            )
+            working = sum(answer["verdict"] == WORKS for answer in own)
+            tables.append({"model": model, "working": working, "of": len(own), "parts": parts})
     return tables
 
 
-def failures(data: RunData, groups: list[str]) -> list[dict[str, Any]]:
+def _bars(answer: Row) -> Row:
+    """Left and width of the windows, and the place of the recommended exposure, in percent of the tested range."""
+    low, high = math.log(min(answer["exposures_s"])), math.log(max(answer["exposures_s"]))
+    if not low < high:
+        return {"bars": None, "tick": None}
+
+    def percent(exposure_s: float) -> float:
+        return 100 * (math.log(exposure_s) - low) / (high - low)
+
+    bars = [
+        (min(percent(a), 100 - MIN_BAR_PERCENT), max(MIN_BAR_PERCENT, percent(b) - percent(a)))
+        for a, b in answer["windows_s"]
+    ]
+    recommended = answer["recommended_s"]
+    return {"bars": bars, "tick": None if recommended is None else percent(recommended)}
+
+
+def failures(data: RunData, groups: list[str]) -> list[Row]:
     """Failure points over blur: per model and group a table of settings (rows) and exposures (columns)."""
-    settings = data.settings
     curves = [curve for curve in data.endurances if curve["axis"] == "blur_px"]
     exposures = sorted({curve["exposure_s"] for curve in curves})
     tables = []
     for model in data.model_names:
         for group in groups:
             own = {
-                (settings.of(curve), curve["exposure_s"]): _failure_cell(curve)
+                (data.settings.of(curve), curve["exposure_s"]): words.failure_texts(curve)
                 for curve in curves
                 if (curve["model"], curve["group"]) == (model, group)
             }
+            rows = [
+                (data.settings.text(setting), [own.get((setting, exposure)) for exposure in exposures])
+                for setting in shown_settings(data)
+            ]
             if own:
-                rows = [
-                    (settings.text(setting), [own.get((setting, exposure)) for exposure in exposures])
-                    for setting in shown_settings(data)
-                ]
                 heads = [EXPOSURE.text(exposure_s) for exposure_s in exposures]
                 tables.append({"model": model, "group": group, "rows": rows, "exposures": heads})
     return tables
-
-
-def _failure_cell(curve: dict[str, Any]) -> dict[str, Any]:
-    auc = finite(curve["auc"])
-    notes = (
-        words.interval_text(curve),
-        None if auc is None else f"AUC {words.value_text(auc, curve['auc_low'], curve['auc_high'])}",
-        "non-monotonic" if curve["non_monotonic"] else None,
-    )
-    return {"text": words.failure_text(curve), "notes": [note for note in notes if note]}
-
-
-def _group_answers(data: RunData, answers: list[dict[str, Any]]) -> dict[str, Any]:
-    """One model's answers for one target group: a row per setting, a cell per velocity."""
-    settings = data.settings
-    cells = {(settings.of(answer), velocity_of(answer)): _answer_cell(answer) for answer in answers}
-    rows = [
-        (settings.text(setting), [cells.get((setting, velocity)) for velocity in data.velocities_px_s])
-        for setting in shown_settings(data)
-    ]
-    counts = {name: max(answer[name] for answer in answers) for name in ("n_targets", "n_pictures")}
-    return {**counts, "rows": rows, "clean": finite(answers[0]["clean_value"])}
-
-
-def _answer_cell(answer: dict[str, Any]) -> dict[str, Any]:
-    exposures = answer["exposures_s"]
-    low, high = math.log(min(exposures)), math.log(max(exposures))
-
-    def percent(exposure_s: float) -> float:
-        return 100 * (math.log(exposure_s) - low) / (high - low)
-
-    def bar(a: float, b: float) -> tuple[float, float]:
-        return min(percent(a), 100 - MIN_BAR_PERCENT), max(MIN_BAR_PERCENT, percent(b) - percent(a))
-
-    recommended = answer["recommended_s"]
-    return {
-        "verdict": answer["verdict"],
-        "told": words.verdict_text(answer),
-        "window": words.window_text(answer) if answer["windows_s"] else None,
-        "recommended": None if recommended is None else EXPOSURE.text(recommended),
-        "confidence": None if recommended is None else words.confidence_text(answer),
-        "regret": None if answer["regret_95"] is None else f"loses at most {answer['regret_95']:.3f}",
-        "reservations": words.reservations(answer),
-        "best": words.best_text(answer),
-        "bars": [bar(a, b) for a, b in answer["windows_s"]] if low < high else None,
-        "tick": percent(recommended) if recommended is not None and low < high else None,
-    }
-
-
-def _interval(row: dict[str, Any], name: str) -> str:
-    low, high = finite(row.get(f"{name}_low")), finite(row.get(f"{name}_high"))
-    return "" if low is None or high is None else f" ({low:.3f}–{high:.3f})"
-
-
-def _number(value: float, digits: str) -> str:
-    return format(int(value) if digits == "d" else value, digits)

@@ -1,27 +1,27 @@
 """Answers and failure points in words, for the terminal and the page.
 
 Domain: exposures in s, written in ms; blur in px; values in the criterion's unit. Texts are plain, never markup. An
-interval stands in brackets behind what it belongs to: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside
-the tested range. It is rounded outward, so that the printed interval holds the exact one.
+interval is in brackets behind its value: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside the tested
+range. It is rounded outward, so that the printed interval holds the exact one.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS
 from blurnoise_eval.answers.uncertainty import FEW, FEWEST
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
+from blurnoise_eval.system.tables import finite
 
-SAID_SATURATED = 0.01
-"""Of the picture's values: so many at a limit of the sensor are worth a word."""
-CANNOT_TELL, WORKS, NONE_WORKS = "cannot tell", "works", "no exposure works"
-Answer = dict[str, Any]
+_MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sensor are reported
+Row = dict[str, Any]
 
 
 def reached_text(value: str, criterion: Criterion) -> str:
@@ -51,12 +51,12 @@ def limit_text(limit: str) -> str:
     return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
 
 
-def joined(names: Sequence[str], last: str = "and") -> str:
+def joined(names: Sequence[str]) -> str:
     """'a, b and c'."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def window_text(answer: Answer) -> str:
+def window_text(answer: Row) -> str:
     """The exposure windows with the intervals of their ends: '≤ 1 (shortest tested) to 22 (19–26) ms'.
 
     Those of the mean curve; whether they can be relied upon is the verdict's.
@@ -65,36 +65,26 @@ def window_text(answer: Answer) -> str:
         return NONE_WORKS
     if len(answer["exposures_s"]) == 1:
         return f"at {EXPOSURE.text(answer['exposures_s'][0])} (the only exposure tested)"
-    ends = list(window_ends(answer))
-    ends[0][0] += " (shortest tested)" if answer["open_low"] else ""
-    ends[-1][1] += " (longest tested)" if answer["open_high"] else ""
+    bounds = zip(answer["windows_low_s"], answer["windows_high_s"], strict=True)
+    ends = [
+        [milliseconds(end) + _bracketed(*interval) for end, interval in zip(window, both, strict=True)]
+        for window, both in zip(answer["windows_s"], bounds, strict=True)
+    ]
+    if answer["open_low"]:
+        ends[0][0] = f"≤ {ends[0][0]} (shortest tested)"
+    if answer["open_high"]:
+        ends[-1][1] = f"≥ {ends[-1][1]} (longest tested)"
     return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends) + " ms"
 
 
-def window_ends(answer: Answer) -> list[list[str]]:
-    """Both ends of every window, ms, each with its interval; '≤' and '≥' where a window reaches the tested end."""
-    bounds = zip(answer["windows_low_s"], answer["windows_high_s"], strict=True)
-    ends = [
-        [milliseconds(end) + _bracketed(interval) for end, interval in zip(window, both, strict=True)]
-        for window, both in zip(answer["windows_s"], bounds, strict=True)
-    ]
-    if ends and answer["open_low"]:
-        ends[0][0] = f"≤ {ends[0][0]}"
-    if ends and answer["open_high"]:
-        ends[-1][1] = f"≥ {ends[-1][1]}"
-    return ends
-
-
-def _bracketed(interval: tuple[float | None, float | None]) -> str:
+def _bracketed(low_s: float | None, high_s: float | None) -> str:
     low, high = (
-        None
-        if end is None
-        else milliseconds(_outward(end, side, 10.0 ** (math.floor(math.log10(end)) - 1)), 2)
-        for end, side in zip(interval, (-1, 1), strict=True)
+        "" if end is None else milliseconds(_outward(end, side, 10.0 ** (math.floor(math.log10(end)) - 1)), 2)
+        for end, side in ((low_s, -1), (high_s, 1))
     )
-    if low is None:
-        return "" if high is None else f" (< {high})"
-    return f" (> {low})" if high is None else f" ({low}–{high})"
+    if low and high:
+        return f" ({low}–{high})"
+    return f" (> {low})" if low else f" (< {high})" if high else ""
 
 
 def _outward(value: float, side: int, step: float) -> float:
@@ -102,81 +92,57 @@ def _outward(value: float, side: int, step: float) -> float:
     return side * math.ceil(side * value / step - 1e-6) * step
 
 
-def verdict_text(answer: Answer) -> str:
+def verdict_text(answer: Row) -> str:
     """The verdict; of 'cannot tell' 'cannot tell from 12 pictures; 3 to 40 times as many would'."""
     if answer["verdict"] != CANNOT_TELL:
         return str(answer["verdict"])
     return f"{CANNOT_TELL} from {pictures_text(answer)}; {needed_text(answer)}"
 
 
-def needed_text(answer: Answer) -> str:
+def needed_text(answer: Row) -> str:
     """How many pictures would tell, in half of such cases and in nine of ten: '3.3 to 40 times as many would',
     'at least 3 more would', 'very many more would'."""
-    if answer["pictures_to_tell"] is not None:
-        times = [
-            f"{wanted / answer['n_pictures']:.2g}"
-            for name in ("pictures_to_tell", "pictures_to_tell_mostly")
-            if (wanted := answer.get(name)) is not None
-        ]
+    n, wanted = answer["n_pictures"], [answer["pictures_to_tell"], answer.get("pictures_to_tell_mostly")]
+    if wanted[0] is not None:
+        times = [f"{each / n:.2g}" for each in wanted if each is not None]
         return f"{' to '.join(times) if len(times) > 1 else f'at least {times[0]}'} times as many would"
-    fewest = math.ceil(FEWEST * answer["n_pictures"] / (answer["effective_pictures"] or 1.0))
-    lacking = fewest - answer["n_pictures"]
+    lacking = math.ceil(FEWEST * n / (answer["effective_pictures"] or 1.0)) - n
     return f"at least {lacking} more would" if lacking > 0 else "very many more would"
 
 
-def pictures_text(answer: Answer) -> str:
-    """'1 picture', '24 pictures'; '24 pictures, which count as 17' where that makes them few."""
-    return pictures_range([answer])
+def pictures_text(answer: Row) -> str:
+    """'1 picture', '24 pictures'; '24 pictures, which count as 17' where that takes intervals away, or makes them
+    few."""
+    n, effective = answer["n_pictures"], answer["effective_pictures"]
+    text = counted(n, "picture")
+    less = any(effective < bound <= n for bound in (FEWEST, FEW))
+    return f"{text}, which count as {math.floor(effective)}" if less else text
 
 
-def pictures_range(answers: Iterable[Answer]) -> str:
-    """'24 pictures', '5 to 12 pictures'; '5 to 12 pictures, which count as 5 to 7' where that takes intervals away,
-    or makes them few."""
-    every = list(answers)
-    counts = [each["n_pictures"] for each in every]
-    text = f"{_from_to(counts)} picture{'' if max(counts) == 1 else 's'}"
-    less = any(
-        each["effective_pictures"] < bound <= each["n_pictures"] for each in every for bound in (FEWEST, FEW)
-    )
-    counted = _from_to([math.floor(each["effective_pictures"]) for each in every])
-    return f"{text}, which count as {counted}" if less else text
-
-
-def _from_to(counts: Sequence[int]) -> str:
-    low, high = min(counts), max(counts)
-    return f"{high}" if low == high else f"{low} to {high}"
-
-
-def confidence_text(answer: Answer) -> str:
+def confidence_text(answer: Row) -> str:
     """The value at the recommended exposure, with its interval: '0.93 (0.90–0.96)'."""
-    return value_text(
-        answer["confidence_at_recommended"], answer["recommended_low"], answer["recommended_high"]
-    )
+    names = "confidence_at_recommended", "recommended_low", "recommended_high"
+    return value_text(*(answer[name] for name in names))
 
 
-def best_text(answer: Answer) -> str:
+def best_text(answer: Row) -> str:
     """The best tested exposure: 'best 10 ms: 0.52 (0.44–0.61), limited by motion blur'."""
-    text = f"best {EXPOSURE.text(answer['best_s'])}: {best_value_text(answer)}"
+    value = value_text(answer["best_value"], answer["best_low"], answer["best_high"])
+    text = f"best {EXPOSURE.text(answer['best_s'])}: {value}"
     return f"{text}, limited by {limit_text(answer['limited_by'])}" if answer["limited_by"] else text
 
 
-def best_value_text(answer: Answer) -> str:
-    """The value at the best tested exposure, with its interval."""
-    return value_text(answer["best_value"], answer["best_low"], answer["best_high"])
-
-
-def reservations(answer: Answer) -> list[str]:
+def reservations(answer: Row) -> list[str]:
     """What else must be known of an answer: few pictures, saturated values, an end of the tested range."""
     found = []
     if answer["few_pictures"] and answer["verdict"] != CANNOT_TELL:
         found.append(f"few: {pictures_text(answer)}")
-    chosen = answer["recommended_s"]
+    chosen, tested = answer["recommended_s"], answer["exposures_s"]
     if chosen is None:
         return found
     share = answer["saturated_at_recommended"]
-    if share is not None and share > SAID_SATURATED:
+    if share is not None and share > _MANY_SATURATED:
         found.append(f"{100 * share:.0f} % of the picture saturated")
-    tested = answer["exposures_s"]
     if len(tested) > 1 and chosen == tested[0] and answer["open_low"]:
         found.append("the shortest tested: what lies below is not known")
     if len(tested) > 1 and chosen == tested[-1] and answer["open_high"]:
@@ -184,39 +150,37 @@ def reservations(answer: Answer) -> list[str]:
     return found
 
 
-def failure_text(curve: dict[str, Any]) -> str:
-    """Where a curve over blur fails: '12.1 px', 'beyond 24 px' or 'below throughout'."""
-    if curve["fails_at"] is None:
-        return f"beyond {curve['x'][-1]:.3g} px"
-    return "below throughout" if curve["fails_at"] == curve["x"][0] else f"{curve['fails_at']:.3g} px"
+def failure_texts(curve: Row) -> list[str]:
+    """Where a curve over blur fails: '12.1 px', 'beyond 24 px' or 'below throughout'; then what else is known of it:
+    the 95 % interval, where it says more than the point, the area under the curve, and whether it had come back."""
+    low, high, auc = curve["fails_low"], curve["fails_high"], finite(curve["auc"])
+    text = "below throughout" if curve["fails_at"] == curve["x"][0] else f"{curve['fails_at'] or 0.0:.3g} px"
+    texts = [text if curve["fails_at"] is not None else f"beyond {curve['x'][-1]:.3g} px"]
+    if low is not None and low != high:
+        texts.append(f"95 %: from {low:.3g} px" if high is None else f"95 %: {low:.3g} to {high:.3g} px")
+    if auc is not None:
+        texts.append(f"AUC {value_text(auc, curve['auc_low'], curve['auc_high'])}")
+    return texts + ["non-monotonic"] * curve["non_monotonic"]
 
 
-def interval_text(curve: dict[str, Any]) -> str | None:
-    """The 95 % interval of a failure point over blur, None where it says nothing more than the point."""
-    low, high = curve["fails_low"], curve["fails_high"]
-    if low is None or low == high:
-        return None
-    return f"95 %: {low:.3g} to {high:.3g} px" if high is not None else f"95 %: from {low:.3g} px"
-
-
-def outcome_text(example: dict[str, Any], threshold: float) -> str:
+def outcome_text(example: Row, threshold: float) -> str:
     """How many of the example's targets were found, and their mean confidence; or what was read in them."""
     if example["error"] is not None:
         return f"the model failed: {example['error']}"
     targets = example["targets"]
-    confidences = [target["confidence"] for target in targets]
     if not targets:
         count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
         return f"no target in the picture, {count} detections"
     if any(target["text"] is not None for target in targets):
         return "; ".join(map(_reading_text, targets))
+    confidences = [target["confidence"] for target in targets]
     found = sum(confidence >= threshold for confidence in confidences)
     if len(confidences) == 1:
         return f"{'found' if found else 'missed'}, confidence {confidences[0]:.2f}"
     return f"{found} of {len(confidences)} found, mean confidence {np.mean(confidences):.2f}"
 
 
-def missed(example: dict[str, Any], threshold: float) -> bool:
+def missed(example: Row, threshold: float) -> bool:
     """Whether any of the example's targets was missed, or read wrongly."""
     return any(
         target["confidence"] <= 0 if target["text"] is not None else target["confidence"] < threshold
@@ -224,7 +188,6 @@ def missed(example: dict[str, Any], threshold: float) -> bool:
     )
 
 
-def _reading_text(target: dict[str, Any]) -> str:
-    right = target["confidence"] > 0
-    verdict = f"confidence {target['confidence']:.2f}" if right else "wrong"
+def _reading_text(target: Row) -> str:
+    verdict = f"confidence {target['confidence']:.2f}" if target["confidence"] > 0 else "wrong"
     return f"read “{target['text']}”, {verdict}" if target["text"] else "read nothing"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers.curves import Endurance, mean_auc
-from blurnoise_eval.answers.plane import mean_over_plane
+from blurnoise_eval.answers.plane import plane_weights
 from blurnoise_eval.answers.uncertainty import behind_best, columns
 from blurnoise_eval.scoring.estimates import Estimate, ratio, through
 from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
@@ -23,7 +21,7 @@ def model_rows(
     models: Sequence[dict[str, Any]],
     scores: list[dict[str, Any]],
     performances: list[Estimate],
-    curves: list[Endurance],
+    curves: list[dict[str, Any]],
     grid_s: Sequence[float],
     labelled: bool,
 ) -> list[dict[str, Any]]:
@@ -72,7 +70,7 @@ def _summary(
     scores: list[dict[str, Any]],
     told: list[tuple[dict[str, Any], Estimate]],
     mpc: Estimate,
-    curves: list[Endurance],
+    curves: list[dict[str, Any]],
     labelled: bool,
 ) -> dict[str, Any]:
     """One row of the table of models. mPC: mean over the grid's conditions, all weighted alike;
@@ -84,9 +82,12 @@ def _summary(
     p = next((each for row, each in told if row["clean"]), Estimate(None))
     against_itself = model["kind"] == "detector" and not labelled
     exposed = [(row, each) for row, each in told if not row["clean"]]
-    uniform = through([each for _, each in exposed], partial(_over_plane, [row for row, _ in exposed]))
+    weights = plane_weights([row for row, _ in exposed])
+    uniform = Estimate(None)
+    if weights is not None:
+        uniform = through([each for _, each in exposed], lambda values: round(float(weights @ values), 12))
     rpc = ratio(mpc, p)
-    held = [each for each in curves if each.model == model["name"]]
+    held = [each for each in curves if each["model"] == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
     original = [score.name for score in of_models("detector") if score.of is not None]
@@ -98,8 +99,8 @@ def _summary(
         **columns(mpc, "mpc", 1.0),
         **columns(rpc, "rpc", 1 / p.value if p.value else math.inf),
         **columns(uniform, "mpc_uniform", 1.0),
-        "auc_exposure": mean_auc(held, "exposure_s"),
-        "auc_blur": mean_auc(held, "blur_px"),
+        "auc_exposure": _mean_auc(held, "exposure_s"),
+        "auc_blur": _mean_auc(held, "blur_px"),
         **{f"{name}{end}": untouched.get(f"{name}{end}") for name in original for end in _ENDS},
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
@@ -107,6 +108,7 @@ def _summary(
     }
 
 
-def _over_plane(rows: Sequence[Mapping[str, Any]], values: Sequence[float]) -> float | None:
-    of_row = iter(values)  # in the order of the rows
-    return mean_over_plane(rows, lambda row: next(of_row))
+def _mean_auc(curves: Sequence[Mapping[str, Any]], axis: str) -> float | None:
+    """Mean area under the curves of one axis, all groups, settings and curves alike; None without any."""
+    areas = [each["auc"] for each in curves if each["axis"] == axis and each["auc"] is not None]
+    return float(np.mean(areas)) if areas else None

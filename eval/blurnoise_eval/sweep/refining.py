@@ -18,7 +18,8 @@ from itertools import product
 import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.exposure_window import Answer, answers
+from blurnoise_eval.answers.curves import Row
+from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON, Averages
 from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
@@ -85,13 +86,13 @@ def _with_common(left: Refinement, plan: SweepPlan, models: Iterable[Averages]) 
     return Refinement(tuple(conditions), left.ends, at_most, rounds, at_most > left.at_most)
 
 
-def refinement(plan: SweepPlan, answers: Iterable[Answer]) -> Refinement:
+def refinement(plan: SweepPlan, answers: Iterable[Row]) -> Refinement:
     """What the answers of a run with this plan leave to refine; no conditions where every end is known as well as it
     is asked, or the camera sets the exposure."""
     gaps: dict[tuple[tuple[tuple[str, float], ...], float, float], int] = {}
     ends = 0
     for answer in _largest(answers) if AUTOMATIC not in plan.values(EXPOSURE.name) else ():
-        at = tuple((name, answer.at[name]) for name in plan.grid if name != EXPOSURE.name)
+        at = tuple((name, answer[name]) for name in plan.grid if name != EXPOSURE.name)
         for found in gaps_of(answer):
             ends += bool(found)
             for gap, count in found.items():
@@ -104,13 +105,13 @@ def refinement(plan: SweepPlan, answers: Iterable[Answer]) -> Refinement:
     return Refinement(tuple(conditions), ends, sum(halvings), max(halvings, default=0))
 
 
-def gaps_of(answer: Answer) -> Iterator[dict[tuple[float, float], int]]:
+def gaps_of(answer: Row) -> Iterator[dict[tuple[float, float], int]]:
     """Of each end of the windows inside the tested range the wide gaps between tested exposures about it, the one
     that it lies in and those in which its interval ends, and how often each is to be halved. Where nothing is sure to
     work no gap matters."""
-    x = answer.exposures_s
-    bounds = zip(answer.windows_s, answer.windows_low_s, answer.windows_high_s, strict=True)
-    for window, *intervals in bounds if answer.verdict == "works" else ():
+    x = answer["exposures_s"]
+    bounds = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
+    for window, *intervals in bounds if answer["verdict"] == "works" else ():
         for end, (low, high) in zip(window, intervals, strict=True):
             if not x[0] < end < x[-1]:
                 continue
@@ -131,19 +132,19 @@ def _halvings(low: float, high: float, stops: float) -> int:
     return max(0, math.ceil(math.log2(math.log2(high / low) / (stops + _ROUNDED))))
 
 
-def _largest(answers: Iterable[Answer]) -> list[Answer]:
+def _largest(answers: Iterable[Row]) -> list[Row]:
     """The answers of each model's largest groups."""
     every = list(answers)
     sizes: dict[tuple[str, str], int] = {}
     for answer in every:
-        key = answer.model, answer.group
-        sizes[key] = max(sizes.get(key, 0), answer.n_targets)
+        key = answer["model"], answer["group"]
+        sizes[key] = max(sizes.get(key, 0), answer["n_targets"])
 
     def among(key: tuple[str, str]) -> bool:
         larger = sorted((other for other in sizes if other[0] == key[0]), key=lambda other: -sizes[other])
         return key in larger[:MOST_GROUPS]
 
-    return [answer for answer in every if among((answer.model, answer.group))]
+    return [answer for answer in every if among((answer["model"], answer["group"]))]
 
 
 def exposures_of_grid(plan: dict[str, object]) -> Sequence[float]:

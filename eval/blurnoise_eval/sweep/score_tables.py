@@ -135,7 +135,8 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
             [pooled(each) if monotone and is_uniform(each) else each for each in own],
             level,
             monotone=monotone and all(map(is_uniform, own)),
-        ).with_saturated(lambda setting, velocity, exposure_s: shares.get((*setting, *velocity, exposure_s)))
+            saturated=shares,
+        )
         for own in of_model.values()
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.answers.crossings import Crossed, Curve, windows
+from blurnoise_eval.answers.curves import Crossed, Curve, windows
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -116,7 +116,7 @@ def test_the_size_of_pictures_counts() -> None:
     values, counts = np.full((10, 2), 0.9), np.ones((10, 2))
     counts[0, 1] = 90
     curve = Curve((1.0, 2.0), values * counts, counts)
-    assert curve.told.tolist() == [True, False]
+    assert curve.known.tolist() == [True, False]
     assert curve.n_effective == pytest.approx((91 + 9 * 2) ** 2 / (91**2 + 9 * 2**2))
     assert curve.interval() is None
     assert curve.area()[1] == (None, None)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import Endurance, endurances, endurances_across, mean_auc
 from blurnoise_eval.grid.axes import SETTING
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import failure_point
-from made_tables import over, tables
+from made_tables import Named, endurances, endurances_across, over, tables
 from plans import OWN
 
 EXPOSURES_S = (0.01, 0.02, 0.04)
@@ -48,7 +47,7 @@ def ends_of(values: np.ndarray) -> uncertainty.Ends:
     return uncertainty.of_level(values.mean(), values - values.mean())
 
 
-def by_axis(found: list[Endurance]) -> dict[tuple[str, float], Endurance]:
+def by_axis(found: list[Named]) -> dict[tuple[str, float], Named]:
     held = {"exposure_s": "velocity_x_px_s", "blur_px": "exposure_s"}
     return {(each.axis, each.at[held[each.axis]] or 0.0): each for each in found}
 
@@ -148,8 +147,6 @@ def test_area_and_failure_of_a_straight_line() -> None:
     assert (curve.fails_low, curve.fails_high, curve.auc_low) == (None, None, None)  # four pictures
     assert (curve.n_pictures, curve.few_pictures) == (4, True)
     assert not curve.non_monotonic
-    assert mean_auc([curve], "blur_px") == pytest.approx(0.6)
-    assert mean_auc([curve], "exposure_s") is None
 
 
 def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
@@ -231,7 +228,7 @@ def test_interval_of_equal_pictures_is_the_failure_point(values: list[float], th
 
 def across(
     values: dict[float, Callable[[str], float]], axis: str, threshold: float = 0.6, **options: Any
-) -> list[Endurance]:
+) -> list[Named]:
     """The curves over ``axis`` of a still chart at one exposure, a confidence of each picture per value."""
     one = {"exposures": (0.01,), "velocities": ((0.0, 0.0),)} | options
     table = [
@@ -239,7 +236,8 @@ def across(
         for value, of in values.items()
         for row in rows(lambda image, *_, of=of: of(image), **one, **{axis: value})
     ]
-    return list(endurances_across(*tables(table), Criterion(threshold, kept=False)))
+    found = endurances_across(*tables(table), Criterion(threshold, kept=False))
+    return list(map(Named, found))
 
 
 def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
@@ -257,7 +255,7 @@ def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
     q = float(ends_of(np.zeros(8)).high)
     expected = (4, 10 * (1 - 0.6 / (1 - q)), 10 * (1 - (0.6 - q) / (1 - q)))
     assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx(expected)
-    assert list(curve.row())[:5] == ["model", "group", "illuminance_lux", "axis", "exposure_s"]
+    assert list(curve)[:5] == ["model", "group", "illuminance_lux", "axis", "exposure_s"]
 
 
 @pytest.mark.parametrize("axis", ["illuminance_lux", "gain_db"])

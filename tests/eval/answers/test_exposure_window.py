@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers import exposure_window as optimum
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.crossings import Curve, windows
-from blurnoise_eval.answers.exposure_window import Answer, flat, recommend
+from blurnoise_eval.answers.curves import Curve, windows
+from blurnoise_eval.answers.exposure_window import flat, recommended
 from blurnoise_eval.answers.recommendation import NEAR
 from hypothesis import given
 from hypothesis import strategies as st
-from made_tables import tables
+from made_tables import Named, tables
 from plans import OWN
 from scipy import stats
 
@@ -43,23 +43,23 @@ def test_windows_by_hand(confidence: tuple[float, ...], expected: list[tuple[flo
 def test_one_exposure() -> None:
     assert windows((0.02,), (0.7,), 0.6) == [(0.02, 0.02)]
     assert windows((0.02,), (0.5,), 0.6) == []
-    assert recommend((0.02,), (0.7,), 0.6) == (0.02, 0.7)
+    assert recommended((0.02,), (0.7,), 0.6, None) == 0
 
 
 def test_recommended_is_the_middle_of_what_is_equally_good() -> None:
     """Though the best by a hair lies at its edge."""
     confidence = (0.9, 0.9 - NEAR / 2, 0.897, 0.2)
-    assert recommend(DECADES_S, confidence, 0.6) == (0.01, confidence[1])
-    assert recommend(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6) == (0.001, 0.95)  # clearly best: no
+    assert recommended(DECADES_S, confidence, 0.6, None) == 1
+    assert recommended(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6, None) == 0  # clearly best: no
 
 
 def test_recommended_comes_from_the_window_of_the_best() -> None:
     confidence = (0.7, 0.3, 0.9, 0.3)
-    assert recommend(DECADES_S, confidence, 0.6) == (0.1, 0.9)
+    assert recommended(DECADES_S, confidence, 0.6, None) == 2
 
 
 def test_no_exposure_works() -> None:
-    assert recommend(DECADES_S, (0.1, 0.2, 0.3, 0.59), 0.6) is None
+    assert recommended(DECADES_S, (0.1, 0.2, 0.3, 0.59), 0.6, None) is None
 
 
 curves = st.integers(1, 12).flatmap(
@@ -96,23 +96,22 @@ def test_recommended_is_inside_a_window_and_works(
     curve: tuple[list[float], list[float]], threshold: float
 ) -> None:
     exposures, confidence = curve
-    choice = recommend(exposures, confidence, threshold)
+    choice = recommended(exposures, confidence, threshold, None)
     if choice is None:
         assert max(confidence) < threshold
         return
-    exposure, value = choice
-    assert value == confidence[exposures.index(exposure)]
+    exposure, value = exposures[choice], confidence[choice]
     assert threshold <= value
     assert value >= max(confidence) - NEAR
     assert any(low <= exposure <= high for low, high in windows(exposures, confidence, threshold))
 
 
-def answers(table: list[dict[str, Any]], threshold: float) -> list[Answer]:
+def answers(table: list[dict[str, Any]], threshold: float) -> list[Named]:
     """The answers of rows in any order, each a picture of its own."""
     exposed = [{"model": "m", "repeat": 0, "target_id": 0, **row} for row in table if not row["clean"]]
     exposed.sort(key=lambda row: (row["group"], row["illuminance_lux"]))
     return [
-        answer
+        Named(answer)
         for each in tables(exposed)
         for answer in optimum.answers(each, Criterion(threshold, kept=False))
     ]
@@ -140,7 +139,7 @@ def test_answers_by_hand() -> None:
         "sign",
         {"illuminance_lux": 50.0, "velocity_x_px_s": 0.0, "velocity_y_px_s": 0.0, **OWN},
     )
-    assert list(answer.row())[:6] == ["model", "group", *list(answer.at)[:4]]
+    assert list(answer)[:6] == ["model", "group", *list(answer.at)[:4]]
     assert answer.exposures_s == (0.001, 0.01, 0.1)
     assert answer.confidence == pytest.approx((0.2, 0.8, 0.7))
     assert answer.n_targets == 4
@@ -179,7 +178,7 @@ def test_answers_keep_groups_lights_and_speeds_apart() -> None:
         ("a", 50.0, 200.0): 0.01,
         ("b", 50.0, 0.0): None,
     }
-    assert found["b", 50.0, 0.0].windows_s == ()
+    assert found["b", 50.0, 0.0].windows_s == []
     assert (found["b", 50.0, 0.0].open_low, found["b", 50.0, 0.0].open_high) == (False, False)
 
 
@@ -193,8 +192,8 @@ def test_below_eight_pictures_no_interval_and_no_verdict(pictures: int) -> None:
     (answer,) = answers(rows({0.01: [0.9] * pictures, 0.1: [0.1] * pictures}), 0.6)
     assert answer.verdict == "cannot tell"
     assert (answer.low, answer.high, answer.recommended_low, answer.regret_95) == (None,) * 4
-    assert answer.windows_high_s == ((None, None),)
-    assert answer.sure_windows_s == ()
+    assert answer.windows_high_s == [[None, None]]
+    assert answer.sure_windows_s == []
     assert (answer.n_pictures, answer.few_pictures) == (pictures, True)
     assert answer.recommended_s == 0.01  # the best guess
 
@@ -254,7 +253,7 @@ def test_pictures_all_alike_are_not_certain(value: float, threshold: float, need
     0.05 at some 34 pictures."""
     (answer,) = answers(rows({0.01: [value] * 8, 0.1: [value] * 8}), threshold)
     assert answer.verdict == "cannot tell"
-    assert answer.sure_windows_s == ()
+    assert answer.sure_windows_s == []
     assert stats.beta(0.25, needed).ppf(0.975) == pytest.approx(0.05 / max(value, 1 - value), rel=0.04)
     assert answer.pictures_to_tell == pytest.approx(needed, abs=1)
     (answer,) = answers(rows({0.01: [value] * 40, 0.1: [value] * 40}), threshold)
@@ -341,7 +340,7 @@ def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
         1.0: spread(0.3, 0.05, 9),
     }
     (answer,) = answers(rows(curve), 0.6)
-    row = flat(answer.row())
+    row = flat(answer)
     assert row["n_windows"] == 2
     assert row["window_from_s"] == answer.windows_s[1][0]
     ends = [row[f"window_{end}_s"] for end in ("from_low", "from", "from_high", "to_low", "to", "to_high")]

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.crossings import Curve
-from blurnoise_eval.answers.curves import endurances
-from blurnoise_eval.answers.exposure_window import Answer, answers
+from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.table import ScoreTable
-from made_tables import tables
+from made_tables import Named, answers, endurances, tables
 from plans import OWN
 
 KEEP = Criterion(0.9, kept=True)
@@ -57,7 +55,7 @@ def test_a_picture_that_was_not_known_counts_by_what_is_found() -> None:
     assert curve.influence[-1, 0] == pytest.approx(8 * (curve.mean[0] - 4.8 / 6.4))
 
 
-def answer(kept: dict[float, list[float]], known: float = 0.5) -> Answer:
+def answer(kept: dict[float, list[float]], known: float = 0.5) -> Named:
     """Of pictures with one target each, what each keeps."""
     clean = {(f"p{place}", 0): known for place in range(len(next(iter(kept.values()))))}
     seen = {
@@ -91,7 +89,7 @@ def test_of_equals_the_shortest_is_the_best() -> None:
 
 def test_there_is_a_best_where_nothing_works() -> None:
     found = answer({0.01: [0.3] * 40, 0.02: [0.5] * 40, 0.04: [0.1] * 40})
-    assert (found.verdict, found.recommended_s, found.windows_s) == ("no exposure works", None, ())
+    assert (found.verdict, found.recommended_s, found.windows_s) == ("no exposure works", None, [])
     assert (found.best_s, found.best_value) == (0.02, pytest.approx(0.5))
     assert found.best_low is not None
     assert found.best_low < 0.5 < (found.best_high or 0)

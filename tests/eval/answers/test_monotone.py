@@ -7,10 +7,9 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.table import ScoreTable
-from made_tables import over, table
+from made_tables import answers, over, table
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 

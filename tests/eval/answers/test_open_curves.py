@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.crossings import Curve
-from blurnoise_eval.answers.exposure_window import answers
-from made_tables import table
+from blurnoise_eval.answers.curves import Curve
+from made_tables import answers, table
 
 X = tuple((0.001 * 2.0 ** np.linspace(0, 6, 13)).tolist())
 _DRAWN = np.random.default_rng(3).uniform(-0.2, 0.2, (30, 1)) + np.linspace(0.4, 0.8, 13)

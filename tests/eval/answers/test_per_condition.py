@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.answers.per_condition import PICTURES, performance, score_rows
+from blurnoise_eval.answers.per_condition import PICTURES, Scored, asked, numbered, performance, scored
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
+from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from pycocotools.coco import COCO
@@ -39,6 +40,14 @@ class Judge:
         return {
             score.name: score.estimate(judged).value for score in table.of_conditions() if score.name in own
         }
+
+
+def score_rows(
+    store: Store, truth: Truth | None, cluster: str | None = None, moves: Any = lambda row: (None, None)
+) -> list[Scored]:
+    """The scores of model m."""
+    clusters = numbered(queries.pictures_seen(store), cluster)
+    return list(scored(store, asked(store, ["m"], clusters), lambda _: truth, moves, clusters))
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -255,18 +264,16 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([cell("p", right, 0.8), cell("q", nothing, None)])
         store.add([cell("p", nothing, None, "it threw", **at), cell("q", right, None, **at)])
-        told: list[int] = []
-        clean, exposed = (each.row for each in score_rows(store, ["m"], lambda _: truth, told.append))
-        asked: list[Any] = []
+        clean, exposed = (each.row for each in score_rows(store, truth))
+        moved: list[Any] = []
 
         def moves(row: Any) -> tuple[None, None]:
-            asked.append(dict(row))
+            moved.append(dict(row))
             return None, None
 
-        moving = score_rows(store, ["m"], lambda _: truth, moves=moves)
+        moving = score_rows(store, truth, moves=moves)
         assert [each.row for each in moving] == [clean, exposed]
-        assert [row["exposure_s"] for row in asked] == [0.01]  # untouched pictures do not move
-    assert told == [1, 1]
+        assert [row["exposure_s"] for row in moved] == [0.01]  # untouched pictures do not move
     shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", *PICTURES)
     columns = [f"{score.name}{end}" for score in table.of_conditions() for end in ("", "_low", "_high")]
     assert tuple(clean) == tuple(exposed) == (*shared, *columns)
@@ -299,9 +306,9 @@ def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
             cells.append(CellResult(shared, rows, detections))
     with Store(tmp_path, create=True) as store:
         store.add(cells)
-        ((row, whole, *_),) = score_rows(store, ["m"], lambda _: truth)
-        ((few, *_),) = score_rows(store, ["m"], lambda _: truth, cluster=r"(\d)\.jpg$")
-        ((one, *_),) = score_rows(store, ["m"], lambda _: truth, cluster="jpg")
+        ((row, whole, *_),) = score_rows(store, truth)
+        ((few, *_),) = score_rows(store, truth, cluster=r"(\d)\.jpg$")
+        ((one, *_),) = score_rows(store, truth, cluster="jpg")
     sums, counts = [np.array([f(confidence[name]) for name in sorted(found)]) for f in (np.sum, len)]
     expected = uncertainty.of_level(sums.sum() / counts.sum(), estimates.influence(sums, counts))
     np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
@@ -332,7 +339,7 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
     with Store(tmp_path, create=True) as store:
         store.add([CellResult(shared, rows, nothing)])
-        ((row, exact, *_),) = score_rows(store, ["m"], lambda _: None)
+        ((row, exact, *_),) = score_rows(store, None)
     assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
@@ -346,5 +353,5 @@ def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with Store(tmp_path, create=True) as store:
         cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
         store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
-        ((row, *_),) = score_rows(store, ["m"], lambda model: None)
+        ((row, *_),) = score_rows(store, None)
     assert row["alarms"] == 7.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.answers.crossings import Curve
+from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.table import Sized, tables_by_size
 from blurnoise_eval.scoring.estimates import Estimate, left_out
 from plans import OWN

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, place_of
 from blurnoise_eval.deciding.on_lines import predicted_table
@@ -20,7 +19,7 @@ from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.score_tables import score_tables
-from made_tables import table
+from made_tables import answers, table
 from numpy.typing import NDArray
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector
 

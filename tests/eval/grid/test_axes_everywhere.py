@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import endurances, endurances_across
-from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VELOCITY
@@ -26,7 +24,7 @@ from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.coco_export import write_detections
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from made_tables import tables
+from made_tables import answers, endurances, endurances_across, tables
 from plans import IMX250
 
 MOST = 48  # conditions of a grid
@@ -165,7 +163,9 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[s
     assert len({tuple(answer.at.values()) for answer in told}) == len(told)
 
     curves = [curve for each in found for curve in endurances(each, Criterion(0.5, kept=False))]
-    curves += [curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))]
+    curves += [
+        curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))
+    ]
     for axis in ("exposure_s", *SETTING):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails

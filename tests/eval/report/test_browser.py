@@ -119,7 +119,6 @@ def looked_at(page: Path, folder: Path) -> dict[int, dict[str, Any]]:
 @pytest.fixture
 def page_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pages, "FIGURES", {})
-    monkeypatch.setattr(pages, "COMPARISONS", {})
 
 
 @pytest.mark.slow

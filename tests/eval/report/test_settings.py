@@ -46,11 +46,11 @@ def test_what_else_varies_is_named_everywhere(tmp_path: Path) -> None:
     for at, (_, cells) in zip(settings.every, rows, strict=True):
         own = [a for a in data.answers if a["group"] == "stop sign 100 px" and settings.of(a) == at]
         told = [a["windows_s"] and words.confidence_text(a) for a in own]
-        assert [cell["confidence"] or [] for cell in cells] == told
+        assert [cell["windows_s"] and words.confidence_text(cell) for cell in cells] == told
     failing = tables.failures(data, ["stop sign 100 px"])[0]["rows"]
     assert [text for text, _ in failing] == [text for text, _ in rows]
     curve = next(c for c in data.endurances if c["axis"] == "blur_px" and settings.of(c) == settings.every[5])
-    assert failing[5][1][0]["text"] == words.failure_text(curve)
+    assert failing[5][1][0] == words.failure_texts(curve)
 
 
 def test_settings_without_an_axis_are_those_of_the_others(tmp_path: Path) -> None:
@@ -63,9 +63,9 @@ def test_settings_without_an_axis_are_those_of_the_others(tmp_path: Path) -> Non
 
 def test_only_what_stands_elsewhere_than_usual_is_special(tmp_path: Path) -> None:
     settings = made_run(tmp_path, f_numbers=(2.8,), temperatures_c=(85.0,), n_examples=0).settings
-    assert settings.special_text({"f_number": 2.8}) == "85 °C"
-    assert settings.special_text({"f_number": 1.4}) == "85 °C · f/2.8"
-    assert settings.special_text({}) == "85 °C"  # a camera that does not say where it stands
+    assert settings.held_text({"f_number": 2.8}) == "85 °C"
+    assert settings.held_text({"f_number": 1.4}) == "85 °C · f/2.8"
+    assert settings.held_text({}) == "85 °C"  # a camera that does not say where it stands
 
 
 def test_no_rows_have_no_settings() -> None:
