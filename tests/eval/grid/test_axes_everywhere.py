@@ -163,9 +163,7 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[s
     assert len({tuple(answer.at.values()) for answer in told}) == len(told)
 
     curves = [curve for each in found for curve in endurances(each, Criterion(0.5, kept=False))]
-    curves += [
-        curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))
-    ]
+    curves += [curve for each in found for curve in endurances_across(each, Criterion(0.5, kept=False))]
     for axis in ("exposure_s", *SETTING):
         over = [curve for curve in curves if curve.axis == axis]
         several = len(plan.values(axis)) > 1 and axis_of(axis).fails
