@@ -19,10 +19,11 @@ from blurnoise.light.conditions import Conditions, Number
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
 from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics import radiometry
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
-from blurnoise.sensor import mosaic, stages
+from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
 TOLERANCE_DN = 0.1
@@ -92,7 +93,7 @@ def plan(
     limited("tolerance_dn", tolerance_dn)
     temperature = limited("temperature_c", temperature_c)
     white_e = photoelectrons(camera, illuminance_lux, exposure_s, illuminant)
-    white_e *= mosaic.peak(camera, illuminant)
+    white_e *= radiometry.peak(camera, illuminant)
     moved = real_tensor("displacement_px", displacement_px)
     if moved.shape != (2,):
         raise ValueError(f"displacement_px = {shown(displacement_px)}: must be two numbers (x, y)")

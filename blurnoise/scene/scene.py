@@ -25,6 +25,7 @@ from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics import radiometry
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding, linear_from_srgb
 from blurnoise.optics.spectra import Curve, check_illuminant
@@ -34,7 +35,6 @@ from blurnoise.scene.exposure import MOVES as MOVES
 from blurnoise.scene.exposure import Exposure as Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
-from blurnoise.sensor import mosaic
 from blurnoise.sensor.readout import Fidelity, ReadoutOptions, digitised
 
 _FIELDS = 2  # noise fields that a scene keeps
@@ -114,12 +114,12 @@ class ExposedScene:
         for item, one in enumerate(at.each()):
             needs = Plan((), at.camera) if asked else self._plan(one, self._brightest[item])
             alike.setdefault(needs, []).append(item)
-        planes = mosaic.planes(at.camera, self.light.shape[1])
+        planes = radiometry.planes(at.camera, self.light.shape[1])
         out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
         for needs, of in alike.items():
             every = len(alike) == 1
             light, some = (self.light, at) if every else (self.light[of], at.part(of))
-            sensed = mosaic.on_sensor(self._through(light, some, needs), needs.camera, self.illuminant)
+            sensed = radiometry.on_sensor(self._through(light, some, needs), needs.camera, self.illuminant)
             options = replace(
                 self._readout(needs, [seeds[item] for item in of]),
                 noise=noise and needs.noisy,
@@ -147,7 +147,7 @@ class ExposedScene:
             points = [at for _, at in group]
             if alike.light not in after_effects:
                 after_effects[alike.light] = self._through(self.light, points[0], alike.needs)
-            sensed = mosaic.on_sensor(after_effects[alike.light], alike.needs.camera, self.illuminant)
+            sensed = radiometry.on_sensor(after_effects[alike.light], alike.needs.camera, self.illuminant)
             pictures = self._developed(sensed, alike, points)
             simulate_ms = 1e3 * (time.perf_counter() - started) / len(points)
             yield from (Frame(picture, simulate_ms) for picture in pictures)
@@ -181,7 +181,7 @@ class ExposedScene:
         """Plan for a picture with this light, whose errors gain and colour matrix magnify later."""
         if self.fidelity == "full":
             return Plan((), one.camera)
-        brightest *= mosaic.peak(one.camera, self.illuminant)
+        brightest *= radiometry.peak(one.camera, self.illuminant)
         lit = one if brightest == 1.0 else replace(one, white_e=one.white_e * brightest)
         return plan_at(lit, self.tolerance_dn / magnified)
 
@@ -229,7 +229,7 @@ class ExposedScene:
         camera, pattern = needs.camera, None
         if camera.prnu or camera.dsnu_e:
             _, colours, *size = self.light.shape
-            pattern = camera.fixed_pattern((mosaic.planes(camera, colours), *size), self.pattern_seed)
+            pattern = camera.fixed_pattern((radiometry.planes(camera, colours), *size), self.pattern_seed)
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:

@@ -19,9 +19,8 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, limited, one_of, shown
-from blurnoise.motion.causes import LONGEST_SHAKE, path_duration_s, shake
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
-from blurnoise.motion.trajectory import Trajectory
+from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene.exposure import MOVES, Moves

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blurnoise.motion.causes import from_rates, from_text, shake
+from blurnoise.motion.trajectory import from_rates, from_text, shake
 
 FOCAL_PX = 1662.77  # 1920 px over 60 degrees
 

@@ -15,8 +15,7 @@ from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.convolution import path_blur
 from blurnoise.blur.path_otf import spread_in
-from blurnoise.motion.causes import shake
-from blurnoise.motion.trajectory import Polyline
+from blurnoise.motion.trajectory import Polyline, shake
 from blurnoise.optics.transfer import Optics
 
 CAMERA = Camera.preset("imx250")

@@ -12,8 +12,7 @@ from path_oracle import accelerated, polyline_grid, vibration
 
 from blurnoise import Trajectory
 from blurnoise.blur import fourier, path_otf
-from blurnoise.motion.causes import shake
-from blurnoise.motion.trajectory import simplified
+from blurnoise.motion.trajectory import shake, simplified
 from blurnoise.optics import transfer
 
 FX, FY = np.fft.rfftfreq(16), np.fft.fftfreq(14)

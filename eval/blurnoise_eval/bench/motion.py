@@ -22,8 +22,8 @@ from torch import Tensor
 from blurnoise import Camera, Layer, motion_blur
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
-from blurnoise.motion.causes import shake
 from blurnoise.motion.ego import Vehicle, View
+from blurnoise.motion.trajectory import shake
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.bench import scenes
 from blurnoise_eval.bench.contest import Case, Contender, Contest

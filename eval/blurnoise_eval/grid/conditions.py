@@ -184,7 +184,7 @@ class SweepPlan:
     value, or one that is not allowed on its axis.
     auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
     what moves where not all of a picture does, and the boxes that are the truth.
-    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.motion.causes` has it. A shake is each
+    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each
     picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, the usual one if none is stated.
     only: conditions that are computed in place of the grid's, such as more exposures of some lights and speeds.

@@ -8,8 +8,7 @@ from pathlib import Path
 
 from blurnoise._core.checks import in_range, limited, shown
 from blurnoise._core.files import read_text
-from blurnoise.motion.causes import from_text, path_duration_s, shake
-from blurnoise.motion.trajectory import Trajectory
+from blurnoise.motion.trajectory import Trajectory, from_text, path_duration_s, shake
 from blurnoise.optics.camera import Camera
 
 _FORMS = "must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"

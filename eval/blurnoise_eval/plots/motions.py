@@ -14,9 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise.motion.causes import path_duration_s, shake
 from blurnoise.motion.ego import Vehicle, View
-from blurnoise.motion.trajectory import Trajectory
+from blurnoise.motion.trajectory import Trajectory, path_duration_s, shake
 from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene import cutting

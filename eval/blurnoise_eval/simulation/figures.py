@@ -14,13 +14,12 @@ from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.light.conditions import middle_of
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera, Capture, windows
-from blurnoise.optics.radiometry import dark_electrons, filter_electrons, photoelectrons
+from blurnoise.optics.radiometry import dark_electrons, filter_electrons, outside_share, photoelectrons
 from blurnoise.optics.spectra import Curve
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.plan import Plan
-from blurnoise.sensor.mosaic import outside_share
 from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
 from blurnoise_eval.grid.scene_file import SceneFile
 

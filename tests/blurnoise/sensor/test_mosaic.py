@@ -11,12 +11,12 @@ import torch
 from blurnoise_eval.sweep.three_sensors import behind_generic_filters
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
+from blurnoise.optics import radiometry
 from blurnoise.optics.colour import FilterCurves, inverse
 from blurnoise.optics.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification
 from blurnoise.scene import scene as exposure_module
-from blurnoise.sensor import mosaic
 
 IMX250 = Camera.preset("imx250")
 IMX250C = Camera.preset("imx250c")
@@ -37,7 +37,7 @@ def light(height: int = 15, width: int = 21, count: int = 2) -> torch.Tensor:
 @pytest.mark.parametrize("cfa", ["RGGB", "GRBG", "GBRG", "BGGR"])
 def test_each_pixel_keeps_its_filters_colour(cfa: str) -> None:
     """Written out pixel by pixel; odd sides."""
-    seen, picture = mosaic.on_sensor(light(), camera(cfa)), light()
+    seen, picture = radiometry.on_sensor(light(), camera(cfa)), light()
     assert seen.shape == (2, 1, 15, 21)
     share = {"R": 0.3 / 0.5, "G": 1.0, "B": 0.2 / 0.5}
     for y in range(15):
@@ -49,9 +49,9 @@ def test_each_pixel_keeps_its_filters_colour(cfa: str) -> None:
 
 def test_a_shifted_picture_is_seen_through_the_shifted_pattern() -> None:
     """By one column RGGB is GRBG, by one row GBRG, by both BGGR."""
-    seen = mosaic.on_sensor(light(), camera("RGGB"))
+    seen = radiometry.on_sensor(light(), camera("RGGB"))
     for cfa, (down, right) in {"GRBG": (0, 1), "GBRG": (1, 0), "BGGR": (1, 1)}.items():
-        shifted = mosaic.on_sensor(light()[..., down:, right:], camera(cfa))
+        shifted = radiometry.on_sensor(light()[..., down:, right:], camera(cfa))
         assert torch.equal(shifted, seen[..., down:, right:])
 
 
@@ -63,7 +63,7 @@ def test_white_gives_each_filter_its_electrons(cfa: str, illuminant: str) -> Non
     electrons = filter_electrons(taker, illuminant)
     expected = torch.tensor([electrons[letter] for letter in cfa]) / max(electrons.values())
     for channels in (1, 3):
-        seen = mosaic.on_sensor(torch.ones(1, channels, 4, 6), taker, illuminant)
+        seen = radiometry.on_sensor(torch.ones(1, channels, 4, 6), taker, illuminant)
         torch.testing.assert_close(seen[0, 0, :2, :2].flatten(), expected)
         dn = simulate(
             torch.ones(1, channels, 4, 6), taker, illuminant=illuminant, noise=False, quantised=False,
@@ -82,12 +82,14 @@ def test_colours_outside_the_cameras_are_no_light() -> None:
     assert inverse(taker.ccm)[0] == pytest.approx((0.5, 0.5, 0.0))
     wide = camera("RGGB", ccm=((0.5, 0.5, 0.0), *rows[1:]))  # its inverse: 2 R - G
     picture = torch.tensor([[0.2, 0.9, 0.1], [0.9, 0.2, 0.1]]).view(2, 3, 1, 1).expand(-1, -1, 4, 4)
-    seen = mosaic.on_sensor(picture, wide)
+    seen = radiometry.on_sensor(picture, wide)
     assert seen[:, 0, 0, 0].tolist() == pytest.approx([0.0, 1.6 * 0.6])
-    assert mosaic.outside_share(picture, wide) == 0.5
-    assert mosaic.outside_share(picture, taker) == mosaic.outside_share(picture, camera("RGGB")) == 0.0
-    assert mosaic.peak(wide) == pytest.approx(1.2)  # red 2 behind a filter of 0.6
-    assert mosaic.peak(IMX250) == 1.0
+    assert radiometry.outside_share(picture, wide) == 0.5
+    assert (
+        radiometry.outside_share(picture, taker) == radiometry.outside_share(picture, camera("RGGB")) == 0.0
+    )
+    assert radiometry.peak(wide) == pytest.approx(1.2)  # red 2 behind a filter of 0.6
+    assert radiometry.peak(IMX250) == 1.0
 
 
 def test_one_plane_of_colours() -> None:
@@ -96,10 +98,10 @@ def test_one_plane_of_colours() -> None:
     shares = torch.tensor(colour_shares(taker))
     assert float(shares.min()) > 0.2
     expected = torch.einsum("c,bchw->bhw", shares, light())[:, None]
-    torch.testing.assert_close(mosaic.on_sensor(light(), taker), expected)
-    torch.testing.assert_close(mosaic.on_sensor(light()[:, :1], taker), light()[:, :1])
+    torch.testing.assert_close(radiometry.on_sensor(light(), taker), expected)
+    torch.testing.assert_close(radiometry.on_sensor(light()[:, :1], taker), light()[:, :1])
     picture = light()
-    assert mosaic.on_sensor(picture, IMX250) is picture
+    assert radiometry.on_sensor(picture, IMX250) is picture
 
 
 @pytest.mark.parametrize("cfa", ["mono", "RGGB", "RCCC"])

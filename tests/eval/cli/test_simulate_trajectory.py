@@ -13,7 +13,7 @@ from blurnoise_eval.datasets import write_picture
 from commands import Output, main, pixels, told
 
 from blurnoise import Camera, Trajectory, simulate
-from blurnoise.motion.causes import from_text
+from blurnoise.motion.trajectory import from_text
 
 
 def native(path: Path) -> np.ndarray:

@@ -25,7 +25,7 @@ from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 
 from blurnoise import Exposure, mattes, simulate
-from blurnoise.motion import causes
+from blurnoise.motion import trajectory as paths
 from blurnoise.picture.develop import develop_8bit
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
@@ -45,7 +45,7 @@ def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
         first, other = (
             next(frames(Scene(picture), [Cell("a", 0, at, seed)], CAMERA, path=path)) for seed in (5, 6)
         )
-        shake = causes.shake(5, 9.0, 0.02)
+        shake = paths.shake(5, 9.0, 0.02)
         dn = simulate(
             torch.from_numpy(picture).permute(2, 0, 1)[None] / 255,
             CAMERA,
@@ -70,7 +70,7 @@ def test_targets_move_beside_the_shake_and_before_it() -> None:
         torch.rand(1, 3, 46, 63, generator=torch.Generator().manual_seed(2)), 5, 1, 2
     )
     cut = mattes.cut_out(light, [mattes.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
-    path = causes.shake(5, 9.0, 0.02)
+    path = paths.shake(5, 9.0, 0.02)
     taken = Exposure(CAMERA, 0.02, 100.0, (600.0, 0.0), seed=7, trajectory=path, moves="targets")
     (frame,) = CutScene(cut).frames([taken])
     dn = simulate(
