@@ -1,7 +1,7 @@
 """Development: digital numbers to a picture for viewing and for detectors, through all picture steps.
 
 Beside the formulas, two faster ways for whole numbers: a table of what they make of every digital number; and of
-mosaics on the CPU integers of 16 bits, with black at ``demosaic.OFFSET`` and ``demosaic.SCALE`` steps to full scale.
+mosaics on the CPU integers of 16 bits, with black at ``steps.OFFSET`` and ``steps.SCALE`` steps to full scale.
 Those are fine beside the steps of a converter of up to 12 bits, and keep noise below black until the tone curve;
 means of neighbours and matrices whose rows sum to 1 leave the offset. Both give the formulas' picture, to a few such.
 """
@@ -26,8 +26,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.spectra import Curve
 from blurnoise.picture import steps
-from blurnoise.picture.demosaic import OFFSET, SCALE, by_opencv, padded
-from blurnoise.picture.steps import Development, PictureStep
+from blurnoise.picture.steps import OFFSET, SCALE, Development, PictureStep, by_opencv, padded
 
 
 @no_torch_compile

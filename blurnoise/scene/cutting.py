@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, image_batch, in_range, picture_size
+from blurnoise._core.checks import an_instance, image_batch
 from blurnoise.blur.layers import Layer, reach_px
 
 Matte = NDArray[np.float32]
@@ -26,7 +26,6 @@ _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
 _BLED_PX = 2  # from an edge outwards, what is behind holds the object's
 AROUND_PX = 24  # around a hole, what it is filled from
 _LEAST = 1e-6  # share of a coarse pixel from which on it is known
-LARGEST_PX = 1e6
 
 
 class Cut(NamedTuple):
@@ -35,19 +34,6 @@ class Cut(NamedTuple):
     background: Tensor
     layers: tuple[Layer, ...]
     invented: NDArray[np.bool_]
-
-
-def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int]) -> Matte:
-    """Matte of a rectangle in a picture (H, W): the covered area of each pixel."""
-    size = picture_size("size", size)
-    spans = []
-    for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
-        in_range(f"box: {name}", start, -LARGEST_PX, LARGEST_PX)
-        in_range(f"box: {name}", length, 0.0, LARGEST_PX, above=True)
-        pixels = np.arange(most)
-        spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
-    across, down = spans
-    return np.asarray(down[:, None] * across, np.float32)
 
 
 def cut_out(
@@ -102,13 +88,9 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
     rows, columns = np.flatnonzero(matte.any(1)), np.flatnonzero(matte.any(0))
     box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     alpha = matte[box]
-    whole = cv2.copyMakeBorder((alpha >= 1).astype(np.uint8), *(_MIXED_PX,) * 4, cv2.BORDER_REPLICATE)
-    sides = (rows[0] == 0, rows[-1] + 1 == len(matte), columns[0] == 0, columns[-1] + 1 == matte.shape[1])
-    for side, edge in zip(((0,), (-1,), (slice(None), 0), (slice(None), -1)), sides, strict=True):
-        if not edge:  # there the object ends; at the picture's border it goes on
-            whole[side] = 0
-    sure = cv2.erode(whole, np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8), borderValue=1)
-    inside = sure[_MIXED_PX:-_MIXED_PX, _MIXED_PX:-_MIXED_PX] > 0
+    kernel = np.ones((2 * _MIXED_PX + 1,) * 2, np.uint8)
+    whole = (matte >= 1).astype(np.uint8)  # an object that the picture's border cuts goes on beyond it
+    inside = cv2.erode(whole, kernel, borderType=cv2.BORDER_REPLICATE)[box] > 0
     own = light[..., box[0], box[1]]
     colour = filled(own, ~inside & (alpha > 0)) if inside.any() else own
     place = (int(columns[0]), int(rows[0]))
@@ -171,9 +153,8 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     paths meet are one layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)
-    reach = [max(1, reach_px(along * exposure_s)) for along in velocity_px_s.detach().tolist()]
-    near = cv2.dilate(covered, np.ones((1, 2 * reach[0] + 1), np.uint8))
-    near = cv2.dilate(near, np.ones((2 * reach[1] + 1, 1), np.uint8))
+    across, down = [max(1, reach_px(along * exposure_s)) for along in velocity_px_s.detach().tolist()]
+    near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
     return cut_out(light, own, [velocity_px_s] * len(own))

@@ -51,14 +51,11 @@ class GreyAnchor:
             return ",".join(map(str, self.region_px))
         return "mean" if self.percentile is None else f"p{self.percentile:g}"
 
-    def anchored(self, light: Tensor) -> Tensor:
-        """Pictures (B, C, H, W) scaled so that the anchor is 0.18, each by itself.
+    def scale(self, picture: Tensor) -> float:
+        """Factor that makes the anchor of a picture (C, H, W) 0.18.
 
         Raises ``ValueError`` for a region outside the picture, and where the anchor is black.
         """
-        return torch.stack([picture * self._scale(picture) for picture in light])
-
-    def _scale(self, picture: Tensor) -> float:
         channels, height, width = picture.shape
         seen = picture.detach().cpu().numpy().astype(float)
         if self.region_px is not None:
@@ -75,8 +72,11 @@ class GreyAnchor:
 
 
 def anchored(light: Tensor, grey_anchor: str | None) -> Tensor:
-    """Pictures scaled so that ``grey_anchor`` is 18 % reflectance; None: unchanged."""
-    return light if grey_anchor is None else GreyAnchor.parse(grey_anchor).anchored(light)
+    """Pictures (B, C, H, W), each scaled so that its ``grey_anchor`` is 18 % reflectance; None: unchanged."""
+    if grey_anchor is None:
+        return light
+    anchor = GreyAnchor.parse(grey_anchor)
+    return torch.stack([picture * anchor.scale(picture) for picture in light])
 
 
 _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for rounding stays whole

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
+from functools import lru_cache
 from itertools import groupby
 from typing import Any, NamedTuple
 
@@ -78,8 +77,7 @@ class ExposedScene:
         check_illuminant(self.illuminant)
         integer("pattern_seed", self.pattern_seed, 0, rng.LAST_SEED)
         limited("tolerance_dn", self.tolerance_dn)
-        self._fields: OrderedDict[tuple[int, str, int], Tensor] = OrderedDict()
-        self._lock = threading.Lock()
+        self._field = lru_cache(_FIELDS)(self._noise_field)
 
     @classmethod
     def of_picture(
@@ -159,15 +157,13 @@ class ExposedScene:
     def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
         camera, digital_db = exposure.amplified
         velocity, objects = self.motions(exposure)
+        same = ("exposure_s", "illuminance_lux", "temperature_c", "trajectory")
         at = Conditions.of(
             self.light,
             camera,
-            exposure_s=exposure.exposure_s,
-            illuminance_lux=exposure.illuminance_lux,
+            **{name: getattr(exposure, name) for name in same},
             velocity_px_s=velocity,
-            temperature_c=exposure.temperature_c,
             illuminant=self.illuminant,
-            trajectory=exposure.trajectory,
             objects=(objects,) if objects else (),
         )
         (one,) = at.each()
@@ -232,15 +228,12 @@ class ExposedScene:
             pattern = camera.fixed_pattern((radiometry.planes(camera, colours), *size), self.pattern_seed)
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
+    def _noise_field(self, seed: int, stream: str, planes: int) -> Tensor:
+        return rng.standard_normal([seed], self.light[:1, :1].expand(-1, planes, -1, -1), stream)
+
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
         """``rng.standard_normal`` of one seed for all items; the last ``_FIELDS`` are kept."""
-        key = (seeds[0], stream, like.shape[1])
-        with self._lock:
-            if key not in self._fields:
-                self._fields[key] = rng.standard_normal(seeds[:1], like[:1], stream)
-                while len(self._fields) > _FIELDS:
-                    self._fields.popitem(last=False)
-            return self._fields[key].expand(like.shape)
+        return self._field(seeds[0], stream, like.shape[1]).expand(like.shape)
 
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:

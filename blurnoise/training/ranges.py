@@ -11,6 +11,7 @@ import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Real
 from typing import Any, Literal
 
@@ -148,97 +149,88 @@ class ExposureRanges(Draws):
             raise ValueError(
                 f"moves = {self.moves!r}: with ego_kmh objects drive along; must be 'all' or 'background'"
             )
-        for what, most, limit in self._reached():
-            if not most <= LIMITS[limit].high:
-                raise ValueError(f"{what} = {most:.6g}; must be <= {LIMITS[limit].high:g}")
+        for reached in self._reached():
+            limited(*reached)
         shortest, _ = checked["exposure_s"]
-        for camera in cameras:
-            if self.shaken and path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
+        for camera in cameras if "shake_px" in self._drawn else ():
+            if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
                 raise ValueError(
                     f"exposure_s = {shortest:g}: too short for a shake over the readout of {camera.name!r}"
                 )
 
     def _reached(self) -> Iterator[tuple[str, float, str]]:
         """Quantities that follow from several ranges: name, largest value, and the name of the limit."""
-        shortest, longest = self._bounds("exposure_s")
+        most = {name: vars(self)[name][1] for name in self._drawn[: len(DRAWN)]}
+        shortest, longest = vars(self)["exposure_s"]
         moved, within = "the motion during the exposure in px", f"within {shortest:g} s asks for"
-        if self.white_e is not None:
+        if "white_e" in most:
             least_e = min(map(electrons_per_lux_s, self.cameras)) * shortest
-            lux = self._bounds("white_e")[1] / least_e if least_e > 0 else math.inf
+            lux = most["white_e"] / least_e if least_e > 0 else math.inf
             yield f"white_e = {self.white_e}: {within} illuminance_lux", lux, "illuminance_lux"
-        if self.blur_px is not None:
-            speed = self._bounds("blur_px")[1] / shortest
-            yield f"blur_px = {self.blur_px}: {within} speed_px_s", speed, "speed_px_s"
-        elif self.ego_kmh is None:
-            _, fastest = self._bounds("speed_px_s")
-            both = f"exposure_s, speed_px_s = {longest:g}, {fastest:g} at most"
-            yield f"{both}: {moved}", longest * fastest, "displacement_px"
+        if "blur_px" in most:
+            yield f"blur_px = {self.blur_px}: {within} speed_px_s", most["blur_px"] / shortest, "speed_px_s"
+        elif "speed_px_s" in most:
+            both = f"exposure_s, speed_px_s = {longest:g}, {most['speed_px_s']:g} at most"
+            yield f"{both}: {moved}", longest * most["speed_px_s"], "displacement_px"
         else:
-            _, fastest = self._bounds("ego_kmh")
-            both = f"ego_kmh, exposure_s = {fastest:g}, {longest:g} at most"
+            both = f"ego_kmh, exposure_s = {most['ego_kmh']:g}, {longest:g} at most"
             for camera in self.cameras:
                 height, width = camera.field.size
                 edges = np.array([[0, (width - 1) / 2, width - 1] * 2, [0] * 3 + [height - 1] * 3])
-                flow = self.vehicle.flow_at(edges, camera, (height, width), fastest / 3.6)
+                flow = self.vehicle.flow_at(edges, camera, (height, width), most["ego_kmh"] / 3.6)
                 far = float(np.abs(flow).max()) * longest
                 yield f"{both}: {moved}, before {camera.name!r},", far, "displacement_px"
 
-    def _bounds(self, name: str) -> tuple[float, float]:
-        bounds: tuple[float, float] = getattr(self, name)  # as checked
-        return bounds
-
-    @property
-    def shaken(self) -> bool:
-        """Whether any picture is shaken."""
-        return self._bounds("shake_px")[1] > 0
+    @cached_property
+    def _drawn(self) -> tuple[str, ...]:
+        """What is drawn for each picture: the ranges of ``DRAWN``, or those in their place, and what else varies."""
+        instead = {_INSTEAD[name]: name for name in _INSTEAD if vars(self)[name] is not None}
+        further = {
+            "camera_index": True,
+            "gain_db": isinstance(self.gain_db, tuple),
+            "shake_px": vars(self)["shake_px"][1] > 0,
+            "moves_index": len(self.moves) > 1,
+        }
+        beside = (name for name, varies in further.items() if varies)
+        return (*(instead.get(name, name) for name in DRAWN), *beside)
 
     @property
     def draws(self) -> int:
         """As of all :class:`Draws`."""
-        return len(DRAWN) + 1 + isinstance(self.gain_db, tuple) + self.shaken + (len(self.moves) > 1)
+        return len(self._drawn)
 
     def conditions(self, uniform: Tensor) -> Params:
         """As of all :class:`Draws`."""
-        shares = iter(uniform.unbind(-1))
-        drawn = {name: self._drawn(self._source(name), next(shares)) for name in DRAWN}
-        index = chosen(next(shares), len(self.cameras))
-        exposure_s = drawn["exposure_s"]
-        if self.white_e is not None:
+        drawn = {}
+        for name, share in zip(self._drawn, uniform.unbind(-1), strict=True):
+            if name in ("camera_index", "moves_index"):
+                drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
+                continue
+            low, high = vars(self)[name]
+            value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
+            drawn[name] = value.clamp(low, high)
+        exposure_s, index = drawn["exposure_s"], drawn["camera_index"]
+        if "white_e" in drawn:
             each_e = exposure_s.new_tensor([electrons_per_lux_s(camera) for camera in self.cameras])
-            lux = drawn["illuminance_lux"] / (each_e[index] * exposure_s)
+            lux = drawn.pop("white_e") / (each_e[index] * exposure_s)
             drawn["illuminance_lux"] = lux.clamp_max(LIMITS["illuminance_lux"].high)
-        if self.ego_kmh is not None:
-            drawn["ego_kmh"], drawn["speed_px_s"] = drawn["speed_px_s"], torch.zeros_like(exposure_s)
-        if self.blur_px is not None:
-            drawn["speed_px_s"] = (drawn["speed_px_s"] / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
-        if isinstance(self.gain_db, tuple):
-            drawn["gain_db"] = self._drawn("gain_db", next(shares))
-        if self.shaken:
-            drawn["shake_px"] = self._drawn("shake_px", next(shares))
-        if len(self.moves) > 1:
-            drawn["moves_index"] = chosen(next(shares), len(self.moves))
-        elif self.moves != ("all",):
-            drawn["moves_index"] = torch.zeros_like(index)
-        return {**drawn, "camera_index": index}
-
-    def _source(self, condition: str) -> str:
-        """The range that a condition is drawn from: its own, or the one in its place."""
-        instead = (name for name, of in _INSTEAD.items() if of == condition)
-        return next((name for name in instead if getattr(self, name) is not None), condition)
-
-    def _drawn(self, name: str, share: Tensor) -> Tensor:
-        low, high = self._bounds(name)
-        value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
-        return value.clamp(low, high)
+        if "blur_px" in drawn:
+            drawn["speed_px_s"] = (drawn.pop("blur_px") / exposure_s).clamp_max(LIMITS["speed_px_s"].high)
+        if "ego_kmh" in drawn:
+            drawn["speed_px_s"] = torch.zeros_like(exposure_s)
+        if self.moves != ("all",):
+            drawn.setdefault("moves_index", torch.zeros_like(index))
+        return drawn
 
     def __str__(self) -> str:
         cameras = ", ".join(camera.name for camera in self.cameras)
         further = {
-            "shake_px": self.shaken,
+            "shake_px": "shake_px" in self._drawn,
             "moves": self.moves != ("all",),
             "vehicle": self.ego_kmh is not None,
         }
-        named = [*map(self._source, DRAWN), "gain_db", *(name for name, used in further.items() if used)]
+        shown_too = (name for name, used in further.items() if used)
+        named = (*self._drawn[: len(DRAWN)], "gain_db", *shown_too)
         return ", ".join([f"camera=({cameras})", *(f"{name}={getattr(self, name)}" for name in named)])
 
 

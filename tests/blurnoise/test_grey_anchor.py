@@ -11,7 +11,7 @@ from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
 
 from blurnoise import Camera, ExposedScene, simulate
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
-from blurnoise.scene.metering import GreyAnchor
+from blurnoise.scene.metering import GreyAnchor, anchored
 
 CAMERA = Camera.preset("imx250")
 ANCHORS = ["mean", "p50", "p99.5", "12,5,40,30"]
@@ -42,7 +42,7 @@ def test_a_scene_photographed_darker_gives_the_same_frame(anchor: str, stops: in
     decoding at white, in light; of the darker picture 2^stops of that; times the anchor's own scale.
     """
     bright, dark = (mean_frame(photograph(each), grey_anchor=anchor) for each in (0, stops))
-    scale = GreyAnchor.parse(anchor)._scale(scene()[0])
+    scale = GreyAnchor.parse(anchor).scale(scene()[0])
     white_dn = float(mean_frame(torch.ones(1, 3, 4, 4)).mean()) - CAMERA.black_level_dn
     rounding_dn = 2.4 / 510 * (1 + 2**stops) * scale * white_dn
     assert float((bright - dark).abs().max()) < rounding_dn
@@ -60,15 +60,15 @@ def test_what_is_anchored_is_18_percent() -> None:
         ("p90", luminance.flatten().sort().values[round(0.9 * (luminance.numel() - 1))]),
         ("12,5,40,30", luminance[5:30, 12:40].mean()),
     ):
-        found = GreyAnchor.parse(anchor).anchored(light)
+        found = anchored(light, anchor)
         torch.testing.assert_close(found, light * 0.18 / grey, rtol=1e-3, atol=0)
-    grey_only = GreyAnchor.parse("mean").anchored(light[:, :1])
+    grey_only = anchored(light[:, :1], "mean")
     assert float(grey_only.mean()) == pytest.approx(0.18)
 
 
 def test_each_picture_is_anchored_by_itself() -> None:
     pair = torch.cat([scene(), scene() / 8])
-    both = GreyAnchor().anchored(pair)
+    both = anchored(pair, "mean")
     torch.testing.assert_close(both[0], both[1])
     given = {"grey_anchor": "mean", "encoding": "linear", "fidelity": "auto", "generator": [3, 3]}
     together = simulate(pair, CAMERA, **CONDITIONS, **given)  # type: ignore[arg-type]
@@ -80,9 +80,9 @@ def test_more_than_white_stays_and_is_told() -> None:
     """A lamp of 20 times white is 20 times as many electrons, not white's; and auto leaves out nothing of it."""
     light = torch.full((1, 1, 40, 60), 0.05, dtype=torch.float64)
     light[..., 10:20, 20:40] = 1.0
-    anchored = GreyAnchor.parse("0,0,10,40").anchored(light)
-    assert float(anchored.max()) == pytest.approx(3.6)
-    assert share_above_white(anchored) == pytest.approx(200 / 2400)
+    found = anchored(light, "0,0,10,40")
+    assert float(found.max()) == pytest.approx(3.6)
+    assert share_above_white(found) == pytest.approx(200 / 2400)
     given = {"exposure_s": 1e-4, "illuminance_lux": 60.0, "encoding": "linear", "grey_anchor": "0,0,10,40"}
     frame = mean_frame(light, **given) - CAMERA.black_level_dn
     white = mean_frame(torch.ones(1, 1, 4, 4), **(given | {"grey_anchor": None})) - CAMERA.black_level_dn
@@ -95,7 +95,7 @@ def test_more_than_white_stays_and_is_told() -> None:
 def test_a_picture_of_codes_is_anchored_as_light_is() -> None:
     coded = (photograph(2)[0].permute(1, 2, 0) * 255).round().byte().numpy()
     scene_ = ExposedScene.of_picture(coded, "p50")
-    expected = GreyAnchor.parse("p50").anchored(linear_from_srgb(photograph(2).float()))
+    expected = anchored(linear_from_srgb(photograph(2).float()), "p50")
     torch.testing.assert_close(scene_.light, expected, rtol=1e-5, atol=1e-7)
 
 

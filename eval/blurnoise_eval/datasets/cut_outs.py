@@ -193,7 +193,7 @@ def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
                 return matte
     x0, y0, x1, y1 = target.box_xyxy
     if how == "box" or target.text is not None:
-        return cutting.of_box(x0, y0, x1 - x0, y1 - y0, size)
+        return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
     return segmentation.of_object_in(image8, target.box_xyxy)
 
 

@@ -14,15 +14,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import an_instance, integer, picture_size, shown
-from blurnoise.scene.cutting import AROUND_PX, LARGEST_PX, Matte, of_box
+from blurnoise._core.checks import an_instance, in_range, integer, picture_size, shown
+from blurnoise.scene.cutting import AROUND_PX, Matte
 
+LARGEST_PX = 1e6
 _FINER = 8  # pixels of a polygon's mask along one of the picture's
 _CUT_PX = 160  # longest side of what GrabCut works on: its time goes with the pixels
 _AROUND_BOX = 0.25  # of a box's sides, what is looked at around it
 _CUTS = 3  # rounds of GrabCut
 _FEWEST_PIXELS = 64  # of object and of background, to know their colours
 _REACHES = 0.9  # of a box's area, what the upright hull of its object has at least
+
+
+def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int]) -> Matte:
+    """Matte of a rectangle in a picture (H, W): the covered area of each pixel."""
+    size = picture_size("size", size)
+    spans = []
+    for name, start, length, most in (("x, width", x, width, size[1]), ("y, height", y, height, size[0])):
+        in_range(f"box: {name}", start, -LARGEST_PX, LARGEST_PX)
+        in_range(f"box: {name}", length, 0.0, LARGEST_PX, above=True)
+        pixels = np.arange(most)
+        spans.append(np.clip(np.minimum(start + length, pixels + 1) - np.maximum(start, pixels), 0, 1))
+    across, down = spans
+    return np.asarray(down[:, None] * across, np.float32)
 
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:

@@ -18,9 +18,10 @@ from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import Trajectory, path_duration_s, shake
 from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
-from blurnoise.scene import cutting
+from blurnoise.scene.cutting import Matte
 from blurnoise.scene.scene import simulate
 from blurnoise.training.expose import expose_pictures
+from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.plots.gallery import Tile, as_shown
 from blurnoise_eval.plots.speed_bumps import speed_bump
 
@@ -57,15 +58,15 @@ KINDS = (
 )
 
 
-def middle_box(size: tuple[int, int]) -> cutting.Matte:
+def middle_box(size: tuple[int, int]) -> Matte:
     """The matte of a box in the middle of a picture (H, W), a third of it wide and high."""
     height, width = size
-    return cutting.of_box(width / 3, height / 3, width / 3, height / 3, size)
+    return segmentation.of_box(width / 3, height / 3, width / 3, height / 3, size)
 
 
 def tiles(
     coded: NDArray[np.float32],
-    matte: cutting.Matte,
+    matte: Matte,
     camera: Camera,
     *,
     exposure_s: float,

@@ -23,7 +23,7 @@ from blurnoise.scene.cutting import Cut, Matte
 from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.scene import scene_reflectance
-from blurnoise_eval.datasets import decode, decode_linear
+from blurnoise_eval.datasets import decode, decode_linear, segmentation
 from blurnoise_eval.grid.objects import Crossing
 from blurnoise_eval.grid.scene_file import SceneFile
 
@@ -73,7 +73,7 @@ def matte(where: str, size: tuple[int, int]) -> Matte:
         numbers = []
     if len(numbers) == 4:
         x, y, width, height = numbers
-        found = cutting.of_box(x, y, width, height, size)
+        found = segmentation.of_box(x, y, width, height, size)
     elif numbers:
         raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
     else:

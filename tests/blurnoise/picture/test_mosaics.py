@@ -14,8 +14,8 @@ from blurnoise import Camera, develop, simulate
 from blurnoise.optics.colour import FilterCurves, srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.picture import steps
-from blurnoise.picture.demosaic import demosaic
 from blurnoise.picture.develop import develop_8bit
+from blurnoise.picture.steps import demosaic
 
 IMX250 = Camera.preset("imx250")
 AR0231 = ((1.3671875, -0.0546875, -0.3125), (-0.53125, 1.4609375, 0.0703125), (-0.578125, -0.25, 1.828125))

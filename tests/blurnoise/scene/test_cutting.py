@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from blurnoise_eval.datasets import segmentation
 
 from blurnoise.blur.layers import at_rest
 from blurnoise.scene import cutting
@@ -14,7 +15,9 @@ SIZE = (61, 84)
 
 def box_of_light(*, soft: bool) -> tuple[torch.Tensor, np.ndarray]:
     """A red square before a grey slope, and its matte; soft: its edges half a pixel."""
-    matte = cutting.of_box(30.5, 20.5, 20, 16, SIZE) if soft else cutting.of_box(30, 20, 20, 16, SIZE)
+    matte = (
+        segmentation.of_box(30.5, 20.5, 20, 16, SIZE) if soft else segmentation.of_box(30, 20, 20, 16, SIZE)
+    )
     behind = torch.linspace(0.2, 0.6, SIZE[1]).expand(1, 3, *SIZE)
     red = torch.tensor([0.8, 0.1, 0.05])[None, :, None, None]
     share = torch.from_numpy(matte)
@@ -69,7 +72,7 @@ def test_a_plate_is_not_invented() -> None:
 
 def test_an_object_at_the_border_goes_on() -> None:
     light = torch.full((1, 3, *SIZE), 0.5)
-    matte = cutting.of_box(0, 20, 12, 16, SIZE)
+    matte = segmentation.of_box(0, 20, 12, 16, SIZE)
     light[..., 20:36, :12] = 0.9
     light[..., 20:36, 0] = 0.7  # not mixed with anything: the object's own
     (layer,) = cutting.cut_out(light, [matte], [(0.0, 0.0)]).layers
@@ -99,5 +102,5 @@ def test_what_is_of_another_kind() -> None:
 @pytest.mark.parametrize("size", [(0, 5), (5, -1), (5.5, 4), (1 << 20, 1 << 20), (5,), "no"])
 def test_sizes_that_are_none(size: object) -> None:
     with pytest.raises((TypeError, ValueError), match="size = ") as error:
-        cutting.of_box(0, 0, 3, 3, size)  # type: ignore[arg-type]
+        segmentation.of_box(0, 0, 3, 3, size)  # type: ignore[arg-type]
     assert "\n" not in str(error.value)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import torch
 from batches import pictures
+from blurnoise_eval.datasets import segmentation
 from kornia.augmentation import AugmentationSequential, RandomHorizontalFlip
 from kornia.geometry.boxes import Boxes
 from torch import Tensor
@@ -101,7 +102,7 @@ def test_pictures_one_by_one_are_the_batch(dtype: torch.dtype) -> None:
 
 def test_what_is_behind_is_taken_from_around() -> None:
     """A constant stays, a slope is continued, nothing is beyond what is around, and what is seen is as it was."""
-    matte = cutting.of_box(20, 12, 18, 18, SIZE)
+    matte = segmentation.of_box(20, 12, 18, 18, SIZE)
     hidden = torch.from_numpy(matte > 0)
     slope = torch.linspace(0.1, 0.7, SIZE[1]).expand(1, 1, *SIZE).contiguous()
     noise = pictures(1, 3, *SIZE).double()

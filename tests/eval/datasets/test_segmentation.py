@@ -8,8 +8,6 @@ import pytest
 from blurnoise_eval.datasets import segmentation
 from pycocotools import mask as coco_masks
 
-from blurnoise.scene import cutting
-
 SIZE = (61, 84)
 
 
@@ -38,7 +36,7 @@ def test_an_object_is_found_in_its_box_by_its_colours() -> None:
 def test_what_does_not_reach_all_sides_of_its_box_is_the_box() -> None:
     """So that no part of an object is left behind, sharp."""
     picture, _, (x0, y0, x1, y1) = disc(hidden=True)
-    boxed = cutting.of_box(x0, y0, x1 - x0, y1 - y0, (120, 161))
+    boxed = segmentation.of_box(x0, y0, x1 - x0, y1 - y0, (120, 161))
     assert np.array_equal(segmentation.of_object_in(picture, (x0, y0, x1, y1)), boxed)
 
 
@@ -49,7 +47,7 @@ def test_a_box_with_nothing_to_compare_with_is_taken_whole(box: tuple[float, ...
     picture = disc(hidden=False)[0]
     x0, y0, x1, y1 = box
     found = segmentation.of_object_in(picture, box)
-    assert np.array_equal(found, cutting.of_box(x0, y0, x1 - x0, y1 - y0, (120, 161)))
+    assert np.array_equal(found, segmentation.of_box(x0, y0, x1 - x0, y1 - y0, (120, 161)))
     outside = segmentation.of_object_in(picture, (200.0, 10.0, 220.0, 20.0))
     assert not outside.any()
 
@@ -77,7 +75,10 @@ def test_run_lengths_that_are_none(counts: object) -> None:
 def test_polygons_take_their_area() -> None:
     """Whole eighths of a pixel exactly; else to an eighth at an edge; random shapes to 1 %, their mean to 0.1 %."""
     rectangle = [10.25, 5.5, 30.75, 5.5, 30.75, 17.25, 10.25, 17.25]
-    found, exact = segmentation.of_polygons([rectangle], SIZE), cutting.of_box(10.25, 5.5, 20.5, 11.75, SIZE)
+    found, exact = (
+        segmentation.of_polygons([rectangle], SIZE),
+        segmentation.of_box(10.25, 5.5, 20.5, 11.75, SIZE),
+    )
     assert float(exact.sum()) == pytest.approx(20.5 * 11.75)
     assert (found == exact).all()
     triangle = segmentation.of_polygons([[3, 3, 40, 7, 20, 33]], SIZE)
