@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -48,8 +48,8 @@ class Readout:
         """Start and end of each row's exposure, s."""
         return self.windows_of(np.arange(self.rows))
 
-    def windows_of(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Start and end for the given rows; rows beyond the picture take the nearest row's."""
+    def windows_of(self, rows: NDArray[Any]) -> tuple[Floats, Floats]:
+        """Start and end for rows, or places between them; those beyond the picture take the nearest row's."""
         last = self.rows - 1
         tau = (rows.clip(0, last) - last / 2) * self.row_s
         if not self.reset:
@@ -102,7 +102,7 @@ class Displacement:
             return "sub-exposures"
         if by_rows and self.each_row_differs:
             return "sub-exposures" if differentiable(self.even_px) or self.parts > _MOST_PARTS else "rows"
-        return "rows" if by_rows and bool(self.exposure_s) and not self.still else "transfer"
+        return "rows" if by_rows and self.readout.exposure_s and not self.still else "transfer"
 
     @property
     def each_row_differs(self) -> bool:
@@ -114,7 +114,7 @@ class Displacement:
         """Whether nothing moves."""
         if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= STILL_PX:
             return False
-        return float(np.abs(self._track[1]).max()) < STILL_PX
+        return float(np.abs(self._along_path[1]).max()) < STILL_PX
 
     def moves_like(self, other: Displacement) -> bool:
         """Whether both have the same motion."""
@@ -125,31 +125,129 @@ class Displacement:
     @property
     def velocity_px_s(self) -> tuple[float, float]:
         """Velocity of the uniform part of the motion; 0 for an exposure of no length."""
-        lasting_s = float(self.exposure_s) or math.inf
+        lasting_s = self.readout.exposure_s or math.inf
         x, y = self.even_px.detach().tolist()
         return x / lasting_s, y / lasting_s
 
     @property
     def polyline(self) -> Polyline | None:
         """The path and the uniform motion within an exposure of all rows together; None without a path."""
-        return None if self.path is None else self.path.seen(float(self.exposure_s), self.velocity_px_s)
+        return None if self.path is None else self.path.seen(self.readout.exposure_s, self.velocity_px_s)
 
-    def even(self, window: Window) -> tuple[Tensor | None, Tensor]:
-        """Even displacement (2, h, 1 or w) of a window's pixels in the middle of their rows' exposures, None where
-        all have none, and what of it passes during these."""
-        middle, lasting = self._rows(window)
+    @cached_property
+    def track(self) -> tuple[Floats, Floats]:
+        """Times (K,) and places (2, K) of the path and the uniform motion together."""
+        times, knots = self._along_path
+        return times, knots + np.outer(self.velocity_px_s, times)
+
+    @cached_property
+    def _along_path(self) -> tuple[Floats, Floats]:
+        """Times (K,) and places (2, K) of the path. Raises ``ValueError`` unless it holds all rows' windows."""
+        begin, end = self.readout.span_s
+        if self.path is None:
+            return np.array([begin, end + 1e-12]), np.zeros((2, 2))
+        knots, durations = self.path.window(begin, end)
+        origin = np.array(self.path.origin_px(self.readout.exposure_s))[:, None]
+        return begin + sums(durations), knots - origin
+
+    def even(self, window: Window) -> tuple[Tensor, Tensor]:
+        """Even displacement (2, h, 1 or w) of a window's pixels in the middle of their rows' exposures, and what of
+        it passes during these."""
         if self.flows:
             base, along = self._flow
-            within = (slice(None), *window.within)
-            return None if base is None else base[within], along[within]
-        by = self.even_px[:, None, None]
-        if not middle.any() and (lasting == self.readout.exposure_s).all():
-            return None, by.expand(2, window.height, 1)
-        return self._rate(by) * _column(middle, by), self._rate(by) * _column(lasting, by)
+            return base[:, *window.within], along[:, *window.within]
+        by = self.even_px[:, None, None].expand(2, window.height, 1)
+        if not self.readout.row_s:
+            return torch.zeros_like(by), by
+        rate, middle, lasting = self._rate(by, window)
+        return rate * middle, rate * lasting
+
+    @cached_property
+    def _flow(self) -> tuple[Tensor, Tensor]:
+        """:meth:`even` of a steady flow: what is at p at time t was at p - t u, u the flow half-way."""
+        by = self.even_px
+        if not self.readout.row_s:
+            return torch.zeros_like(by), by
+        rate, middle, lasting = self._rate(by, Window(0, 0, *by.shape[1:]))
+        base = _carried(rate, rate * (middle / 2)) * middle
+        return base, _carried(rate, base) * lasting
+
+    def _rate(self, by: Tensor, window: Window) -> tuple[Tensor, Tensor, Tensor]:
+        """Velocity, px/s, and middles and lengths (h, 1) of the rows' exposures, s."""
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        middle, lasting = ((starts + stops) / 2, stops - starts)
+        rate = by / self.exposure_s.to(by) if self.readout.exposure_s else torch.zeros_like(by)
+        return rate, torch.from_numpy(middle).to(by)[:, None], torch.from_numpy(lasting).to(by)[:, None]
+
+    def along_path(self, window: Window, times: Floats) -> Floats | None:
+        """Positions (n, 2, h) on the path for a window's rows, at times (n,) in each row's exposure, -1/2 to 1/2."""
+        if self.path is None:
+            return None
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        at = (starts + stops) / 2 + np.multiply.outer(times, stops - starts)
+        known, knots = self._along_path
+        return np.stack([np.interp(at, known, along) for along in knots], 1)
+
+    def length_px(self, window: Window) -> Floats:
+        """The longest path length (h,) within the exposure of each row of a window."""
+        times, knots = self._along_path if self.flows else self.track
+        gone = sums(np.hypot(*np.diff(knots)))
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        length = np.interp(stops, times, gone) - np.interp(starts, times, gone)
+        if self.flows:
+            length += self.even(window)[1].detach().square().sum(0).amax(-1).sqrt().double().cpu().numpy()
+        return np.asarray(length)
+
+    def extremes_px(self, window: Window) -> tuple[Floats, Floats]:
+        """Least and largest displacement (2, h) in each row of a window; of a path over all rows."""
+        base, along = (each.detach() for each in self.even(window))
+        half = along.abs() / 2
+        if differentiable(self.even_px):  # the slope along an axis on which nothing moves
+            half = half.clamp_min(STILL_PX)
+        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
+        (times, knots), ends = self._along_path, (starts.min(), stops.max())
+        within = knots[:, (times >= ends[0]) & (times <= ends[1])]
+        places = np.concatenate([within, [np.interp(ends, times, along) for along in knots]], 1)
+        least = (base - half).amin(-1).double().cpu().numpy() + places.min(1)[:, None]
+        return least, (base + half).amax(-1).double().cpu().numpy() + places.max(1)[:, None]
+
+    def range_px(self, window: Window) -> tuple[Floats, Floats]:
+        """Least and largest displacement (x, y) in a window."""
+        least, largest = self.extremes_px(window)
+        return least.min(1), largest.max(1)
+
+    def reach_px(self, window: Window) -> tuple[int, int]:
+        """Margin (down, across) of a window that its blur draws from, tails of the blur included."""
+        low, high = self.range_px(window)
+        across, down = (spread_px(far) for far in np.maximum(-low, high))
+        return down, across
+
+    def passed(self, rest: Window) -> Window:
+        """The pixels that an object may cover whose window at rest is ``rest``."""
+        if self.flows:
+            return rest
+        if self.way == "rows":
+            stretch(self.velocity_px_s[1], self.readout.row_s)
+        seen, before = Window(0, 0, self.readout.rows, 1), None
+        while seen != before:  # of all rows first, then of those that it comes to
+            before, (low, high) = seen, self.range_px(seen._replace(left=0, width=1))
+            left, top = (-spread_px(-along) for along in low.tolist())
+            right, bottom = (spread_px(along) for along in high.tolist())
+            height, width = max(1, rest.height + bottom - top), rest.width + right - left
+            seen = Window(rest.top + top, rest.left + left, height, width)
+        return seen
+
+    @cached_property
+    def parts(self) -> int:
+        """Parts of each row's window, so many that in none anything goes far along rows and down them at once."""
+        gone = sums(np.abs(np.diff(self.track[1])))
+        starts, stops = self.readout.windows_s
+        ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
+        return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
 
     def mean_px(self, rows: Floats) -> Floats:
         """Mean displacement (2, n) in the windows of rows (n,), or of places between them."""
-        (times, knots), (starts, stops) = self.track, self._windows_at(rows)
+        (times, knots), (starts, stops) = self.track, self.readout.windows_of(rows)
         passed = sums((knots[:, 1:] + knots[:, :-1]) / 2 * np.diff(times))
 
         def until(at: Floats) -> Floats:
@@ -159,6 +257,17 @@ class Displacement:
         lasting = stops - starts
         mean = (until(stops) - until(starts)) / np.maximum(lasting, 1e-9)
         return np.where(lasting > 1e-9, mean, self._places(starts))
+
+    def _places(self, at: Floats) -> Floats:
+        times, knots = self.track
+        return np.stack([np.interp(at, times, along) for along in knots])
+
+    def seen_rows(self, rows: Floats) -> Floats:
+        """The rows r in which rows of the scene are seen on average: r - y(r) = row."""
+        low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
+        reach = math.ceil(max(high[1], -low[1])) + 1
+        grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
+        return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
 
     def covered(self, box: Floats) -> Floats:
         """What a box (left, top, right, bottom), px between pixels' centres, covers in all rows' windows.
@@ -173,114 +282,6 @@ class Displacement:
         x, upper, lower = x[seen], upper[seen], lower[seen]
         return np.array([left + x.min(), upper.min(), right + x.max(), lower.max()]) if seen.any() else box
 
-    def _windows_at(self, rows: Floats) -> tuple[Floats, Floats]:
-        starts, stops = (
-            np.interp(rows, np.arange(self.readout.rows), ends) for ends in self.readout.windows_s
-        )
-        return starts, stops
-
-    def _places(self, at: Floats) -> Floats:
-        times, knots = self.track
-        return np.stack([np.interp(at, times, along) for along in knots])
-
-    def seen_rows(self, rows: Floats) -> Floats:
-        """The rows r in which rows of the scene are seen on average: r - y(r) = row."""
-        low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
-        reach = math.ceil(max(high[1], -low[1])) + 1
-        grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
-        return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
-
-    def along_path(self, window: Window, times: Floats) -> Floats | None:
-        """Positions (n, 2, h) on the path for a window's rows, at times (n,) in each row's exposure, -1/2 to 1/2."""
-        if self.path is None:
-            return None
-        (middle, lasting), (known, knots) = self._rows(window), self._track
-        at = middle + np.multiply.outer(times, lasting)
-        return np.stack([np.interp(at, known, along) for along in knots], 1)
-
-    def length_px(self, window: Window) -> Floats:
-        """The longest path length (h,) within the exposure of each row of a window."""
-        _, along = self.even(window)
-        longest = np.asarray(along.detach().square().sum(0).amax(-1).sqrt().double().cpu())
-        if self.path is None:
-            return longest
-        times, knots = self._track
-        if not self.flows:
-            knots, longest = knots + np.outer(self.velocity_px_s, times), 0.0 * longest
-        gone = sums(np.hypot(*np.diff(knots)))
-        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
-        return np.asarray(longest + np.interp(stops, times, gone) - np.interp(starts, times, gone))
-
-    def extremes_px(self, window: Window) -> tuple[Floats, Floats]:
-        """Least and largest displacement (2, h) in each row of a window; of a path over all rows."""
-        base, along = self.even(window)
-        half = along.detach().abs() / 2
-        if differentiable(self.even_px):  # the slope along an axis on which nothing moves
-            half = half.clamp_min(STILL_PX)
-        middle = torch.zeros_like(half) if base is None else base.detach()
-        least = (middle - half).amin(-1).double().cpu().numpy()
-        largest = (middle + half).amax(-1).double().cpu().numpy()
-        if self.path is None:
-            return least, largest
-        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
-        (times, knots), ends = self._track, (starts.min(), stops.max())
-        within = knots[:, (times >= ends[0]) & (times <= ends[1])]
-        places = np.concatenate([within, [np.interp(ends, times, along) for along in knots]], 1)
-        return least + places.min(1)[:, None], largest + places.max(1)[:, None]
-
-    def range_px(self, window: Window) -> tuple[Floats, Floats]:
-        """Least and largest displacement (x, y) in a window."""
-        least, largest = self.extremes_px(window)
-        return least.min(1), largest.max(1)
-
-    def reach_px(self, window: Window) -> tuple[int, int]:
-        """Margin (down, across) of a window that its blur draws from, tails of the blur included."""
-        low, high = self.range_px(window)
-        across, down = (_spread(far) for far in np.maximum(-low, high))
-        return down, across
-
-    def passed(self, rest: Window) -> Window:
-        """The pixels that an object may cover whose window at rest is ``rest``."""
-        if self.flows:
-            return rest
-        if self.way == "rows":
-            stretch(self.velocity_px_s[1], self.readout.row_s)
-        seen, before = Window(0, 0, self.readout.rows, 1), None
-        while seen != before:  # of all rows first, then of those that it comes to
-            before, (low, high) = seen, self.range_px(seen._replace(left=0, width=1))
-            left, top = (-_spread(-along) for along in low.tolist())
-            right, bottom = (_spread(along) for along in high.tolist())
-            height, width = max(1, rest.height + bottom - top), rest.width + right - left
-            seen = Window(rest.top + top, rest.left + left, height, width)
-        return seen
-
-    def _rate(self, by: Tensor) -> Tensor:
-        return by / self.exposure_s.to(by) if float(self.exposure_s.detach()) else torch.zeros_like(by)
-
-    def _rows(self, window: Window) -> tuple[Floats, Floats]:
-        """Middles and lengths of the rows' exposures, s."""
-        starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
-        return (starts + stops) / 2, stops - starts
-
-    @cached_property
-    def _flow(self) -> tuple[Tensor | None, Tensor]:
-        """:meth:`even` of a steady flow: what is at p at time t was at p - t u, u the flow half-way."""
-        by = self.even_px
-        middle, lasting = self._rows(Window(0, 0, *by.shape[1:]))
-        if not middle.any() and (lasting == self.readout.exposure_s).all():
-            return None, by
-        rate, later = self._rate(by), _column(middle, by)
-        base = _carried(rate, rate * (later / 2)) * later
-        return base, _carried(rate, base) * _column(lasting, by)
-
-    @cached_property
-    def parts(self) -> int:
-        """Parts of each row's window, so many that in none anything goes far along rows and down them at once."""
-        gone = sums(np.abs(np.diff(self.track[1])))
-        starts, stops = self.readout.windows_s
-        ends = (np.stack([np.interp(at, self.track[0], each) for each in gone]) for at in (stops, starts))
-        return max(1, math.ceil(math.sqrt(float(np.subtract(*ends).prod(0).max()) / _AT_ONCE_PX2)))
-
     @cached_property
     def _exposed_rows(self) -> tuple[Floats, Floats, Floats]:
         """Times, and the first and last row that are exposed then; rows beyond the picture are as its last ones."""
@@ -294,25 +295,6 @@ class Displacement:
         over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
         return times, np.minimum(over, begun), np.maximum(over, begun)
-
-    @cached_property
-    def track(self) -> tuple[Floats, Floats]:
-        """Times (K,) and places (2, K) of the path and the even motion together, which is one for all pixels."""
-        times, knots = self._track
-        if self.path is None:
-            begin, end = self.readout.span_s
-            times, knots = np.array([begin, end + 1e-12]), np.zeros((2, 2))
-        return times, knots + np.outer(self.velocity_px_s, times)
-
-    @cached_property
-    def _track(self) -> tuple[Floats, Floats]:
-        """Times (K,) and places (2, K) of the path. Raises ``ValueError`` unless it holds all rows' windows."""
-        if self.path is None:
-            return np.zeros(1), np.zeros((2, 1))
-        begin, end = self.readout.span_s
-        knots, durations = self.path.window(begin, end)
-        origin = np.array(self.path.origin_px(self.readout.exposure_s))[:, None]
-        return begin + sums(durations), knots - origin
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:
@@ -338,9 +320,6 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
     return seen[0]
 
 
-def _column(of_rows: Floats, like: Tensor) -> Tensor:
-    return torch.from_numpy(of_rows).to(like)[:, None]
-
-
-def _spread(along_px: float) -> int:
+def spread_px(along_px: float) -> int:
+    """How far a blur reaches that displaces by so much, the tail of the band-limited line included."""
     return math.ceil(along_px) + TAIL_PX if abs(along_px) >= STILL_PX else 0

@@ -174,7 +174,8 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
-        return sub_exposures.moved_picture(picture[0], moves, border)[None]
+        whole = Window(0, 0, picture.shape[-2], picture.shape[-1])
+        return sub_exposures.exposed(Sheet(picture[0], moves, border=border), whole)[None]
     if moves.way == "rows" and moves.each_row_differs:
         return rows.exposed(picture, moves, border)
     if moves.way == "rows":
@@ -254,7 +255,7 @@ def _blurred(own: _PlacedLayers, window: Window, like: Tensor, border: Border) -
     work = _work(window, [moves])
     plane = own.plane(work, like, border)
     if moves.each_row_differs and not moves.still:
-        seen = sub_exposures.exposed([Sheet(plane[0], moves, work.top, work.left)], window).light[None]
+        seen = sub_exposures.exposed(Sheet(plane[0], moves, work.top, work.left), window)[None]
     elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
         seen = convolution.motion_blur(plane, moves.even_px[None], border="circular")
         middle = (like.shape[-2] - 1) / 2 - work.top
@@ -287,11 +288,10 @@ def _sub_exposed(
     front = group[-1]
     for each in group:
         plane = each.plane(work, ground, border)[0]
-        if each is front and not front.moves.each_row_differs:
+        if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
-        sheets.append(Sheet(plane, each.moves, work.top, work.left, covers=True))
-    seen = sub_exposures.exposed(sheets, window, step_px)
-    light, uncovered = seen.light - seen.uncovered * seen.hindmost, seen.uncovered
+        sheets.append(Sheet(plane, each.moves, work.top, work.left))
+    light, uncovered = sub_exposures.exposed_together(sheets, window, step_px)
     if not front.moves.each_row_differs:
         colour, share = _blurred(front, window, ground, border)
         light = light + colour[0]

@@ -144,7 +144,8 @@ def test_invariants() -> None:
     both = flow_blur(pictures, flow)
     assert torch.equal(both[1:], flow_blur(pictures[1:], flow[1:]))
     five = torch.cat([pictures[:1], pictures[1:, :2]], 1)
-    assert torch.equal(flow_blur(five, flow[:1])[:, :3], both[:1])
+    # beyond four channels OpenCV samples at 1/32 of a value
+    assert (flow_blur(five, flow[:1])[:, :3] - both[:1]).abs().max() < 3e-3
     assert (flow_blur(pictures[:, :1], flow) - both[:, :1]).abs().max() < 1e-6
     half = flow.clone()
     half[..., 20:] = 0
