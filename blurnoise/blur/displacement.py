@@ -25,9 +25,9 @@ from blurnoise.motion.trajectory import Polyline, Trajectory, sums
 
 Floats = NDArray[np.float64]
 Way = Literal["transfer", "rows", "sub-exposures"]
-_AT_ONCE_PX2 = 0.22  # of a path in a part of a row's window
+_AT_ONCE_PX2 = 0.15  # of a path in a part of a row's window
 _TIMES = 2049  # at which the rows that are exposed are looked at
-_MOST_PARTS = 5  # of a row's window: beyond that sub-exposures are as fast, and as good
+_MOST_PARTS = 6  # of a row's window: beyond that sub-exposures are as fast, and as good
 STILL_PX = 1e-4
 """Less than this is no motion, and motions that differ by less are one: 3e-4 of the finest detail."""
 TAIL_PX = 8
