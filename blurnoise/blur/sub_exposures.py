@@ -231,7 +231,7 @@ def _by_torch(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Loo
     values = finer_torch(wide, sheet.border, factor, _lossy(sheet, window, factor))
     if covers:
         values = torch.cat([values[:, :-1], values[:, -1:].clamp(0, 1)], 1)
-    return lambda at: seen_torch(values, *at, sheet.border)
+    return lambda at: seen_torch(values, at[0], at[1], sheet.border)
 
 
 def _led(sheet: Sheet) -> Sheet:
