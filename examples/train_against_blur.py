@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from blurnoise import AutoExposure, RandomExposure, charts
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import expose_pictures
 
 SIDE = 48
 

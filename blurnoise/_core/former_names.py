@@ -26,7 +26,7 @@ _FORMER = {
     "scene.hdr": "hdr",
     "scene.metering": "auto_exposure",
     "scene.scene": "exposure simulation",
-    "training.augmentation": "augment",
+    "training.augmentation": "augment training.expose",
     "training.ranges": "exposure_ranges",
     "training.table": "exposure_table",
     "training.torchvision": "augment_torchvision",

@@ -1,32 +1,258 @@
-"""Augmentations that draw conditions in real units for each picture: Kornia's, and what torchvision's twin shares.
+"""Training pictures taken as cameras would: a function, and augmentations that draw the conditions of each picture.
 
-Convention: directions run counter-clockwise as displayed, 0 to the right, as Kornia's angles do. A blur keeps
-its centroid, so what moves is swept half the displacement to either side of its place.
+Domain: pictures (B, C, H, W) in [0, 1], sRGB-coded or linear, of any float type; the result has the same shape,
+type and range. Values down to -1 and up to 2, which earlier augmentations leave, are clamped. Boxes in px, x right, y
+down. Directions run counter-clockwise as displayed, 0 to the right, as Kornia's angles do. A blur keeps its centroid:
+what moves is swept half the displacement to either side of its place. Without a gain, little light is dark.
 """
 
 from __future__ import annotations
 
 import inspect
-from typing import Any, Self
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Self, TypeVar
 
 import torch
 from kornia.augmentation import IntensityAugmentationBase2D
 from kornia.geometry.boxes import Boxes
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, in_range, one_of, shown
+from blurnoise._core import rng
+from blurnoise._core.checks import (
+    Numbers,
+    an_instance,
+    image_batch,
+    in_range,
+    limited,
+    limited_per_image,
+    one_of,
+    shown,
+)
+from blurnoise._core.threads import no_torch_compile
 from blurnoise.light import effects
+from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
+from blurnoise.motion.trajectory import Trajectory, per_picture
+from blurnoise.optics.camera import Amplified, Camera
 from blurnoise.optics.colour import Encoding
-from blurnoise.scene.cutting import checked_masks
+from blurnoise.picture.develop import develop, in_channels
+from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.metering import AutoExposure, mean_luma
+from blurnoise.scene.scene import MOVES, extremes, scene_reflectance, simulate
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.expose import boxes_after, expose_pictures
-from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range
+from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, cameras_of, check_vehicle
 from blurnoise.training.table import ExposureTable
 
+T = TypeVar("T")
+Gains = Numbers | AutoExposure | Sequence[float | AutoExposure]
+"""A number or one per picture; auto-exposure, or either for each picture."""
 _RANGES = dict(inspect.signature(ExposureRanges).parameters)
 del _RANGES["camera"]
 _FAR = [[False, False], [True, False], [True, True], [False, True]]
 """Which corners of Kornia's boxes lie at the right, at the bottom."""
+
+
+@no_torch_compile
+def expose_pictures(
+    image: Tensor,
+    camera: Cameras,
+    *,
+    exposure_s: Numbers,
+    illuminance_lux: Numbers,
+    speed_px_s: Numbers = 0.0,
+    direction_deg: Numbers = 0.0,
+    temperature_c: Numbers = 25.0,
+    gain_db: Gains = 0.0,
+    masks: Tensor | None = None,
+    moves: str | Sequence[str] = "all",
+    trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
+    ego_kmh: Numbers | None = None,
+    vehicle: Vehicle = USUAL_VEHICLE,
+    generator: rng.Randomness = None,
+    encoding: Encoding = "srgb",
+    fidelity: Fidelity = "auto",
+) -> Tensor:
+    """Expose ``image`` and develop it: :func:`blurnoise.simulate`, then :func:`blurnoise.develop`.
+
+    image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. camera: one, or one for each
+    picture, presets by name. exposure_s, illuminance_lux, speed_px_s, direction_deg (counter-clockwise as
+    displayed), temperature_c: a number or one per picture. gain_db: the same, analogue as far as the camera goes,
+    then digital; or auto-exposure, which sets it for each picture's mean light and exposure; or either for each.
+
+    masks: (B, N, H, W) within [0, 1], what the targets of each picture cover, empty where there are fewer. moves:
+    what has the speed, "all", the "targets" or the "background" behind them, one or one for each picture; what the
+    targets hide is invented from around them. Pictures without masks, or with nothing beside them, move as a whole.
+
+    ego_kmh: a number or one per picture, in place of a speed in px/s: the camera drives over a flat road on
+    ``vehicle``, and each place moves by the camera's focal length and the picture's size. With masks and
+    moves = "background" the targets drive along. Where one blur for all of a picture is enough, there is one.
+
+    trajectory, generator, encoding, fidelity: as ``simulate`` takes them; picture i depends on its own conditions
+    and seed alone. Returns image's shape and dtype, in [0, 1].
+
+    Gradients reach image and conditions. Raises ``TypeError`` or ``ValueError`` that names the argument.
+    """
+    scene = _clamped(image)
+    batch, size = len(scene), (scene.shape[-2], scene.shape[-1])
+    cameras = _for_each("camera", cameras_of(camera), batch)
+    speed = limited_per_image("speed_px_s", speed_px_s, batch, scene)
+    direction = limited_per_image("direction_deg", direction_deg, batch, scene)
+    names = _for_each("moves", [moves] if isinstance(moves, str) else moves, batch)
+    for each in names:
+        one_of("moves", each, MOVES)
+    ego = None if ego_kmh is None else limited_per_image("ego_kmh", ego_kmh, batch, scene)
+    check_vehicle(vehicle, drives=ego is not None)
+    if ego is not None and (bool(speed.detach().any()) or "targets" in names):
+        raise ValueError(
+            "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0 and moves 'all' or "
+            "'background'"
+        )
+    still = speed == 0 if ego is None else (ego == 0) & (not vehicle.turns)
+    exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
+    lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
+    temperature = limited_per_image("temperature_c", temperature_c, batch, scene)
+    velocity = velocity_px_s(speed, direction)
+    paths = per_picture(trajectory, batch)
+    seeds = rng.item_seeds(generator, batch)
+    cuts: dict[int, Cut] = {}  # pictures of which a part moves: background and layers, in linear light
+    if masks is not None:
+        checked_masks(masks, batch, size)
+        for item in range(batch):
+            moving = names[item] != "all" and not bool(still[item])
+            matte = matte_of(masks[item]) if moving else None
+            if matte is not None:
+                light = scene_reflectance(scene[item : item + 1], encoding)
+                own = velocity[item] * (names[item] == "targets")
+                cuts[item] = in_motion(light, matte, own, float(exposure[item].detach()))
+
+    def pictures(taker: Amplified, items: list[int]) -> Tensor:  # all with objects, or none
+        own = [cuts[item] for item in items if item in cuts]
+        moved = velocity[items]
+        if ego is not None:
+            moved = vehicle.flow_px_s(taker.camera, size, ego[items] / 3.6)
+        elif own:
+            moved = moved * moved.new_tensor([[names[item] == "background"] for item in items])
+        dn = simulate(
+            torch.cat([cut.background for cut in own]) if own else scene[items],
+            taker.camera,
+            exposure_s=exposure[items],
+            illuminance_lux=lux[items],
+            velocity_px_s=moved,
+            trajectory=[paths[item] for item in items] if paths else None,
+            temperature_c=temperature[items],
+            encoding="linear" if own else encoding,
+            generator=[seeds[item] for item in items],
+            fidelity=fidelity,
+            layers=[cut.layers for cut in own],
+        )
+        developed = develop(dn, taker.camera, encoding=encoding, gain_db=taker.digital_db)
+        return in_channels(developed, scene.shape[1]).to(image.dtype)
+
+    taken_by: dict[tuple[Amplified, bool], list[int]] = {}
+    for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure, lux, temperature))):
+        taken_by.setdefault((cameras[item].at_gain(gain), item in cuts), []).append(item)
+    with torch.autocast(scene.device.type, enabled=False):
+        parts = [pictures(taker, items) for (taker, _), items in taken_by.items()]
+    if len(parts) == 1:
+        return parts[0]
+    out = torch.empty_like(image)
+    for items, part in zip(taken_by.values(), parts, strict=True):
+        out[items] = part
+    return out
+
+
+def _gains_db(
+    gain_db: Gains, scene: Tensor, encoding: Encoding, cameras: list[Camera], numbers: Sequence[Tensor]
+) -> list[float]:
+    """The gain of each picture; numbers: exposure, light and temperature, (B,) each."""
+    each = [gain_db] if isinstance(gain_db, AutoExposure) else gain_db
+    if not isinstance(each, Sequence) or not any(isinstance(own, AutoExposure) for own in each):
+        given: Numbers = each  # type: ignore[assignment]
+        return limited_per_image("gain_db", given, len(scene), scene).tolist()
+    light = scene_reflectance(scene.detach(), encoding)
+    means = {camera: mean_luma(light, camera).tolist() for camera in {*cameras}}
+    found = []
+    for item, own in enumerate(_for_each("gain_db", each, len(scene))):
+        if isinstance(own, AutoExposure):
+            exposure_s, lux, celsius = (float(given[item]) for given in numbers)
+            own = own.setting(
+                cameras[item],
+                mean_light=means[cameras[item]][item],
+                illuminance_lux=lux,
+                exposure_s=exposure_s,
+                temperature_c=celsius,
+            ).gain_db
+        found.append(limited("gain_db", own))
+    return found
+
+
+def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
+    """Velocities (B, 2), x right and y down, of speeds (B,) in directions (B,), counter-clockwise as displayed."""
+    angle = torch.deg2rad(direction_deg)
+    return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
+
+
+def boxes_after(
+    boxes_xyxy: Tensor, params: Params, ranges: Draws, size: tuple[int, int], *, grow: bool
+) -> Tensor:
+    """Boxes (B, N, 4), float64, counted from the corner of pictures (H, W), as they are at mid-exposure.
+
+    grow: with what they sweep, as :meth:`Exposure.sweep_boxes` has it, but no further than the picture.
+    """
+    moved, swept = boxes_xyxy.clone(), boxes_xyxy.clone()
+    for boxes, out, covered, taken in zip(boxes_xyxy, moved, swept, _taken(params, ranges), strict=True):
+        out[:] = taken.move_boxes(boxes, size) if effects.displace(taken.camera) else boxes
+        if grow:
+            path = taken.trajectory if taken.drives else None
+            covered[:] = (replace(taken, trajectory=None) if path else taken).sweep_boxes(boxes, size)
+            if path:  # flow and shake each by itself: a bound, found for all places at once
+                covered += boxes.new_tensor(path.seen(taken.exposure_s).box)
+    if not grow:
+        return moved
+    end = torch.maximum(moved[..., 2:], moved.new_tensor([size[1], size[0]]))
+    first = torch.maximum(swept[..., :2], moved[..., :2].clamp(max=0))
+    return torch.cat([first, torch.minimum(swept[..., 2:], end)], -1)
+
+
+def _taken(params: Params, ranges: Draws) -> Iterator[Exposure]:
+    """The exposures of each picture's targets, without gain."""
+    given = ranges.arguments(params)
+    velocities = velocity_px_s(given["speed_px_s"], given["direction_deg"]).tolist()
+    masks, ego = given["masks"], given["ego_kmh"]
+    numbers = (given[name].tolist() for name in ("exposure_s", "illuminance_lux", "temperature_c"))
+    columns = given["camera"], *numbers, velocities, given["moves"], given["trajectory"]
+    for item, (camera, exposure_s, lux, celsius, (x, y), moves, path) in enumerate(
+        zip(*columns, strict=True)
+    ):
+        taken = Exposure(camera, exposure_s, lux, temperature_c=celsius, trajectory=path)
+        if moves == "background" and masks is not None and matte_of(masks[item]) is not None:
+            yield taken  # the camera follows them
+        elif ego is None:
+            yield replace(taken, velocity_px_s=(x, y))
+        else:
+            yield replace(taken, ego_speed_m_s=ego[item].item() / 3.6, vehicle=ranges.vehicle)
+
+
+def _for_each(name: str, given: Sequence[T], batch: int) -> list[T]:
+    """Broadcast to one per picture. Raises ``ValueError`` for another number."""
+    if len(given) not in (1, batch):
+        raise ValueError(f"{name}: got {len(given)}; must be one, or {batch}, one for each picture")
+    return [*given] * (batch if len(given) == 1 else 1)
+
+
+def _clamped(image: Tensor) -> Tensor:
+    """``image``, at least float32, within [0, 1]; far outside, clamping would hide a mistake."""
+    halves = (torch.float16, torch.bfloat16)  # which cannot hold a full well's electrons
+    image = image.float() if isinstance(image, Tensor) and image.dtype in halves else image
+    image_batch("image", image)
+    low, high = extremes(image)
+    if low < -1.0 or high > 2.0:
+        raise ValueError(
+            f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]: divide 8-bit values by 255, and "
+            "normalise after this augmentation"
+        )
+    return image.clamp(0.0, 1.0) if low < 0.0 or high > 1.0 else image
 
 
 class OverConditions:
@@ -79,15 +305,6 @@ class OverConditions:
         return grow or any(map(effects.displace, self.ranges.cameras))
 
 
-def checked_flags(encoding: Encoding, fidelity: Fidelity, grow_boxes: bool) -> dict[str, Any]:
-    """The options of an augmentation that are no ranges. Raises ``ValueError``."""
-    return {
-        "encoding": one_of("encoding", encoding, ("srgb", "linear")),
-        "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
-        "grow_boxes": grow_boxes,
-    }
-
-
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
     """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
 
@@ -124,7 +341,11 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
         self.ranges = ExposureRanges(camera, **ranges)
-        self.flags = checked_flags(encoding, fidelity, grow_boxes)
+        self.flags = {
+            "encoding": one_of("encoding", encoding, ("srgb", "linear")),
+            "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
+            "grow_boxes": grow_boxes,
+        }
 
     def __repr__(self) -> str:
         return str(super().__repr__().replace("(", f"({self.ranges}, ", 1))

@@ -72,7 +72,7 @@ class Draws(ABC):
         """
 
     def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
-        """Keyword arguments of :func:`.expose.expose_pictures` for these pictures."""
+        """Keyword arguments of :func:`.augmentation.expose_pictures` for these pictures."""
         drawn = {name: params[name][of] for name in _ARGUMENTS if name in params}
         cameras = [self.cameras[index] for index in drawn["camera_index"].tolist()]
         gain: Any = drawn.get("gain_db", self.gain_db)

@@ -28,18 +28,8 @@ from blurnoise._core.files import json_of
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise.training.ranges import (
-    DRAWN,
-    Cameras,
-    Draws,
-    ExposureRanges,
-    Gain,
-    Params,
-    Range,
-    cameras_of,
-    chosen,
-    warn_of_milliseconds,
-)
+from blurnoise.training import ranges
+from blurnoise.training.ranges import DRAWN, Cameras, Params, Range
 
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""
@@ -47,12 +37,7 @@ MOST_SATURATED = 0.1
 """Mean share of a picture's values at a limit of the sensor beyond which a run's condition is left out."""
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _TINY = 1e-30
-_NOT_DRAWN = {
-    "trajectory": "its pictures move along a trajectory",
-    "ego": "its camera drives, so that each place of a picture moves in its own way",
-    "speeds": "its classes move at speeds of their own",
-    "grey_anchor": "its light is metered by a grey anchor",
-}
+_NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor")
 
 
 class Condition(NamedTuple):
@@ -73,7 +58,7 @@ class Condition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class ExposureTable(Draws):
+class ExposureTable(ranges.Draws):
     """Conditions, equally likely, and the cameras that they name by number.
 
     gain_db: the auto-exposure of rows without a gain. direction_deg: drawn uniformly in place of the rows', None:
@@ -82,12 +67,11 @@ class ExposureTable(Draws):
 
     camera: Cameras
     rows: tuple[Condition, ...]
-    gain_db: Gain = USUAL
+    gain_db: ranges.Gain = USUAL
     direction_deg: Range | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "camera", cameras_of(self.camera))
-        object.__setattr__(self, "rows", tuple(self.rows))
+        vars(self).update(camera=ranges.cameras_of(self.camera), rows=tuple(self.rows))
         if not self.rows:
             raise ValueError("conditions = []: must be at least one")
         for row in self.rows:
@@ -99,8 +83,8 @@ class ExposureTable(Draws):
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
         if self.direction_deg is not None:
-            ends = ExposureRanges(direction_deg=self.direction_deg).direction_deg
-            object.__setattr__(self, "direction_deg", ends)
+            ends = ranges.ExposureRanges(direction_deg=self.direction_deg).direction_deg
+            vars(self).update(direction_deg=ends)
 
     @classmethod
     def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:
@@ -110,28 +94,22 @@ class ExposureTable(Draws):
         Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
         along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
         """
-        if isinstance(run, str) and "://" in run:
-            raise ValueError(
-                f"run = {shown(run)}: is a URL; must be a folder, or location(URL) of blurnoise_eval.system.urls"
-            )
         path = (Path(run) if isinstance(run, (str, PathLike)) else run) / FILE
         if not path.is_file():
-            raise ValueError(
-                f"run = {str(run)!r}: holds no {FILE}; must be a finished sweep's folder ('blurnoise report "
-                f"{run}' writes the file for one from before there was any)"
-            )
+            must = "must be a finished sweep's folder, or location(URL) of blurnoise_eval.system.urls"
+            raise ValueError(f"run = {str(run)!r}: holds no {FILE}; {must}")
         try:
             held = json_of(path.read_text(encoding="utf-8"))
-            refused = [reason for name, reason in _NOT_DRAWN.items() if held.get(name)]
+            refused = [name for name in _NOT_DRAWN if held.get(name)]
             if any(row["exposure_s"] == "auto" for row in held["conditions"]):
-                refused.append("its camera sets exposures itself")
+                refused.append("exposures that its camera sets")
             if not refused:
                 cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
                 auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
                 return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg)
         except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
-        raise ValueError(f"run = {str(run)!r}: {refused[0]}; training pictures are not taken so")
+        raise ValueError(f"run = {str(run)!r}: has {refused[0]}; training pictures are taken without")
 
     @classmethod
     def of_grid(
@@ -155,9 +133,9 @@ class ExposureTable(Draws):
             if isinstance(given, str) or not isinstance(given, Iterable):
                 must = f"must be a sequence of values, such as [{shown(given)}]"
                 raise TypeError(f"{name} = {shown(given)}: {must}")
-        warn_of_milliseconds(*exposure_s)
+        ranges.warn_of_milliseconds(*exposure_s)
         lists["gain_db"] = [None if gain == "auto" else gain for gain in gains]
-        lists["camera"] = range(len(cameras_of(camera)))
+        lists["camera"] = range(len(ranges.cameras_of(camera)))
         rows = (Condition(**dict(zip(lists, each, strict=True))) for each in product(*lists.values()))
         return cls(camera, tuple(rows), auto, direction_deg)
 
@@ -175,7 +153,7 @@ class ExposureTable(Draws):
         """As of all :class:`Draws`."""
         shares = iter(uniform.unbind(-1))
         # in double precision: a thousand rows leave single precision few places
-        row = chosen(next(shares).double(), len(self.rows)).cpu()
+        row = ranges.chosen(next(shares).double(), len(self.rows)).cpu()
         taken = {
             name: column[row].to(uniform if column.is_floating_point() else uniform.device)
             for name, column in self._columns.items()

@@ -18,8 +18,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
 from blurnoise.optics.colour import Encoding
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.augmentation import OverConditions, checked_flags
-from blurnoise.training.expose import boxes_after
+from blurnoise.training.augmentation import OverConditions, boxes_after
 from blurnoise.training.ranges import Cameras, ExposureRanges
 
 
@@ -47,8 +46,9 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
     ) -> None:
         super().__init__()
         self.ranges = ExposureRanges(camera, **ranges)
-        for name, value in checked_flags(encoding, fidelity, grow_boxes).items():
-            setattr(self, name, value)  # which its repr shows
+        self.encoding = one_of("encoding", encoding, ("srgb", "linear"))
+        self.fidelity = one_of("fidelity", fidelity, ("auto", "full"))
+        self.grow_boxes = grow_boxes
         self.p = in_range("p", p, 0.0, 1.0)
 
     def extra_repr(self) -> str:

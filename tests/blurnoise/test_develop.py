@@ -15,8 +15,7 @@ from blurnoise import Camera, develop, simulate
 from blurnoise._core import rng
 from blurnoise._core.lookup import look_up
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import RandomExposure, expose_pictures
 
 CAMERA = replace(Camera.preset("ar0237"), black_level_dn=64.0)
 NUMBERS = torch.arange(0, CAMERA.full_scale_dn + 1, 7)[None, None]

@@ -22,7 +22,7 @@ from blurnoise.metrics import (
 )
 from blurnoise.optics.camera import staggered
 from blurnoise.scene.hdr import captured
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import expose_pictures
 
 CAMERA = Camera.preset("imx250")
 PICTURES = torch.rand(2, 3, 24, 31, generator=torch.Generator().manual_seed(1))

@@ -40,8 +40,7 @@ from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import PRESETS, dual_gain, staggered
 from blurnoise.scene.hdr import Flicker, captured, fuse
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import RandomExposure, expose_pictures
 
 Frames = dict[str, Callable[[], Tensor]]
 REAL = Path(__file__).resolve().parents[3] / "shared" / "real"

@@ -23,7 +23,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import integer
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 from blurnoise_eval.grid.axes import EXPOSURE
 from blurnoise_eval.system.files import write_figure

@@ -20,7 +20,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene.cutting import Matte
 from blurnoise.scene.scene import simulate
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import expose_pictures
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.plots.gallery import Tile, as_shown
 from blurnoise_eval.plots.speed_bumps import speed_bump

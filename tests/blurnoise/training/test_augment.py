@@ -18,8 +18,7 @@ from torch.utils.data import DataLoader, Dataset
 from blurnoise import Camera, develop, photoelectrons, simulate
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.training import augmentation
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures, velocity_px_s
+from blurnoise.training.augmentation import RandomExposure, expose_pictures, velocity_px_s
 from blurnoise.training.ranges import ExposureRanges
 
 TWO = ("imx250", "ar0237")

@@ -11,8 +11,7 @@ import torch
 from batches import pictures
 
 from blurnoise import AutoExposure, Camera
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import RandomExposure, expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 
 TWO = ("imx250", "ar0237")

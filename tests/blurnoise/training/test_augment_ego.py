@@ -14,8 +14,7 @@ from torch import Tensor
 
 from blurnoise import Camera, develop, simulate
 from blurnoise.motion.ego import Vehicle
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import RandomExposure, expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 
 SIZE = (46, 63)

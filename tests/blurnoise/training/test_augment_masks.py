@@ -17,8 +17,7 @@ from torch import Tensor
 from blurnoise import Camera, develop, simulate
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.scene import cutting
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures, velocity_px_s
+from blurnoise.training.augmentation import RandomExposure, expose_pictures, velocity_px_s
 from blurnoise.training.ranges import ExposureRanges, shakes
 
 SIZE = (46, 63)

@@ -15,8 +15,7 @@ from kornia.augmentation import (
 )
 from torch import Tensor
 
-from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import RandomExposure, expose_pictures
 
 TWO = ("imx250", "ar0237")
 STRAIGHT = {"exposure_s": 0.02, "illuminance_lux": 50.0, "speed_px_s": 500.0, "direction_deg": 30.0}  # 10 px

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, photoelectrons
 from blurnoise.scene.metering import AutoExposure
-from blurnoise.training.expose import expose_pictures
+from blurnoise.training.augmentation import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 from blurnoise.training.table import FILE, Condition, ExposureTable
 
@@ -231,9 +231,9 @@ def test_is_expose_pictures_under_what_was_drawn() -> None:
     ("changes", "message"),
     [
         ({"trajectory": "shake 3 px"}, "trajectory"),
-        ({"speeds": [["person", 0.3]]}, "speeds of their own"),
-        ({"ego": "a car"}, "drives"),
-        ({"grey_anchor": "mean"}, "grey anchor"),
+        ({"speeds": [["person", 0.3]]}, "has speeds; training pictures are taken without"),
+        ({"ego": "a car"}, "has ego"),
+        ({"grey_anchor": "mean"}, "has grey_anchor"),
         ({"conditions": [{"exposure_s": "auto", "illuminance_lux": 5.0, "gain_db": "auto"}]}, "exposures"),
         ({"conditions": []}, "at least one"),
         ({"conditions": [{"exposure_s": 0.01}]}, "no table of conditions"),
@@ -301,5 +301,5 @@ def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path:
 
 
 def test_url_is_told_how_it_is_read() -> None:
-    with pytest.raises(ValueError, match=r"run = 's3://bucket/run': is a URL; must be .*location\(URL\)"):
+    with pytest.raises(ValueError, match=r"run = 's3://bucket/run': holds no .*; must be .*location\(URL\)"):
         ExposureTable.of_run("s3://bucket/run")
