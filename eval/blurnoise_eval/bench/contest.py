@@ -120,14 +120,9 @@ class Result:
 
     def document(self) -> dict[str, Any]:
         """Everything, ready for JSON."""
-        return {
-            "title": self.contest.title,
-            "cost_unit": self.contest.cost_unit,
-            "error_unit": self.contest.error_unit,
-            "machine": self.machine,
-            "losses": self.losses(),
-            "rows": [asdict(row) for row in self.rows],
-        }
+        about = {name: getattr(self.contest, name) for name in ("title", "cost_unit", "error_unit")}
+        rows = [asdict(row) for row in self.rows]
+        return {**about, "machine": self.machine, "losses": self.losses(), "rows": rows}
 
     def cases(self) -> dict[str, list[Row]]:
         """The rows by the name of their case."""

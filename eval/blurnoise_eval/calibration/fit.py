@@ -11,15 +11,19 @@ import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import checks, doubts
-from blurnoise_eval.calibration.checks import Linearity, Z
-from blurnoise_eval.calibration.doubts import Doubt
+from blurnoise_eval.calibration import checks
+from blurnoise_eval.calibration.checks import Doubt, Linearity, Z
 from blurnoise_eval.calibration.frames import Folder, Size
-from blurnoise_eval.calibration.levels import Floats, Level, columns, level_of
-from blurnoise_eval.calibration.lines import dark_line
-from blurnoise_eval.calibration.patterns import dark_pattern, noise_of_mean, response_pattern
-from blurnoise_eval.calibration.rounding import TWO_NUMBERS_DN
-from blurnoise_eval.calibration.transfer import Transfer, fit
+from blurnoise_eval.calibration.levels import (
+    Floats,
+    Level,
+    columns,
+    dark_pattern,
+    level_of,
+    noise_of_mean,
+    response_pattern,
+)
+from blurnoise_eval.calibration.transfer import TWO_NUMBERS_DN, Transfer, dark_line, fit
 
 _DEPTHS = (8, 10, 12, 14, 16)
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
@@ -75,8 +79,7 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
 
     flat = [lit(place)[0] for place in range(len(files.flat))]
     bits = _depth(max(level.highest_dn for level in [*dark, *flat]), bit_depth)
-    checks.check_dark(dark)
-    checks.check_light(flat, dark)
+    checks.check_levels(dark, flat)
     clip_dn, usable = checks.clipping(flat, line.offset, 2.0**bits - 1)
     used = [flat[place] for place in usable]
     checks.check_noise(used)
@@ -103,15 +106,13 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     response = response_pattern(light - dark_mean, noise_of_mean(bright) + noise_of_mean(dark))
     power = float(signal[chosen].mean()) ** 2
     estimates["prnu"] = _root(response.fixed_dn2 / power, response.error_dn2 / power)
-    doubted = [
-        doubts.drift(dark, found) or doubts.tone_curve(dark, used, found),
-        doubts.hot_pixels(pattern, found),
-    ]
-    if not doubted[0]:
-        doubted.append(doubts.stray_light(files, dark, bright, light, found))
-    certain = [doubt for doubt in doubted if doubt]
+    first = checks.warming(dark, found) or checks.tone_curve(dark, used, found)
+    stray = None if first else checks.stray_light(files, dark, bright, light, found)
+    doubts = [doubt for doubt in (first, checks.hot_pixels(pattern, found), stray) if doubt]
+    for doubt in doubts:
+        doubt.widen(estimates)
     return Measurement(
-        estimates=doubts.widened(estimates, certain),
+        estimates=estimates,
         dark=dark,
         flat=flat,
         used=usable,
@@ -124,7 +125,7 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
         notes=[
             note for note, applies in _notes(found, files.step_dn, len(flat) - len(used)).items() if applies
         ],
-        doubts=certain,
+        doubts=doubts,
     )
 
 

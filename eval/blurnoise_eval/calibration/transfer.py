@@ -3,7 +3,9 @@
 Model (EMVA 1288 release 4, linear): a level of mean m has the temporal variance V = V_r + K (m - b) + rounding, flat
 or dark, with b the mean in the dark at no exposure and V_r = (K read)^2; the dark mean is b + K d T. Shot noise of
 light and of dark charge lie on one line, so dark frames need not have the flat ones' exposures.
-Rounding adds 1/12 DN^2, and where noise is lower what :mod:`~blurnoise_eval.calibration.rounding` says.
+
+Rounding adds 1/12 DN^2 from about 0.7 DN of noise on. Below, the variance depends on where between two numbers the
+mean lies: at 0.25 DN rounding adds -0.017 to 0.188 DN^2. Pixels whose means differ (DSNU) average over it.
 """
 
 from __future__ import annotations
@@ -11,14 +13,48 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import ndtr
+from scipy.stats import chi2
 
-from blurnoise_eval.calibration.levels import Floats, Level, columns
-from blurnoise_eval.calibration.lines import SURELY, Line, dark_line, straight, widened
-from blurnoise_eval.calibration.patterns import Pattern
-from blurnoise_eval.calibration.rounding import PLAIN_DN2, rounded, spatial_variance
+from blurnoise_eval.calibration.levels import Floats, Level, Pattern, columns
+
+F = TypeVar("F", float, Floats)
+SURELY = 5.0
+"""Standard deviations from which on something is there."""
+SUSPICIOUS = 0.01
+"""Probability of the scatter about a line below which its errors are widened to the scatter."""
+PLAIN_DN2 = 0.7**2
+"""Variance before rounding from which on it adds 1/12: the first term left out is 2e^(-2 pi^2 0.49), 0.01 %."""
+TWO_NUMBERS_DN = 0.2
+"""Noise before rounding below which dark pixels hold two numbers at most (a third is 5 deviations away half of the
+time): their shares tell the noise's ratio to black level, DSNU and dark current, but none of the four."""
+_LEAST_DN2 = 1e-8
+_WIDEST_DN = 4.0  # of a spread; beyond it all phases are equally frequent anyway
+_NODES = np.linspace(-4, 4, 161)
+_WEIGHTS = np.exp(-_NODES * _NODES / 2) / np.exp(-_NODES * _NODES / 2).sum()
+_REACH = np.arange(-6.0, 7.0)
+
+
+@dataclass(frozen=True)
+class Line:
+    """offset + slope x, with standard deviations; slope NaN where there is one x only.
+
+    change: of the slope over all levels, about the slope, where that was fitted.
+    """
+
+    offset: float
+    slope: float
+    offset_error: float
+    slope_error: float
+    change: float = 0.0
+
+    def at(self, x: F) -> F:
+        """Its value; the offset where there is no slope."""
+        return self.offset + (0.0 if math.isnan(self.slope) else self.slope) * x
 
 
 @dataclass(frozen=True)
@@ -54,40 +90,33 @@ def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Trans
     dark variances grow with exposure beyond the dark mean's growth is taken off all variances first.
     """
     found, hidden, hidden_error = _fit(dark, flat, pattern), 0.0, 0.0
+    exposure, seen, error = columns(dark, "exposure_s", "variance_dn2", "variance_error_dn2")
+    line = straight(exposure, seen, np.maximum(error, 1e-9))
     for _ in range(3):  # the gain hardly depends on it
-        if found.rounding or math.isnan(found.dark.slope):
-            break
-        exposure, seen, error = columns(dark, "exposure_s", "variance_dn2", "variance_error_dn2")
-        line = straight(exposure, seen, np.maximum(error, 1e-9))
         more = line.slope - found.gain * found.dark.slope
-        if hidden == 0 and more < SURELY * line.slope_error:
+        if found.rounding or math.isnan(more) or (hidden == 0 and more < SURELY * line.slope_error):
             break
         hidden, hidden_error = more, line.slope_error
-        found = _fit(_without(dark, hidden), _without(flat, hidden), pattern)
+        less_dark, less_flat = (
+            [replace(each, variance_dn2=each.variance_dn2 - hidden * each.exposure_s) for each in levels]
+            for levels in (dark, flat)
+        )
+        found = _fit(less_dark, less_flat, pattern)
     (exposure,) = columns([*dark, *flat], "exposure_s")
     expected = found.expected_dn2 + hidden * exposure
     return replace(found, expected_dn2=expected, hidden_dn2_s=hidden, hidden_error_dn2_s=hidden_error)
 
 
-def _without(levels: Sequence[Level], hidden_dn2_s: float) -> list[Level]:
-    return [
-        replace(level, variance_dn2=level.variance_dn2 - hidden_dn2_s * level.exposure_s) for level in levels
-    ]
-
-
 def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
-    """Each variance counts with its own error, relative to the model's variance rather than to its own, since what
-    happens to be low would count more. Errors are widened where the scatter is beyond chance. Where rounding rules,
-    the dark line is fitted along, because means and variances there depend on one another."""
+    """The fit of one set of variances; where rounding rules, the dark line is fitted along, as both depend on it."""
     data = _Data(dark, flat, pattern)
     line, lowest = data.line, float(data.seen[: data.dark].min())
-    rounding = lowest - 1 / 12 < PLAIN_DN2
+    rounding, sloped = lowest - 1 / 12 < PLAIN_DN2, not math.isnan(data.line.slope)
     least = 1e-6 * float(data.seen.max() / data.mean.max())
     gain = max(straight(data.mean - line.offset, data.seen, data.error).slope, least)
     start = np.array([gain, max(lowest - 1 / 12, 1e-3), max(pattern.fixed_dn2, 1e-4)])
     scale = np.array([gain, max(lowest, 0.05), max(pattern.variance_dn2, 0.05)])
     if rounding:
-        sloped = not math.isnan(line.slope)
         start = data.best_start(np.array([*start, line.offset, line.slope if sloped else 0.0]))
         scale = np.array([*scale, 1.0, 1 / max(float(data.exposure_s.max()), 1e-9)])
         start, scale = start[: 4 + sloped], scale[: 4 + sloped]
@@ -104,7 +133,7 @@ def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Tran
     residuals = data.residuals(start)
     if not rounding:
         residuals = residuals[: len(data.seen)]  # the pattern always fits
-    factor = widened(float((residuals**2).sum()), len(residuals) - (len(start) if rounding else 2))
+    factor = _widened(float((residuals**2).sum()), len(residuals) - (len(start) if rounding else 2))
     covariance = factor * np.linalg.pinv(found.jac.T @ found.jac) * np.outer(scale, scale)
     if rounding:
         values, errors = ([*each[3:], math.nan][:2] for each in (start, np.sqrt(np.diag(covariance))))
@@ -128,7 +157,8 @@ class _Data:
         self._mean_error = np.hypot(mean_error, np.sqrt(pattern.variance_dn2 / pixels) + self._counted)
 
     def weigh(self, expected: Floats) -> None:
-        """Take errors by the expected variance; at least the measured ones where rounding rules."""
+        """Errors relative to the expected variance, as what happens to be low would count more; at least the
+        measured ones where rounding rules."""
         error = np.hypot(self._relative * expected, self._counted)
         self.error = np.where(expected < PLAIN_DN2, np.maximum(error, self.error), error)
 
@@ -164,3 +194,82 @@ class _Data:
             for phase in (-0.4, -0.2, 0.0, 0.2, 0.4)
         ]
         return min([start, *tries], key=lambda each: float((self.residuals(each) ** 2).sum()))
+
+
+def dark_line(dark: Sequence[Level]) -> Line:
+    """The dark mean over the exposure in seconds, of levels by rising exposure.
+
+    Where the levels drift, dark current is taken to change evenly from one level to the next.
+    """
+    exposure, mean, error, frames, pixels = columns(
+        dark, "exposure_s", "mean_dn", "mean_error_dn", "frames", "pixels"
+    )
+    # a mean of whole numbers that hardly vary is known no better than to one pixel
+    error = np.hypot(error, 1e-6 + 1 / (frames * pixels))
+    rate, rate_error = drift(dark)
+    if abs(rate) < SURELY * rate_error or len(np.unique(exposure)) < 4:
+        return straight(exposure, mean, error)
+    place = np.arange(len(dark)) - (len(dark) - 1) / 2
+    design = [np.ones(len(dark)), exposure, exposure * place]
+    (offset, slope, change), errors = _weighted_fit(design, mean, error)
+    return Line(offset, slope, errors[0], errors[1], change * len(dark))
+
+
+def drift(dark: Sequence[Level]) -> tuple[float, float]:
+    """How dark current changes within a level, DN/s from its first frame to its last, and its standard deviation."""
+    exposure, change, variance, pixels = columns(dark, "exposure_s", "drift_dn", "variance_dn2", "pixels")
+    (rate,), (error,) = _weighted_fit([exposure], change, np.sqrt(2 * variance / pixels + 1e-12))
+    return rate, error
+
+
+def straight(x: Floats, y: Floats, error: Floats) -> Line:
+    """Weighted straight line through (x, y)."""
+    if len(np.unique(x)) < 2:
+        (height,), (height_error,) = _weighted_fit([np.ones(len(x))], y, error)
+        return Line(height, math.nan, height_error, math.nan)
+    values, errors = _weighted_fit([np.ones(len(x)), x], y, error)
+    return Line(*values, *errors)
+
+
+def _weighted_fit(design: Sequence[Floats], y: Floats, error: Floats) -> tuple[list[float], list[float]]:
+    """Factors (k,) of the k columns (n,) whose sum is next to y (n,), and their standard deviations."""
+    scaled, of = np.stack(design, 1) / error[:, None], y / error
+    values, *_ = np.linalg.lstsq(scaled, of)
+    factor = _widened(float(((scaled @ values - of) ** 2).sum()), len(y) - len(values))
+    covariance = factor * np.linalg.inv(scaled.T @ scaled)
+    return values.tolist(), np.sqrt(np.diag(covariance)).tolist()
+
+
+def _widened(chi_square: float, freedom: int) -> float:
+    """By how much a variance grows for scatter beyond chance: chi-square per degree of freedom, or 1."""
+    if freedom < 1 or chi2.sf(chi_square, freedom) > SUSPICIOUS:
+        return 1.0
+    return max(1.0, chi_square / freedom)
+
+
+class Rounded(NamedTuple):
+    """mean_dn, variance_dn2: (N,), averages over the pixels. pixel_dn: (N, nodes), the mean number by pixel."""
+
+    mean_dn: Floats
+    variance_dn2: Floats
+    pixel_dn: Floats
+
+
+def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> Rounded:
+    """What rounding makes of normal noise; pixels' means are normal, too, about ``mean_dn`` by ``spread_dn``."""
+    places = mean_dn[:, None] + min(spread_dn, _WIDEST_DN) * _NODES
+    sigma = np.sqrt(np.clip(variance_dn2, _LEAST_DN2, PLAIN_DN2))[:, None, None]
+    off = np.round(places)[..., None] + _REACH - places[..., None]
+    share = ndtr((off + 0.5) / sigma) - ndtr((off - 0.5) / sigma)
+    shift = (share * off).sum(-1)
+    variance = (share * off * off).sum(-1) - shift**2
+    low = variance_dn2 < PLAIN_DN2
+    mean = np.where(low, mean_dn + shift @ _WEIGHTS, mean_dn)
+    after = np.where(low, variance @ _WEIGHTS, variance_dn2 + 1 / 12)
+    return Rounded(mean, after, np.where(low[:, None], places + shift, places))
+
+
+def spatial_variance(pixel_dn: Floats) -> float:
+    """Variance over pixels of the mean over rows of ``pixel_dn`` (N, nodes)."""
+    mean = pixel_dn.mean(0)
+    return float(((mean - mean @ _WEIGHTS) ** 2) @ _WEIGHTS)

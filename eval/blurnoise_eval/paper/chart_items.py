@@ -18,7 +18,7 @@ from blurnoise.blur import convolution
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.paper.item import Check, Figure, Found, Line, all_near, falls, listed, spread
+from blurnoise_eval.paper.item import Check, Figure, Line, Parts, all_near, falls, listed, spread
 from blurnoise_eval.paper.measurement import CAMERA, Charts, Measurements, NotRun, Saturation
 from blurnoise_eval.quality.measure import TILT_DEG
 
@@ -38,7 +38,7 @@ Numbers = Mapping[tuple[str, float, float], Estimate]
 """Of a :class:`Charts`: by metric, ms and px/s."""
 
 
-def mtf50_over_exposure(measured: Measurements) -> Found:
+def mtf50_over_exposure(measured: Measurements) -> Parts:
     """Flat at rest until the chart clips, and lower with speed."""
     numbers = measured[OVER_EXPOSURE]
     told = _told(numbers, "mtf50_x", 0.0)
@@ -54,15 +54,13 @@ def mtf50_over_exposure(measured: Measurements) -> Found:
     beyond = f"withheld from {clipped[0]:g} ms on" if clipped else "told throughout"
     artefact = "rises: an artefact of clipping"
     speeds = f"MTF50 at {last:g} ms and DX {listed(SPEEDS)}"
-    checks = [
-        Check("MTF50 at rest", "flat to 20 ms", at_rest, rule, flat and max(told) >= _CLIPS_MS),
-        Check("MTF50 beyond", artefact, beyond, "withheld once the chart clips", all_after),
-        Check(speeds, "falls with DX", listed(by_speed, ".3f"), "falls", falls(by_speed)),
-    ]
-    return Found(checks, [_figure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px")])
+    yield Check("MTF50 at rest", "flat to 20 ms", at_rest, rule, flat and max(told) >= _CLIPS_MS)
+    yield Check("MTF50 beyond", artefact, beyond, "withheld once the chart clips", all_after)
+    yield Check(speeds, "falls with DX", listed(by_speed, ".3f"), "falls", falls(by_speed))
+    yield _figure(numbers, "mtf50_x", "MTF50 over exposure, 50 lux", "MTF50 / cycles/px")
 
 
-def mtf50_over_speed(measured: Measurements) -> Found:
+def mtf50_over_speed(measured: Measurements) -> Parts:
     """As the closed form has it, in light in which nothing clips."""
     numbers, speeds = measured[OVER_SPEED], OVER_SPEED.speeds_px_s
     found = {speed: numbers["mtf50_x", 30.0, speed] for speed in speeds}
@@ -78,34 +76,27 @@ def mtf50_over_speed(measured: Measurements) -> Found:
     at_50_lux = "withheld at every DX" if clipped else "told"
     several = len(told) > 1
     fell = several and falls(each.value for each in told.values())
-    checks = [
-        Check("MTF50 over DX at 20 lux", "falls", text, "falls", fell),
-        Check(what, "pixel x disc x motion", beside, rule, near and several),
-        Check("the same at 50 lux", "told, the chart being clipped", at_50_lux, "", None),
-    ]
-    lines = [
-        Line("measured", speeds, [each.value for each in found.values()]),
-        Line("closed form", speeds, list(closed.values()), dashed=True),
-    ]
+    yield Check("MTF50 over DX at 20 lux", "falls", text, "falls", fell)
+    yield Check(what, "pixel x disc x motion", beside, rule, near and several)
+    yield Check("the same at 50 lux", "told, the chart being clipped", at_50_lux, "", None)
+    measured_line = Line("measured", speeds, [each.value for each in found.values()])
+    lines = [measured_line, Line("closed form", speeds, list(closed.values()), dashed=True)]
     title, y_label = "MTF50 over speed, 30 ms, 20 lux", "MTF50 / cycles/px"
-    return Found(checks, [Figure(title, "Speed / px/s", y_label, lines, logarithmic=False)])
+    yield Figure(title, "Speed / px/s", y_label, lines, logarithmic=False)
 
 
-def patch_snr(measured: Measurements) -> Found:
+def patch_snr(measured: Measurements) -> Parts:
     """Of an even patch: motion changes nothing."""
     numbers = measured[AT_30_MS]
     grey = [numbers["patch_snr_dark", 30.0, speed].value for speed in SPEEDS]
     white = any(numbers["patch_snr_bright", 30.0, speed].told for speed in SPEEDS)
     what, text = f"patch SNR at 30 ms and DX {listed(SPEEDS)}", f"grey: {listed(grey, '.2f')}"
-    checks = [
-        Check(what, "constant", text, f"spread below {EVEN:.0%}", spread(grey) < EVEN),
-        Check("the white patch", "constant", "told" if white else "clipped, withheld", "", None),
-    ]
-    title = "Patch SNR, 18 % grey, 50 lux"
-    return Found(checks, [_figure(measured[OVER_EXPOSURE], "patch_snr_dark", title, "SNR")])
+    yield Check(what, "constant", text, f"spread below {EVEN:.0%}", spread(grey) < EVEN)
+    yield Check("the white patch", "constant", "told" if white else "clipped, withheld", "", None)
+    yield _figure(measured[OVER_EXPOSURE], "patch_snr_dark", "Patch SNR, 18 % grey, 50 lux", "SNR")
 
 
-def edge_snr(measured: Measurements) -> Found:
+def edge_snr(measured: Measurements) -> Parts:
     """Equal over speed at every exposure until the chart clips."""
     numbers = measured[OVER_EXPOSURE]
     spreads = {}
@@ -117,13 +108,11 @@ def edge_snr(measured: Measurements) -> Found:
     text = ", ".join(f"{spread:.2f} dB at {ms:g} ms" for ms, spread in spreads.items())
     agrees = bool(spreads) and max(spreads.values()) < SPREAD_DB
     rule = f"spread below {SPREAD_DB:g} dB"
-    check = Check("edge SNR over DX below 20 ms", "equal", text or "nothing told", rule, agrees)
-    return Found(
-        [check], [_figure(numbers, "edge_snr_db", "Edge SNR over exposure, 50 lux", "Edge SNR / dB")]
-    )
+    yield Check("edge SNR over DX below 20 ms", "equal", text or "nothing told", rule, agrees)
+    yield _figure(numbers, "edge_snr_db", "Edge SNR over exposure, 50 lux", "Edge SNR / dB")
 
 
-def clipping(measured: Measurements) -> Found:
+def clipping(measured: Measurements) -> Parts:
     """More light clips earlier, in proportion."""
     found = measured[CLIPPING]
     lights, exposures = list(found), list(found.values())
@@ -131,40 +120,31 @@ def clipping(measured: Measurements) -> Found:
     what = f"exposure from which the chart clips at {listed(lights)} lux"
     text = f"{listed(exposures, '.1f')} ms: {listed(products, '.0f')} lux ms"
     rule, earlier = f"light times exposure within {INVERSE:.0%}", "the jump comes earlier in more light"
-    check = Check(what, earlier, text, rule, spread(products) <= INVERSE)
+    yield Check(what, earlier, text, rule, spread(products) <= INVERSE)
     inverse = [products[0] / lux for lux in lights]
     lines = [Line("measured", lights, exposures), Line("inverse of the light", lights, inverse, dashed=True)]
-    return Found([check], [Figure("Exposure from which the chart clips", "Light / lux", _EXPOSURE, lines)])
+    yield Figure("Exposure from which the chart clips", "Light / lux", _EXPOSURE, lines)
 
 
-def capacity(measured: Measurements) -> Found:
-    """Shannon information capacity, of the square of frequencies."""
-    return _peaks(measured[OVER_EXPOSURE], "sic_square", "SIC", "bits/px")
-
-
-def quanta_of_picture(measured: Measurements) -> Found:
-    """Noise equivalent quanta over the band."""
-    return _peaks(measured[OVER_EXPOSURE], "neq_integral", "NEQ", "quanta/px")
-
-
-def _peaks(numbers: Numbers, metric: str, name: str, unit: str) -> Found:
+def peaks(metric: str, name: str, unit: str, measured: Measurements) -> Parts:
     """Where a metric peaks over exposure: in a range at rest; lower, and no later, the faster it moves."""
-    peaks = [max((each.value, -ms) for ms, each in _told(numbers, metric, speed).items()) for speed in SPEEDS]
-    heights, places = [height for height, _ in peaks], [-later for _, later in peaks]
+    numbers = measured[OVER_EXPOSURE]
+    highest = [
+        max((each.value, -ms) for ms, each in _told(numbers, metric, speed).items()) for speed in SPEEDS
+    ]
+    heights, places = [height for height, _ in highest], [-later for _, later in highest]
     no_later = all(after <= before for before, after in pairwise(places))
     at_rest = f"highest told value at {places[0]:g} ms: {heights[0]:.3g} {unit}"
     inside = f"peak within {PEAK_MS[0]:g}-{PEAK_MS[1]:g} ms"
     what = f"{name}'s peak at DX {listed(SPEEDS)}"
     moving = f"{listed(places)} ms; {listed(heights, '.3g')} {unit}"
     lower = "height falls, place does not rise"
-    checks = [
-        Check(f"{name} at rest", "peaks at 20-30 ms", at_rest, inside, PEAK_MS[0] <= places[0] <= PEAK_MS[1]),
-        Check(what, "lower, and earlier, with DX", moving, lower, falls(heights) and no_later),
-    ]
-    peak = (20.0, 30.0, "peak at rest")
-    return Found(
-        checks, [_figure(numbers, metric, f"{name} over exposure, 50 lux", f"{name} / {unit}", peak)]
+    yield Check(
+        f"{name} at rest", "peaks at 20-30 ms", at_rest, inside, PEAK_MS[0] <= places[0] <= PEAK_MS[1]
     )
+    yield Check(what, "lower, and earlier, with DX", moving, lower, falls(heights) and no_later)
+    peak = (20.0, 30.0, "peak at rest")
+    yield _figure(numbers, metric, f"{name} over exposure, 50 lux", f"{name} / {unit}", peak)
 
 
 def mtf50(length_px: float) -> float:

@@ -14,7 +14,7 @@ from blurnoise import charts
 from blurnoise.motion.ego import blur_pixels
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
-from blurnoise_eval.paper.item import Check, Found
+from blurnoise_eval.paper.item import Check, Parts
 from blurnoise_eval.paper.measurement import CAMERA, Measurements
 
 
@@ -51,38 +51,34 @@ FREQUENCIES = {100: (0.04, 0.1), 50: (0.08, 0.2), 32: (0.125, 0.3)}
 FREQUENCY_SHARE = 0.25
 
 
-def table_2(measured: Measurements) -> Found:
+def table_2(measured: Measurements) -> Parts:
     """Motion blur of road users, row by row."""
     camera = Camera.preset(CAMERA)
     optics: Any = {"width_px": camera.width_px, "hfov_deg": camera.hfov_deg}
-    checks = []
     for number, (printed, width, distance, kmh, ms) in enumerate(TABLE_2, 1):
         found = blur_pixels(kmh / 3.6, distance, 1e-3 * ms, target_width_m=width, **optics)
         what = f"row {number}: {width:g} m wide, {distance:g} m away, {kmh:g} km/h, {ms:g} ms"
         agrees, rule = abs(found - printed) <= PRINTED_PX, f"within {PRINTED_PX:g} px"
-        checks.append(Check(what, f"{printed:.3f} px", f"{found:.4f} px", rule, agrees))
-    return Found(checks)
+        yield Check(what, f"{printed:.3f} px", f"{found:.4f} px", rule, agrees)
 
 
-def quanta(measured: Measurements) -> Found:
+def quanta(measured: Measurements) -> Parts:
     """Quanta of white light: the camera's electrons times the sensitivity by which the tool multiplies."""
     camera = Camera.preset(CAMERA)
     electrons, gain = photoelectrons(camera, 50.0, 0.030), camera.system_gain_dn_per_e
     text = f"{electrons:.1f} e- x {gain:g} = {electrons * gain:.1f}"
     agrees = abs(electrons * gain / QUANTA - 1) <= 1e-3
-    return Found([Check("quanta of white", f"{QUANTA:.1f} (its tool)", text, "within 0.1 %", agrees)])
+    yield Check("quanta of white", f"{QUANTA:.1f} (its tool)", text, "within 0.1 %", agrees)
 
 
-def frequencies(measured: Measurements) -> Found:
+def frequencies(measured: Measurements) -> Parts:
     """Spatial frequencies of the noise-free sign, from the distances of its edges."""
-    checks = []
     for size, (low, high) in FREQUENCIES.items():
         found = edge_frequencies(charts.stop_sign(size)[0])
         least, most = float(found.min()), float(found.max())
         agrees = max(abs(least / low - 1), abs(most / high - 1)) <= FREQUENCY_SHARE
         text, rule = f"{least:.3f}-{most:.3f} cycles/px", f"both ends within {FREQUENCY_SHARE:.0%}"
-        checks.append(Check(f"sign of {size} px", f"{low:g}-{high:g} cycles/px", text, rule, agrees))
-    return Found(checks)
+        yield Check(f"sign of {size} px", f"{low:g}-{high:g} cycles/px", text, rule, agrees)
 
 
 def edge_frequencies(picture: Tensor) -> Tensor:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from statistics import NormalDist
 from typing import NamedTuple
 
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.paper.measurement import Measurements, NotRun
+from blurnoise_eval.paper.measurement import CHAINS, Chain, NotRun
 
 AGREES, DIFFERS, NOT_RUN, NOT_JUDGED = "agrees", "differs", "not run", "not judged"
 COLUMNS = ("item", "expected", "found", "rule", "verdict", "what", "chain", "place", "setting")
@@ -68,40 +68,51 @@ class Figure(NamedTuple):
     level: float | None = None
 
 
-class Found(NamedTuple):
-    """What an item comes to."""
-
-    checks: Sequence[Check]
-    figures: Sequence[Figure] = ()
+Parts = Iterator[Check | Figure]
 
 
 class Item(NamedTuple):
-    """An entry of the rerun. place: figure, table or equation of the paper."""
+    """An entry of the rerun. place: figure, table or equation of the paper.
+
+    of: gives the checks and figures of measurements. judged: the chain that is held to the paper; ``of`` is then
+    called for each chain.
+    """
 
     name: str
     title: str
     place: str
     setting: str
-    of: Callable[[Measurements], Found]
+    of: Callable[..., Parts]
+    judged: Chain | None = None
 
-    def run(self, measured: Measurements) -> Outcome:
+    def run(self, measured: object) -> Outcome:
         """What is found; where something is missing for it, a check that says so."""
+        checks: list[Check] = []
+        figures: list[Figure] = []
         try:
-            return Outcome(self, self.of(measured))
+            for chain in CHAINS if self.judged else ("",):
+                for part in self.of(measured, chain) if chain else self.of(measured):
+                    if isinstance(part, Figure):
+                        figures.append(part)
+                    else:
+                        agrees = part.agrees if chain in ("", self.judged) else None
+                        checks.append(replace(part, chain=chain, agrees=agrees))
         except NotRun as reason:
-            return Outcome(self, Found([Check(self.title, "", str(reason), "", None, not_run=True)]))
+            return Outcome(self, [Check(self.title, "", str(reason), "", None, not_run=True)], [])
+        return Outcome(self, checks, figures)
 
 
 class Outcome(NamedTuple):
     """An item with what was found."""
 
     item: Item
-    found: Found
+    checks: Sequence[Check]
+    figures: Sequence[Figure]
 
     def rows(self) -> list[dict[str, str]]:
         """The item's rows of paper.csv, by ``COLUMNS``."""
         shared = {"item": self.item.name, "place": self.item.place, "setting": self.item.setting}
-        rows = [{**asdict(check), "verdict": check.verdict, **shared} for check in self.found.checks]
+        rows = [{**asdict(check), "verdict": check.verdict, **shared} for check in self.checks]
         return [{name: row[name] for name in COLUMNS} for row in rows]
 
 

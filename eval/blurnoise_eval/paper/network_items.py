@@ -8,13 +8,12 @@ camera's stands beside it. In the maps it is the other way round: in their light
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
 from scipy.stats import spearmanr
 
-from blurnoise_eval.paper.item import Check, Figure, Found, Line
+from blurnoise_eval.paper.item import Check, Figure, Line, Parts
 from blurnoise_eval.paper.measurement import CHAINS, Chain, Charts, Measurements, NotRun, Signs
 
 SIZES = (100, 50, 32)
@@ -67,39 +66,28 @@ Curve = dict[float, float]
 """Confidence over exposure in ms, or over speed."""
 
 
-def detection(measured: Measurements) -> Found:
+def detection(measured: Measurements, chain: Chain) -> Parts:
     """The order of sizes: a larger sign is found in shorter exposures and at higher speeds."""
-
-    def checks(chain: Chain) -> list[Check]:
-        over_ms = [_curve(measured, FOUND_AT_REST[chain], size) for size in SIZES]
-        over_dx = [_curve(measured, FOUND_AT_30_MS[chain], size) for size in SIZES]
-        first, last = [first_held(each) for each in over_ms], [last_held(each) for each in over_ms]
-        lost = [first_lost(each) for each in over_dx]
-        found, gone = _by_size(first, "ms", "none"), _by_size(lost, "px/s", f"none to {_FAR_DX[-1]:g}")
-        slower = ordered([-each for each in lost])
-        first_at, lost_at = (
-            ", ".join(f"{value:g} {unit} ({size} px)" for size, value in quoted.items())
-            for quoted, unit in ((FIRST_MS, "ms"), (LOST_DX, "px/s"))
-        )
-        tops = f"{TOPS_MS[0]:g}-{TOPS_MS[1]:g} ms"
-        limit, at_last = "another network's limit", _by_size(last, "ms", "none")
-        return [
-            Check("first exposure at rest that finds it", first_at, found, "falls with size", ordered(first)),
-            Check("DX that loses it at 30 ms", f"about {lost_at}", gone, "rises with size", slower),
-            Check("last exposure at rest that finds it", tops, at_last, limit, None),
-        ]
-
-    rest, fast = (_lines(measured, signs.values()) for signs in (FOUND_AT_REST, FOUND_AT_30_MS))
-    lost = [(dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()]
-    at_rest, at_30_ms = "Signs found at rest, 50 lux", "Signs found at 30 ms, 50 lux"
-    figures = [
-        Figure(at_rest, _EXPOSURE, _CONFIDENCE, rest, [(*TOPS_MS, "last")], level=LEVEL),
-        Figure(at_30_ms, _SPEED, _CONFIDENCE, fast, lost, False, level=LEVEL),
-    ]
-    return Found(_of_chains(checks, judged="paper"), figures)
+    over_ms = [_curve(measured, FOUND_AT_REST[chain], size) for size in SIZES]
+    over_dx = [_curve(measured, FOUND_AT_30_MS[chain], size) for size in SIZES]
+    first, last = [first_held(each) for each in over_ms], [last_held(each) for each in over_ms]
+    lost = [first_lost(each) for each in over_dx]
+    first_at = ", ".join(f"{ms:g} ms ({size} px)" for size, ms in FIRST_MS.items())
+    lost_at = ", ".join(f"{dx:g} px/s ({size} px)" for size, dx in LOST_DX.items())
+    found, gone = _by_size(first, "ms", "none"), _by_size(lost, "px/s", f"none to {_FAR_DX[-1]:g}")
+    slower, tops = ordered([-each for each in lost]), f"{TOPS_MS[0]:g}-{TOPS_MS[1]:g} ms"
+    limit, at_last = "another network's limit", _by_size(last, "ms", "none")
+    yield Check("first exposure at rest that finds it", first_at, found, "falls with size", ordered(first))
+    yield Check("DX that loses it at 30 ms", f"about {lost_at}", gone, "rises with size", slower)
+    yield Check("last exposure at rest that finds it", tops, at_last, limit, None)
+    if chain == "paper":
+        rest, fast = (_lines(measured, signs.values()) for signs in (FOUND_AT_REST, FOUND_AT_30_MS))
+        tops_at, places = [(*TOPS_MS, "last")], [(dx, dx, f"{size} px lost") for size, dx in LOST_DX.items()]
+        yield Figure("Signs found at rest, 50 lux", _EXPOSURE, _CONFIDENCE, rest, tops_at, level=LEVEL)
+        yield Figure("Signs found at 30 ms, 50 lux", _SPEED, _CONFIDENCE, fast, places, False, level=LEVEL)
 
 
-def maps(measured: Measurements) -> Found:
+def maps(measured: Measurements, chain: Chain) -> Parts:
     """How well metrics rank the conditions of a map by the confidence in a sign of 32 px."""
     numbers = measured[MAP_CHARTS]
     nodes = [(ms, dx) for ms in MAP_CHARTS.exposures_ms for dx in MAP_CHARTS.speeds_px_s]
@@ -107,75 +95,50 @@ def maps(measured: Measurements) -> Found:
     if len(told) < 3:
         raise NotRun(f"metrics are withheld at all but {len(told)} of {len(nodes)} conditions")
     values = {name: [numbers[metric, *node].value for node in told] for metric, name in _METRICS.items()}
-    confidence = {chain: [measured[MAP_SIGNS[chain]][32, *node] for node in told] for chain in CHAINS}
-    ranks = {
-        chain: {name: float(spearmanr(each, confidence[chain]).statistic) for name, each in values.items()}
-        for chain in CHAINS
-    }
-
-    def checks(chain: Chain) -> list[Check]:
-        rank = ranks[chain]
-        what = f"rank correlation with confidence, {len(told)} of {len(nodes)} conditions told"
-        text = ", ".join(f"{name} {value:.2f}" for name, value in rank.items())
-        agrees = min(rank["SIC"], rank["NEQ"]) > max(rank["MTF50"], rank["patch SNR"])
-        rule = "SIC and NEQ each above both others"
-        return [Check(what, "MTF50, patch SNR poor; SIC, NEQ good", text, rule, agrees)]
-
-    figures = [
-        Figure(
-            f"Map of {name}: rank correlation {rank:.2f}", name, _CONFIDENCE,
-            [Line("32 px", values[name], confidence["camera"])], points=True, level=LEVEL,
+    confidence = [measured[MAP_SIGNS[chain]][32, *node] for node in told]
+    rank = {name: float(spearmanr(each, confidence).statistic) for name, each in values.items()}
+    what = f"rank correlation with confidence, {len(told)} of {len(nodes)} conditions told"
+    text = ", ".join(f"{name} {value:.2f}" for name, value in rank.items())
+    agrees = min(rank["SIC"], rank["NEQ"]) > max(rank["MTF50"], rank["patch SNR"])
+    rule = "SIC and NEQ each above both others"
+    yield Check(what, "MTF50, patch SNR poor; SIC, NEQ good", text, rule, agrees)
+    for name, value in rank.items() if chain == "camera" else ():
+        title, points = (
+            f"Map of {name}: rank correlation {value:.2f}",
+            [Line("32 px", values[name], confidence)],
         )
-        for name, rank in ranks["camera"].items()
-    ]  # fmt: skip
-    return Found(_of_chains(checks, judged="camera"), figures)
+        yield Figure(title, name, _CONFIDENCE, points, points=True, level=LEVEL)
 
 
-def reading(measured: Measurements) -> Found:
+def reading(measured: Measurements, chain: Chain) -> Parts:
     """The exposures from which, and to which, STOP is read."""
-    ends = (
-        ("from", READ_FROM_MS, FROM_FACTOR, first_held),
-        ("to", READ_TO_MS, TO_FACTOR, last_held),
-    )
-
-    def checks(chain: Chain) -> list[Check]:
-        found = []
-        for what, quoted, factor, end in ends:
-            for (size, dx), ms in quoted.items():
-                seen = end(_curve(measured, READ_OVER_EXPOSURE[chain, size, dx], size))
-                text = f"{seen:g} ms" if math.isfinite(seen) else "not read"
-                agrees = seen > 0 and ms / factor <= seen <= ms * factor
-                name = f"{size} px, DX {dx:g}: read {what}"
-                found.append(Check(name, f"{ms:g} ms", text, f"factor {factor:g}", agrees))
-        return found
-
-    figures = []
-    for dx in (0.0, FAST):
+    ends = ("from", READ_FROM_MS, FROM_FACTOR, first_held), ("to", READ_TO_MS, TO_FACTOR, last_held)
+    for what, quoted, factor, end in ends:
+        for (size, dx), ms in quoted.items():
+            seen = end(_curve(measured, READ_OVER_EXPOSURE[chain, size, dx], size))
+            text = f"{seen:g} ms" if math.isfinite(seen) else "not read"
+            agrees = seen > 0 and ms / factor <= seen <= ms * factor
+            yield Check(
+                f"{size} px, DX {dx:g}: read {what}", f"{ms:g} ms", text, f"factor {factor:g}", agrees
+            )
+    for dx in (0.0, FAST) if chain == "paper" else ():
         lines = _lines(measured, (of for (_, _, at), of in READ_OVER_EXPOSURE.items() if at == dx))
-        quoted = [(ms, ms, f"{size} px to") for (size, at), ms in READ_TO_MS.items() if at == dx]
-        title = f"STOP read, DX {dx:g}, 50 lux"
-        figures.append(Figure(title, _EXPOSURE, _LEAST, lines, quoted, level=LEVEL))
-    return Found(_of_chains(checks, judged="paper"), figures)
+        to_ms = [(ms, ms, f"{size} px to") for (size, at), ms in READ_TO_MS.items() if at == dx]
+        yield Figure(f"STOP read, DX {dx:g}, 50 lux", _EXPOSURE, _LEAST, lines, to_ms, level=LEVEL)
 
 
-def reading_over_speed(measured: Measurements) -> Found:
+def reading_over_speed(measured: Measurements, chain: Chain) -> Parts:
     """The speeds at which STOP is read at 30 ms."""
-
-    def checks(chain: Chain) -> list[Check]:
-        curves = measured, READ_AT_30_MS[chain]
-        fails, reads = first_lost(_curve(*curves, 32)), last_held(_curve(*curves, 100))
-        failing = f"{fails:g} px/s" if math.isfinite(fails) else f"not to {_DX[-1]:g} px/s"
-        until = f"{reads:g} px/s" if math.isfinite(reads) else "not read"
-        rule = "a step of the DX list"
-        return [
-            Check("32 px: fails by", "100 px/s", failing, rule, one_step(fails, 100.0)),
-            Check("100 px: reads to", "350 px/s", until, rule, one_step(reads, 350.0)),
-        ]
-
-    lines = _lines(measured, READ_AT_30_MS.values())
-    quoted = [(100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to")]
-    figure = Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, lines, quoted, False, level=LEVEL)
-    return Found(_of_chains(checks, judged="paper"), [figure])
+    of = READ_AT_30_MS[chain]
+    fails, reads = first_lost(_curve(measured, of, 32)), last_held(_curve(measured, of, 100))
+    failing = f"{fails:g} px/s" if math.isfinite(fails) else f"not to {_DX[-1]:g} px/s"
+    until, rule = f"{reads:g} px/s" if math.isfinite(reads) else "not read", "a step of the DX list"
+    yield Check("32 px: fails by", "100 px/s", failing, rule, one_step(fails, 100.0))
+    yield Check("100 px: reads to", "350 px/s", until, rule, one_step(reads, 350.0))
+    if chain == "paper":
+        lines = _lines(measured, READ_AT_30_MS.values())
+        quoted = [(100.0, 100.0, "32 px fails by"), (350.0, 350.0, "100 px reads to")]
+        yield Figure("STOP read at 30 ms, 50 lux", _SPEED, _LEAST, lines, quoted, False, level=LEVEL)
 
 
 def first_held(curve: Curve) -> float:
@@ -203,15 +166,6 @@ def ordered(values: Sequence[float]) -> bool:
 def one_step(found: float, quoted: float) -> bool:
     """Whether both are the same or neighbours among the speeds that are measured."""
     return found in _DX and abs(_DX.index(found) - _DX.index(quoted)) <= 1
-
-
-def _of_chains(checks: Callable[[Chain], list[Check]], *, judged: Chain) -> list[Check]:
-    """The checks of both chains, of which one is held to the paper."""
-    return [
-        replace(check, chain=chain, agrees=check.agrees if chain == judged else None)
-        for chain in CHAINS
-        for check in checks(chain)
-    ]
 
 
 def _curve(measured: Measurements, of: Signs, size: int) -> Curve:

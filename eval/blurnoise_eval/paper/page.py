@@ -77,9 +77,7 @@ def _page(outcomes: Sequence[Outcome], facts: dict[str, str]) -> str:
             {
                 "item": outcome.item,
                 "rows": outcome.rows(),
-                "figures": [
-                    {"title": each.title, "png": _base64(png(each))} for each in outcome.found.figures
-                ],
+                "figures": [{"title": each.title, "png": _base64(png(each))} for each in outcome.figures],
             }
             for outcome in outcomes
         ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from blurnoise_eval.paper import chart_items, formulas, network_items
 from blurnoise_eval.paper.item import Item
@@ -42,24 +43,24 @@ ITEMS = (
     ),
     Item(
         "sic", "Shannon information capacity", "Figure 18", "both edges, lin2024, 50 lux, DX 0 to 1000",
-        chart_items.capacity,
+        partial(chart_items.peaks, "sic_square", "SIC", "bits/px"),
     ),
     Item(
         "neq", "Noise equivalent quanta", "Figure 19", "both edges, lin2024, 50 lux, DX 0 to 1000",
-        chart_items.quanta_of_picture,
+        partial(chart_items.peaks, "neq_integral", "NEQ", "quanta/px"),
     ),
     Item(
         "detection", "Signs found", "Figures 22, 23", f"{_SIGNS}; another detector than YOLOv5m",
-        network_items.detection,
+        network_items.detection, "paper",
     ),
     Item(
         "maps", "Performance maps", "Figures 24-29",
-        f"sign of 32 px, {network_items.MAP_CAMERA}, {network_items.MAP_LUX:g} lux", network_items.maps,
+        f"sign of 32 px, {network_items.MAP_CAMERA}, {network_items.MAP_LUX:g} lux", network_items.maps, "camera",
     ),
-    Item("ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; {_READER}", network_items.reading),
+    Item("ocr", "STOP read over exposure", "Figure 30", f"{_SIGNS}; {_READER}", network_items.reading, "paper"),
     Item(
         "ocr-dx", "STOP read over speed", "Figure 31", f"{_SIGNS}, 30 ms; {_READER}",
-        network_items.reading_over_speed,
+        network_items.reading_over_speed, "paper",
     ),
 )  # fmt: skip
 NOT_COMPARED: tuple[tuple[str, str], ...] = (

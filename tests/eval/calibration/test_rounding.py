@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.rounding import rounded, spatial_variance
+from blurnoise_eval.calibration.transfer import rounded, spatial_variance
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import read_pages
 from blurnoise_eval.paper import page, table
-from blurnoise_eval.paper.item import Check, Figure, Found, Item, Line, Outcome
+from blurnoise_eval.paper.item import Check, Figure, Item, Line, Outcome, Parts
 from blurnoise_eval.paper.measurement import Measurements, NotRun
 
 NONE = Measurements(None, None)  # type: ignore[arg-type]
@@ -20,10 +20,10 @@ def item(name: str, *agree: bool | None) -> Item:
         Check(f"{name} {place}", "1 <px>", "2 px", "equal", each) for place, each in enumerate(agree)
     )
     drawn = Figure("Drawn", "Exposure / ms", "Found", (Line("a line", (1.0, 10.0), (0.2, float("nan"))),))
-    return Item(name, f"Title of {name}", "Figure 1", "a setting", lambda measured: Found(checks, (drawn,)))
+    return Item(name, f"Title of {name}", "Figure 1", "a setting", lambda measured: iter([*checks, drawn]))
 
 
-def missing(measured: Measurements) -> Found:
+def missing(measured: Measurements) -> Parts:
     raise NotRun("needs a thing")
 
 
