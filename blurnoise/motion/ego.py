@@ -1,13 +1,13 @@
 """Ego-motion: where a camera on a vehicle sees the road, things ahead and the sky move in its picture, px/s.
 
 Convention: camera axes X right, Y down, Z along the optical axis. Pixels x right, y down, (0, 0) the centre of the
-first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its share along Z. Arrays are
-(2, ...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens, where flow is 0.
-Flow is that of mid-exposure; times the exposure it is the blur, as long as what is seen goes straight and evenly.
+first one. Range: m from the camera along a pixel's ray, inf for the sky; depth: its share along Z. Arrays are (2,
+...) of pixels and flow, (3, ...) of rays, (...) of ranges; NaN beyond the lens, where flow is 0. Flow is that of
+mid-exposure; times the exposure it is the blur, as long as what is seen goes straight and evenly.
 
 A lens is "f-theta", a constant number of pixels per degree (Lin et al., Sensors 2024, 24, 5135, eq. 14);
-"rectilinear", a pinhole; or a camera's own, distortion included. A vehicle's camera sees road up to the horizon and
-sky above it, or a frontal plane before both; what stands on the road counts as road.
+"rectilinear", a pinhole; or a camera's own, distortion included. Roads reach up to the horizon, the sky is above,
+or a wall ahead.
 """
 
 from __future__ import annotations
@@ -38,12 +38,11 @@ def velocity_px_s(
     hfov_deg: float,
     lens: Lens = "f-theta",
 ) -> float:
-    """Speed in the image, px/s, of a target that crosses the optical axis at ``speed_m_s``.
+    """Speed in the image, px/s, of a target that crosses the optical axis at ``speed_m_s`` >= 0.
 
-    speed_m_s >= 0, across the line of sight; distance_m, target_width_m > 0; width_px and hfov_deg are the
-    camera's. Its image is 2 atan(w / 2d) [deg] * width_px / hfov_deg px wide by an f-theta lens (Lin et al. 2024,
-    eq. 14), f w / d with f = (width_px / 2) / tan(hfov / 2) by a rectilinear one, and moves that / w px per metre.
-    Raises ``ValueError`` for values outside these ranges (a rectilinear lens needs hfov_deg < 180).
+    Its image is 2 atan(w / 2d) [deg] * width_px / hfov_deg px wide by an f-theta lens (Lin et al. 2024, eq. 14), f
+    w / d with f = (width_px / 2) / tan(hfov / 2) by a rectilinear one, and moves that / w px per metre. Raises
+    ``ValueError`` naming the argument (a rectilinear lens needs hfov_deg < 180).
     """
     speed, distance = limited("speed_m_s", speed_m_s), limited("distance_m", distance_m)
     target, width = limited("target_width_m", target_width_m), limited("width_px", width_px)
@@ -92,8 +91,7 @@ class EgoMotion(NamedTuple):
 class View:
     """A picture's size, its horizontal field of view, and the lens: "f-theta" or "rectilinear", a pinhole.
 
-    calibrated: a camera's own lens, distortion included, in place of hfov_deg and lens. Raises ``ValueError`` outside
-    the limits; a rectilinear lens needs hfov_deg < 180.
+    calibrated: a camera's own lens, distortion included, in place of hfov_deg and lens. Raises ``ValueError``.
     """
 
     width_px: Annotated[int, within("width_px")]
@@ -119,13 +117,13 @@ class View:
 
         Raises ``ValueError`` for more than 2^28.
         """
-        sizes = (self.width_px, self.height_px)
-        counts = [size if most is None else min(size, most) for size in sizes]
-        if math.prod(counts) > LARGEST_PICTURE:
+        sizes = self.width_px, self.height_px
+        width, height = (size if most is None else min(size, most) for size in sizes)
+        if width * height > LARGEST_PICTURE:
             raise ValueError(
-                f"width_px, height_px: {counts[0]} x {counts[1]} pixels; at most {LARGEST_PICTURE} are computed"
+                f"width_px, height_px: {width} x {height} pixels; at most {LARGEST_PICTURE} are computed"
             )
-        x, y = (np.linspace(0.0, size - 1.0, count) for size, count in zip(sizes, counts, strict=True))
+        x, y = np.linspace(0.0, sizes[0] - 1.0, width), np.linspace(0.0, sizes[1] - 1.0, height)
         return np.stack(np.meshgrid(x, y))
 
     def rays(self, pixels: Floats) -> Floats:
@@ -143,10 +141,9 @@ class View:
     def flow_px_s(self, pixels: Floats, range_m: Floats, motion: EgoMotion) -> Floats:
         """Velocity (2, ...) of what pixels (2, ...) see at ranges (...), by the camera's motion, px/s.
 
-        A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z: x' = (x Vz - Vx)/Z +
-        wx x y - wy (1 + x^2) + wz y, y' = (y Vz - Vy)/Z + wx (1 + y^2) - wy x y - wz x, which a calibrated lens
-        images. F-theta: a ray s at range R turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its angle from
-        the axis and around it. Raises ``ValueError`` for a range <= 0.
+        A pinhole: Longuet-Higgins & Prazdny, Proc. R. Soc. B 208 (1980), with x = X/Z, y = Y/Z, which a calibrated
+        lens images. F-theta: a ray s at range R turns by s' = -(w x s) - (V - (s.V) s)/R; the picture shows its
+        angle from the axis and around it. Raises ``ValueError`` for a range <= 0.
         """
         _ahead("range_m", range_m)
         velocity, turn = np.array(motion.velocity_m_s), np.radians(motion.rotation_deg_s)
@@ -165,9 +162,8 @@ class View:
             after, before = (self.calibrated.imaged(seen + moving * way, size) for way in (step_s, -step_s))
             return (after - before) / (2 * step_s)
         rays = self.rays(pixels)
-        along = np.tensordot(velocity, rays, 1)
-        column = velocity.reshape(3, *[1] * (rays.ndim - 1))
-        turned = -np.cross(turn, rays, axisb=0, axisc=0) - (column - along * rays) / range_m
+        sideways = velocity.reshape(3, *[1] * (rays.ndim - 1)) - np.tensordot(velocity, rays, 1) * rays
+        turned = -np.cross(turn, rays, axisb=0, axisc=0) - sideways / range_m
         across = np.hypot(rays[0], rays[1])
         off = across > 0
         divisor = np.where(off, across, 1.0)
@@ -186,10 +182,7 @@ class View:
 
 
 def range_of_depth_m(rays: Floats, depth_m: float | Floats) -> Floats:
-    """Ranges (...) of what rays (3, ...) meet at a depth, m: of a frontal plane, or a map (...), inf for the sky.
-
-    inf for rays that do not look ahead. Raises ``ValueError`` for a depth <= 0.
-    """
+    """Ranges (...) at which rays (3, ...) meet a depth > 0, m: of a plane ahead, or a map (...), inf for the sky."""
     _ahead("depth_m", depth_m)
     return _ranges_m(depth_m, rays[2])
 
@@ -204,9 +197,8 @@ def _ahead(name: str, away_m: float | Floats) -> None:
     """Raise ``ValueError`` unless all is before the camera, or unknown."""
     nearest = float(np.nanmin(away_m)) if not np.isnan(away_m).all() else math.inf
     if nearest <= 0:
-        raise ValueError(
-            f"{name}: the smallest is {nearest:g}; must be > 0, inf for the sky, NaN where none is known"
-        )
+        must = "must be > 0, inf for the sky, NaN where none is known"
+        raise ValueError(f"{name}: the smallest is {nearest:g}; {must}")
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Polyline:
     def error(self) -> float:
         """RMS error, in units of white, of leaving it out: a bound for any picture within [0, 1].
 
-        |1 - H(f)| is at most 2, and 2 pi f . c of the centroid c plus 2 pi^2 f . S f of the second moments S about
+        |1 - H(f)| is at most 2, and 2 pi f . c + 2 pi^2 f . S f of the centroid c and the second moments S about
         it; the worst picture is a checkerboard, f = (1/2, 1/2) or (1/2, -1/2).
         """
         shares = np.array(self.shares)
@@ -87,8 +87,8 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not len(self.time_s) == len(self.x_px) == len(self.y_px) >= 2:
-            counts = len(self.time_s), len(self.x_px), len(self.y_px)
+        counts = len(self.time_s), len(self.x_px), len(self.y_px)
+        if len({*counts}) > 1 or counts[0] < 2:
             raise ValueError(f"time_s, x_px, y_px: got {counts} numbers; must be as many of each, at least 2")
         for before, after in pairwise(self.time_s):
             if not before < after:
@@ -101,10 +101,9 @@ class Trajectory:
     @classmethod
     def of(cls, time_s: Any, places_px: NDArray[Any]) -> Trajectory:
         """Trajectory from times (K,), s, and positions (2, K), px."""
-        if np.ndim(time_s) != 1 or np.shape(places_px) != (2, len(time_s)):
-            raise ValueError(
-                f"time_s, places_px: shapes are {np.shape(time_s)}, {np.shape(places_px)}; must be (K,), (2, K)"
-            )
+        shapes = np.shape(time_s), np.shape(places_px)
+        if np.ndim(time_s) != 1 or shapes[1] != (2, len(time_s)):
+            raise ValueError(f"time_s, places_px: shapes are {shapes[0]}, {shapes[1]}; must be (K,), (2, K)")
         return cls(time_s, *places_px)
 
     @classmethod
@@ -135,10 +134,10 @@ class Trajectory:
                 f"duration_s = {2 * half:g}: needs {count} knots; at most {_MOST_KNOTS} are allowed"
             )
         time = np.linspace(-half, half, max(2, count))
-        angle = math.radians(limited("direction_deg", direction_deg))
-        phase = limited("phase_rad", phase_rad)
-        along = amplitude * np.sin(omega * time + phase)
-        return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
+        angle, phase = math.radians(limited("direction_deg", direction_deg)), limited("phase_rad", phase_rad)
+        return cls.of(
+            time, np.outer((math.cos(angle), -math.sin(angle)), amplitude * np.sin(omega * time + phase))
+        )
 
     def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
         """Knots (2, K), px, and durations (K - 1,), s, between two times; one knot if these are equal.
@@ -148,10 +147,8 @@ class Trajectory:
         first, last = self.time_s[0], self.time_s[-1]
         slack = 1e-6 * (last - first)  # of times that were rounded to single precision
         if not first - slack <= start_s <= stop_s <= last + slack:
-            raise ValueError(
-                f"trajectory: goes from {first:.6g} to {last:.6g} s; must hold the exposure, {start_s:.6g} to "
-                f"{stop_s:.6g} s about mid-exposure"
-            )
+            must = f"must hold the exposure, {start_s:.6g} to {stop_s:.6g} s about mid-exposure"
+            raise ValueError(f"trajectory: goes from {first:.6g} to {last:.6g} s; {must}")
         time, x, y = self._arrays
         within = time[(time > start_s) & (time < stop_s)]
         at = np.concatenate([[start_s], within, [stop_s] if stop_s > start_s else []])
@@ -253,9 +250,8 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
     """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
 
     The velocity gets Gaussian steps, a pull towards the middle and, rarely, a jerk, strengths drawn once, and keeps
-    its speed. extent_px: the longer side of the box about what ``exposure_s`` around mid-exposure sees. duration_s >=
-    exposure_s: of the whole, of which exposures see parts. The same seed and duration over exposure give the same
-    shape.
+    its speed. extent_px: the longer side of the box about what ``exposure_s`` around mid-exposure sees. duration_s:
+    of the whole, from exposure_s on. The same seed and duration over exposure give the same shape.
     """
     integer("seed", seed, 0, rng.LAST_SEED)
     extent = in_range("extent_px", extent_px, 0.0, 1e4)

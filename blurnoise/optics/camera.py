@@ -20,22 +20,11 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import (
-    LIMITS,
-    Figure,
-    Text,
-    check_fields,
-    in_range,
-    integer,
-    known,
-    one_of,
-    shown,
-    within,
-)
+from blurnoise._core.checks import LIMITS, Figure, Text, check_fields, in_range, known, shown, within
 from blurnoise.optics import camera_files, colour
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens, farthest_px
-from blurnoise.optics.spectra import Curve, check_shares
+from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
@@ -48,9 +37,8 @@ _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 class ConversionGain:
     """A pixel's figures from the gain on at which it switches to a smaller capacitance.
 
-    from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at
-    ``from_db``; read_noise_post_share: of its variance, what arises behind the amplifier.
-    Raises ``TypeError`` or ``ValueError`` naming the field.
+    from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at ``from_db``;
+    read_noise_post_share: of its variance, what arises behind the amplifier. Raises ``TypeError`` or ``ValueError``.
     """
 
     from_db: Annotated[Figure, within("from_db")]
@@ -66,9 +54,9 @@ class ConversionGain:
 class Capture:
     """One of the captures of an HDR picture, of which the first, the most sensitive one, is the reference.
 
-    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time over the camera's (split pixels).
-    gain_db: analogue, see :meth:`Camera.at_gain`. start_s: counted from where the first begins; None: where the
-    one before it ends. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time over the camera's (split pixels). gain_db:
+    analogue, see :meth:`Camera.at_gain`. start_s: counted from where the first begins; None: where the one before it
+    ends. Raises ``TypeError`` or ``ValueError``.
     """
 
     exposure_ratio: Annotated[Figure, within("exposure_ratio")] = 1.0
@@ -148,56 +136,40 @@ class Camera:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not isinstance(self.quantum_efficiency, FilterCurves):
-            check_shares("quantum_efficiency", self.quantum_efficiency)
-        colour.check_filters(self.cfa, self.quantum_efficiency)
-        if self.ccm is not None:
-            colour.check_matrix(self.ccm, self.cfa)
-        if self.white_balance != "auto" and self.cfa in colour.PLANES:
-            raise ValueError(f"white_balance: cfa = {self.cfa!r} has no colours to balance; must be 'auto'")
-        if not isinstance(self.tone, str):
-            colour.check_tone(self.tone)
-        self._check_gains()
+        colour.check(self.cfa, self.quantum_efficiency, self.ccm, self.white_balance, self.tone)
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
-        self._check_lens()
-        if self.row_time_s and self.shutter == "global":
-            raise ValueError(
-                f"row_time_s = {self.row_time_s!r}: must be 0 where shutter is 'global'; "
-                "'rolling' and 'global-reset' take it"
-            )
-
-    def _check_lens(self) -> None:
-        lens, blurred = self.lens, self.defocus_radius_px or self.diffraction_wavelength_um
-        calibrated = lens.distortion and lens.distortion.focal_px
-        if lens.mtf and blurred:
-            raise ValueError(
-                "lens.mtf: is measured with defocus and diffraction, at its own f-number; defocus_radius_px and "
-                "diffraction_wavelength_um must be 0 beside it"
-            )
-        if lens.field_curvature_px and self.defocus_counts_pixel:
-            raise ValueError("lens.field_curvature_px: must be 0 where defocus_counts_pixel is true")
-        if self.hfov_deg >= 180 and (lens.falloff_power or (lens.displaces and not calibrated)):
-            raise ValueError(
-                f"hfov_deg = {self.hfov_deg:g}: must be < 180 for the field angles of lens.falloff_power and "
-                "lens.distortion, or lens.distortion states its focal_px"
-            )
+        starts, last_db, lens = (
+            [row.from_db for row in self.conversion_gains],
+            self.analogue_gain_max_db,
+            self.lens,
+        )
+        pinhole = lens.falloff_power or (
+            lens.displaces and not (lens.distortion and lens.distortion.focal_px)
+        )
+        fault = ""
+        if last_db > self.gain_max_db:
+            fault = f"analogue_gain_max_db = {last_db!r}: must be <= gain_max_db, {self.gain_max_db:g}"
+        elif sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
+            must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
+            fault = f"conversion_gains: from_db are {shown(starts)}; {must}"
+        elif lens.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
+            must = "defocus_radius_px and diffraction_wavelength_um must be 0 beside it"
+            fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
+        elif lens.field_curvature_px and self.defocus_counts_pixel:
+            fault = "lens.field_curvature_px: must be 0 where defocus_counts_pixel is true"
+        elif self.hfov_deg >= 180 and pinhole:
+            must = "must be < 180 for the field angles of lens.falloff_power and lens.distortion"
+            fault = f"hfov_deg = {self.hfov_deg:g}: {must}, or lens.distortion states its focal_px"
+        elif self.row_time_s and self.shutter == "global":
+            must = "must be 0 where shutter is 'global'; 'rolling' and 'global-reset' take it"
+            fault = f"row_time_s = {self.row_time_s!r}: {must}"
+        if fault:
+            raise ValueError(fault)
         if lens.displaces:
             farthest_px(self.field)
-
-    def _check_gains(self) -> None:
-        if self.analogue_gain_max_db > self.gain_max_db:
-            raise ValueError(
-                f"analogue_gain_max_db = {self.analogue_gain_max_db!r}: must be <= gain_max_db, {self.gain_max_db:g}"
-            )
-        starts, last_db = [row.from_db for row in self.conversion_gains], self.analogue_gain_max_db
-        if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
-            raise ValueError(
-                f"conversion_gains: from_db are {shown(starts)}; must increase, above 0 and up to "
-                f"analogue_gain_max_db, {last_db:g}"
-            )
 
     def __hash__(self) -> int:
         """Hash of the fields in which cameras mostly differ: caches look cameras up several times a frame."""
@@ -222,9 +194,7 @@ class Camera:
 
     @property
     def saturated_dn(self) -> float:
-        """From here on a pixel counts as saturated: full scale; or a well below it less three deviations of read
-        noise and DSNU (0.14 % of full pixels lie lower), at least half of it.
-        """
+        """From here on a pixel counts as saturated: full scale, or a lower well less three deviations of noise."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
         noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_e)
@@ -262,13 +232,9 @@ class Camera:
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
 
-        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). Raises ``TypeError`` or
-        ``ValueError`` for a seed that is no integer in [0, 2**63), or a shape of other than three sides.
+        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1).
         """
-        if len(shape) != 3:
-            raise ValueError(f"shape = {shown(shape)}: must be (C, H, W)")
-        sides = tuple(integer("shape", side, 1, 1 << 20) for side in shape)
-        return _fixed_pattern(self.prnu, self.dsnu_e, sides, integer("seed", seed, 0, rng.LAST_SEED))
+        return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), *rng.item_seeds(seed, 1))
 
     @property
     def dark_noise_e(self) -> float:
@@ -297,7 +263,8 @@ class Camera:
     @classmethod
     def preset(cls, name: str) -> Camera:
         """A camera of ``PRESETS`` by name. Raises ``ValueError`` that lists the names for an unknown one."""
-        return PRESETS[one_of("camera", name, sorted(PRESETS))]
+        known("camera", name, sorted(PRESETS))
+        return PRESETS[name]
 
     @classmethod
     def from_dict(
@@ -314,8 +281,7 @@ class Camera:
     def load(cls, path: str | Path) -> Camera:
         """The camera of a .json, .yaml or .yml file; without ``name`` it is named after the file.
 
-        Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError`` where it
-        cannot be read.
+        Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError``.
         """
         path = Path(path)
         try:
@@ -325,10 +291,7 @@ class Camera:
             raise camera_files.within(str(path), error) from None
 
     def save(self, path: str | Path) -> None:
-        """Write a .json, .yaml or .yml file that :meth:`load` reads back, whole or not at all.
-
-        Raises ``ValueError`` for another suffix, ``OSError`` where it cannot be written.
-        """
+        """Write a .json, .yaml or .yml file, whole or not at all. Raises ``ValueError`` or ``OSError``."""
         camera_files.write(Path(path), self.to_dict())
 
     def to_dict(self) -> dict[str, object]:
@@ -351,21 +314,17 @@ def _at_gain(camera: Camera, gain_db: float) -> Amplified:
     own = ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
     rows = (own, *camera.conversion_gains)
     row = next(row for row in reversed(rows) if row.from_db <= analogue_db)
-    share, over_row = row.read_noise_post_share, _factor(analogue_db - row.from_db)
+    share, over_row_db = row.read_noise_post_share, analogue_db - row.from_db
     amplified = replace(
         camera,
-        system_gain_dn_per_e=camera.system_gain_dn_per_e * _factor(analogue_db),
+        system_gain_dn_per_e=camera.system_gain_dn_per_e * 10 ** (analogue_db / 20),
         full_well_e=row.full_well_e,
-        read_noise_e=row.read_noise_e * math.sqrt(1 - share + share / over_row**2),
+        read_noise_e=row.read_noise_e * math.sqrt(1 - share + share / (10 ** (over_row_db / 20)) ** 2),
         read_noise_post_share=0.0,
         analogue_gain_max_db=0.0,
         conversion_gains=(),
     )
     return Amplified(amplified, gain_db - analogue_db)
-
-
-def _factor(gain_db: float) -> float:
-    return float(10 ** (gain_db / 20))
 
 
 @lru_cache(maxsize=4)
@@ -378,7 +337,6 @@ def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int
 
 
 PRESETS: dict[str, Camera] = {}
-"""Cameras by name."""
 for _name in camera_files.PRESETS:
     PRESETS[_name] = Camera.from_dict(camera_files.preset(_name))
 

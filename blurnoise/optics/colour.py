@@ -71,44 +71,49 @@ def marked(curves: Spectrum | FilterCurves) -> str:
     return "; ".join(f"{name} {mark}".strip() for name, mark in marks if mark)
 
 
-def check_filters(cfa: str, curves: Spectrum | FilterCurves) -> None:
-    """Raise ``ValueError`` unless there is one curve without a mosaic, and one for each filter of a mosaic."""
+def check(
+    cfa: str,
+    curves: Spectrum | FilterCurves,
+    ccm: Matrix | None,
+    white_balance: WhiteBalance,
+    tone: ToneCurve,
+) -> None:
+    """Raise ``TypeError`` or ``ValueError`` naming the camera's field where these do not go together."""
     stated = dict(curves.stated()) if isinstance(curves, FilterCurves) else {}
-    if cfa in PLANES:
-        if stated or isinstance(curves, FilterCurves):
-            raise ValueError(
-                f"quantum_efficiency: states filters; cfa = {cfa!r} has none and needs one curve"
-            )
-        return
-    needed = [_CURVES[letter] for letter in dict.fromkeys(cfa)]
-    if missing := [name for name in needed if name not in stated]:
-        raise ValueError(
-            f"quantum_efficiency: cfa = {cfa!r} needs {', '.join(needed)} of its own; missing {', '.join(missing)}"
-        )
+    if not isinstance(curves, FilterCurves):
+        check_shares("quantum_efficiency", curves)
+    elif cfa in PLANES:
+        raise ValueError(f"quantum_efficiency: states filters; cfa = {cfa!r} has none and needs one curve")
+    needed = [] if cfa in PLANES else [_CURVES[letter] for letter in dict.fromkeys(cfa)]
+    if missing := ", ".join(name for name in needed if name not in stated):
+        must = f"needs {', '.join(needed)} of its own"
+        raise ValueError(f"quantum_efficiency: cfa = {cfa!r} {must}; missing {missing}")
+    if white_balance != "auto" and cfa in PLANES:
+        raise ValueError(f"white_balance: cfa = {cfa!r} has no colours to balance; must be 'auto'")
+    if ccm is not None:
+        _check_matrix(ccm, cfa)
+    if not isinstance(tone, str):
+        _check_tone(tone)
 
 
-def check_matrix(ccm: Matrix, cfa: str) -> None:
-    """Raise ``ValueError`` unless rows sum to 1, so that white stays white, and cfa has colours."""
+def _check_matrix(ccm: Matrix, cfa: str) -> None:
     rows = np.array(ccm)
     for place, total in enumerate(rows.sum(1), start=1):
         if abs(total - 1) > _ROW_TOLERANCE:
-            raise ValueError(
-                f"ccm: row {place} sums to {total:g}; each must sum to 1, so that white stays white"
-            )
+            must = "each must sum to 1, so that white stays white"
+            raise ValueError(f"ccm: row {place} sums to {total:g}; {must}")
     if cfa in (*PLANES, "RCCC"):
         raise ValueError(f"ccm: cfa = {cfa!r} has no colours of its own to correct; must be None")
     if abs(np.linalg.det(rows)) < 1e-6 or np.abs(np.linalg.inv(rows)).max() > _LARGEST_INVERSE:
         raise ValueError(f"ccm = {shown(ccm)}: must have an inverse")
 
 
-def check_tone(points: Points) -> None:
-    """Raise ``ValueError`` unless the points are a curve from light 0 to 1 that never falls."""
+def _check_tone(points: Points) -> None:
     light, values = np.array(points).T
     inside = (values >= 0).all() and (values <= 1).all() and light[0] == 0 and light[-1] == 1
     if not (inside and (np.diff(light) > 0).all() and (np.diff(values) >= 0).all()):
-        raise ValueError(
-            f"tone = {shown(points)}: light must increase from 0 to 1, values lie in [0, 1] and never fall"
-        )
+        must = "light must increase from 0 to 1, values lie in [0, 1] and never fall"
+        raise ValueError(f"tone = {shown(points)}: {must}")
 
 
 @lru_cache(maxsize=64)

@@ -51,12 +51,11 @@ class Curve:
 
     @classmethod
     def from_csv(cls, path: str | Path, column: int = 1) -> Curve:
-        """Read a CSV whose column 0 is the wavelength in nm; ``column`` holds the values; a header may stand.
+        """Read a CSV of wavelengths in nm (column 0) and values (``column``), with or without a header.
 
         Raises ``ValueError`` that names the file and line when a row does not hold numbers.
         """
-        nm, values = read_samples(path, column, "a wavelength in nm")
-        return cls(nm, values)
+        return cls(*read_samples(path, column, "a wavelength in nm"))
 
     def at(self, nm: Floats) -> Floats:
         """Values at ``nm``, zero outside the curve."""
@@ -116,17 +115,18 @@ def daylight(kelvin: float) -> Curve:
 
 def illuminant(name: str | Curve) -> Curve:
     """An illuminant by name: "D50", "D55", "D65", "D75", or "planck:KELVIN"; a curve is passed through."""
+    check_illuminant(name)
     if isinstance(name, Curve):
         return name
-    check_illuminant(name)
     if name.upper() in {"D50", "D55", "D65", "D75"}:
         return daylight(int(name[1:]) * 100 * 1.4388 / 1.4380)
-    if name.lower().startswith("planck:"):
-        try:
-            return planck(float(name.split(":", 1)[1]))
-        except ValueError as error:
-            raise ValueError(f"illuminant = {shown(name)}: {error}") from None
-    raise ValueError(f"illuminant = {shown(name)}: {_ILLUMINANTS}")
+    kind, _, kelvin = name.partition(":")
+    if kind.lower() != "planck":
+        raise ValueError(f"illuminant = {shown(name)}: {_ILLUMINANTS}")
+    try:
+        return planck(float(kelvin))
+    except ValueError as error:
+        raise ValueError(f"illuminant = {shown(name)}: {error}") from None
 
 
 def check_illuminant(illuminant: object) -> None:
@@ -141,12 +141,11 @@ def photons_per_lux_s_um2(
     responses: Sequence[Spectrum] = (),
     band_nm: tuple[float, float] = VISIBLE_NM,
 ) -> float:
-    """Photons per (lux s um^2) of illuminance on a surface, weighted by every one of ``responses``.
+    """Photons per (lux s um^2) of illuminance on a surface, weighted by every one of ``responses``, a tuple.
 
-    integral W R1 R2 ... lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors 2024, 24,
-    5135, eq. 9-11. The first integral runs over ``band_nm``, both ends included, the second over all of V, because a
-    lux counts all visible light (the paper's tool cuts both at 650 nm and so counts 1.6 % more). With no response it
-    counts the photons themselves. ``responses`` must be a tuple (results are cached).
+    integral W R1 R2 ... lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors 2024, 24, 5135, eq.
+    9-11. The first integral runs over ``band_nm``, the second over all of V, because a lux counts all visible light
+    (the paper's tool cuts both at 650 nm and so counts 1.6 % more).
     """
     low, high = band_nm
     if not (math.isfinite(low) and math.isfinite(high) and 0 < low < high):

@@ -19,8 +19,7 @@ from blurnoise._core.checks import limited
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
     """Uniform straight motion: sinc(f . d). displacement_px: (..., 2), (x, y); returns (..., *f's shape).
 
-    It takes the product of vectors before the sinc; two sincs, one per axis, hold for motion along an axis
-    only. Differentiable in the displacement, at rest too. MTF50 at 0.603355 / (length cos(angle to f)).
+    Differentiable in the displacement, at rest too. MTF50 at 0.603355 / (length cos(angle to f)).
     """
     dx, dy = displacement_px[..., 0, None, None], displacement_px[..., 1, None, None]
     return sinc(fx * dx + fy * dy)
@@ -32,8 +31,8 @@ _MOST_LOST = 1.2173  # 1 - sinc, where it is deepest
 def motion_error(dx_px: float, dy_px: float) -> float:
     """RMS error, in units of white, of leaving a motion out: a bound for any picture within [0, 1].
 
-    1 - sinc(f . d) is at most (pi f . d)^2 / 6. The worst picture is a checkerboard: all its contrast, 1/2 RMS, lies
-    at the band's corner, where f . d is (|dx| + |dy|) / 2.
+    1 - sinc(f . d) is at most (pi f . d)^2 / 6, and f . d at most (|dx| + |dy|) / 2, that of a checkerboard of 1/2
+    RMS.
     """
     return min(_MOST_LOST, (math.pi * (abs(dx_px) + abs(dy_px)) / 2) ** 2 / 6) / 2
 
@@ -41,8 +40,8 @@ def motion_error(dx_px: float, dy_px: float) -> float:
 def motion_variation_error(difference_px: float) -> float:
     """RMS error, in units of white, of one motion where displacements differ from it by up to difference_px.
 
-    |sinc(f . d) - sinc(f . d0)| is at most 1.3703 |f . (d - d0)|, the sinc's steepest slope (at 0.6626), and f at
-    most 1 / sqrt(2), at the corner of the band, where a checkerboard has all its contrast, 1/2 RMS.
+    |sinc(f . d) - sinc(f . d0)| is at most 1.3703 |f . (d - d0)|, the sinc's steepest slope, and f at most 1 /
+    sqrt(2), that of a checkerboard of 1/2 RMS.
     """
     return min(_MOST_LOST, 1.3703 / math.sqrt(2) * difference_px) / 2
 
@@ -97,8 +96,9 @@ class Measured:
 
     @property
     def lost(self) -> float:
-        """1 - value, at most, over the band of a sampled picture."""
-        return float((1 - self.at(_band())).abs().max())
+        """1 - value, at most, over the band of a sampled picture, to its corner."""
+        f = torch.arange(129, dtype=torch.float64) / 256
+        return float((1 - self.at(torch.hypot(f, f[:, None]))).abs().max())
 
     @property
     def reach_px(self) -> float:
@@ -106,18 +106,11 @@ class Measured:
         return _spread_px(self)
 
 
-def _band() -> Tensor:
-    """Radial frequencies (129, 129) that fill the band of a sampled picture, to its corner."""
-    f = torch.arange(129, dtype=torch.float64) / 256
-    return torch.hypot(f, f[:, None])
-
-
 @lru_cache(maxsize=16)
 def _spread_px(curve: Measured) -> float:
     f = torch.fft.fftfreq(256, dtype=torch.float64)
     spread = torch.fft.irfft2(curve.at(torch.hypot(f[:, None], f[:129].abs())), s=(256, 256))
-    place = f * 256
-    radius = torch.hypot(place[:, None], place).flatten()
+    radius = torch.hypot(f[:, None] * 256, f * 256).flatten()
     order = radius.argsort(descending=True)
     outside = spread.flatten()[order].square().cumsum(0).sqrt() / 2
     return float(radius[order][int((outside <= 1e-4).sum().clamp_max(len(order) - 1))])
@@ -128,8 +121,7 @@ class Optics:
     """The lens's blur, in px; 0 or None leaves a cause out.
 
     defocus_radius_px: of the disc of confusion. gaussian_sigma_px: aberrations and other small spreads.
-    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. measured: a transfer function of its own.
-    Raises ``ValueError`` below 0 or above 1000.
+    diffraction_lambda_n_px: wavelength times f-number over pixel pitch. Raises ``ValueError`` below 0 or above 1000.
     """
 
     defocus_radius_px: float = 0.0
@@ -152,9 +144,8 @@ class Optics:
     def error(self) -> float:
         """RMS error, in units of white, of leaving the lens out: a bound for any picture within [0, 1].
 
-        The worst picture is a checkerboard, whose contrast, 1/2 RMS, lies at the corner of the band, f^2 = 1/2. There
-        1 - OTF is at most (pi R f)^2 / 2 for the disc, 2 (pi sigma f)^2 for the Gaussian and (4/pi) lambda N f for
-        diffraction; for what is measured it is its own.
+        That of a checkerboard of 1/2 RMS, f^2 = 1/2, where 1 - OTF is at most (pi R f)^2 / 2 for the disc,
+        2 (pi sigma f)^2 for the Gaussian and (4/pi) lambda N f for diffraction.
         """
         squares = (math.pi * self.defocus_radius_px) ** 2 / 2 + 2 * (math.pi * self.gaussian_sigma_px) ** 2
         lost = squares / 2 + 4 / math.pi * self.diffraction_lambda_n_px / math.sqrt(2)
@@ -165,15 +156,11 @@ class Optics:
         """Product of the causes' transfer functions at fx and fy, cycles/px."""
         f = torch.hypot(fx, fy)
         total = torch.ones_like(f)
-        if self.defocus_radius_px:
-            total = total * disc(f, self.defocus_radius_px)
-        if self.gaussian_sigma_px:
-            total = total * gaussian(f, self.gaussian_sigma_px)
-        if self.diffraction_lambda_n_px:
-            total = total * diffraction(f, self.diffraction_lambda_n_px)
-        if self.measured:
-            total = total * self.measured.at(f)
-        return total
+        figures = self.defocus_radius_px, self.gaussian_sigma_px, self.diffraction_lambda_n_px
+        for transfer, figure in zip((disc, gaussian, diffraction), figures, strict=True):
+            if figure:
+                total = total * transfer(f, figure)
+        return total * self.measured.at(f) if self.measured else total
 
 
 SHARP = Optics()

@@ -148,8 +148,10 @@ def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Ten
     step = max(1, _PIECE // (colours * width))
     places = [(item, slice(row, row + step)) for item in range(batch) for row in range(0, height, step)]
     pieces = [(item, rows, at.part(item, rows)) for item, rows in places]
-    plane = torch.empty_like(signal, memory_format=torch.contiguous_format)
-    for pointwise, neighbours in groupby(active, lambda stage: stage.pointwise(at)):
+    plane, exact = torch.empty_like(signal, memory_format=torch.contiguous_format), at.law == "exact"
+    for pointwise, neighbours in groupby(
+        active, lambda stage: stage.pointwise and not (stage.draws and exact)
+    ):
         if not pointwise:
             signal = _through(neighbours, signal, at)
             continue

@@ -15,10 +15,8 @@ from blurnoise.optics.camera import Camera
 MERGE_READ_NOISE_E = 1.0
 """From this read noise (e- rms) up, shot and read noise share one draw; see :func:`.stages.noisy_electrons`."""
 Law = Literal["none", "merged", "apart", "counts", "exact"]
-"""How shot and read noise are drawn: not; in one normal draw; in one each; as counts made of one, as Poisson counts.
-
-"apart" is "merged" for stages of one's own between shot and read noise, which shall not find read noise there yet.
-"""
+"""How shot and read noise are drawn: not; in one normal draw; in one each, for own stages between them; as counts
+made of one normal draw; as Poisson counts."""
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,17 @@ class Frames:
 class SensorStage(ABC):
     """One entry of :data:`blurnoise.sensor.stages.STAGES`.
 
-    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them
-    to 0 leaves it out. essential: it stays whatever it contributes, as the signal changes its unit or range.
-    draws: it is noise, over frames, and left out where none is asked for. It takes a stream of random numbers of
-    its own (``rng.standard_normal(at.seeds, signal, "its name")``). spreads: pixels or frames of an even scene
-    differ by it; what draws does, without saying so. modelled: how, in a few words.
+    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them to 0
+    leaves it out. essential: never left out, as the signal changes its unit or range. pointwise: a pixel's value
+    depends on nothing but that value and the fields of ``at`` there. draws: it is noise, over frames, from a stream
+    of its own (``rng.standard_normal(at.seeds, signal, "its name")``), and left out where no noise is asked for.
+    spreads: pixels or frames of an even scene differ by it, as by noise. modelled: how, in a few words.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
+    pointwise: bool = False
     draws: bool = False
     spreads: bool = False
     modelled: str = "element by element"
@@ -71,10 +70,6 @@ class SensorStage(ABC):
     @abstractmethod
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         """Return the signal after the stage; differentiable, on any device."""
-
-    def pointwise(self, at: Frames) -> bool:
-        """Whether a pixel's value depends on nothing but that value and the fields of ``at`` there."""
-        return False
 
     def bound_dn(self, at: Conditions[float]) -> float | None:
         """Largest contribution where the picture is white, DN RMS; None: not defined."""

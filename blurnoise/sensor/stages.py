@@ -24,12 +24,11 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, sign
 class PointwiseStage(SensorStage):
     """A stage that treats every pixel by itself."""
 
-    def pointwise(self, at: Frames) -> bool:
-        return True
+    pointwise = True
 
 
 class SpectralIntegration(PointwiseStage):
-    """Light to mean photo-electrons; below 0 (ringing of a blur) there are none."""
+    """Light to mean photo-electrons; none below 0 (ringing of a blur). Its bound is of a flat spectral curve."""
 
     name = "spectral integration"
     essential = True
@@ -38,7 +37,6 @@ class SpectralIntegration(PointwiseStage):
         return (signal * at.white_e).clamp(min=0.0)
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        """Error of a sensor with a flat curve, at its mean over wavelengths."""
         return within_range_dn(at.camera, _flat_curve_error(at.camera, at.illuminant) * at.white_e)
 
     def how(self, camera: Camera, noisy: bool) -> str:
@@ -76,7 +74,7 @@ class DarkCurrent(PointwiseStage):
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
-class ShotNoise(SensorStage):
+class ShotNoise(PointwiseStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
     But for pixels whose charge may reach the full well (:func:`nearly_full_e`), which clips before read noise comes.
@@ -84,9 +82,6 @@ class ShotNoise(SensorStage):
 
     name = "shot noise"
     draws = True
-
-    def pointwise(self, at: Frames) -> bool:
-        return at.law != "exact"
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         if at.law == "exact":
@@ -114,10 +109,7 @@ class ShotNoise(SensorStage):
 
 
 class FullWell(PointwiseStage):
-    """The full well, where it ends below the converter's range: charge beyond it is lost.
-
-    A saturated pixel still has the noise of later stages, read noise first.
-    """
+    """The full well, where it ends below the converter's range: charge beyond it is lost. Later noises stay."""
 
     name = "full well"
     essential = True
@@ -175,14 +167,13 @@ class Gain(PointwiseStage):
 
 
 class Quantisation(PointwiseStage):
-    """Rounding to whole digital numbers."""
+    """Rounding to whole digital numbers. Gradients pass through unchanged, as the derivative of rounding is 0."""
 
     name = "quantisation"
     modelled = "rounding: the result is digital numbers"
     essential = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        """Round; gradients pass through unchanged, as the derivative of rounding is 0."""
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
     def bound_dn(self, at: Conditions[float]) -> float:
@@ -218,22 +209,18 @@ STAGES: tuple[SensorStage, ...] = (
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:
     """The stages that do something in this camera and are not left out, in order; of noise only if ``noisy``."""
-
-    def does_something(stage: SensorStage) -> bool:
-        figures = [getattr(camera, figure) for figure in stage.figures]
-        return (noisy or not stage.draws) and (any(figures) or not figures)
-
-    return [stage for stage in STAGES if stage.name not in without and does_something(stage)]
+    asked = [stage for stage in STAGES if stage.name not in without and (noisy or not stage.draws)]
+    return [
+        stage for stage in asked if not stage.figures or any(getattr(camera, name) for name in stage.figures)
+    ]
 
 
 def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:
     """Shot and read noise in one draw: a normal corrected to the skewness of Poisson(mean) + N(0, read^2).
 
-    x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms
-    of Cornish and Fisher): mean and variance exact. After gain and rounding the total variation distance
-    from the exact law is below 0.008 everywhere and below 0.0005 from 100 electrons on, for a read noise of
-    at least 1 electron; below that Poisson's integer steps show and counts are drawn instead.
-    mean_e, normal: any shape.
+    x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms of Cornish
+    and Fisher): mean and variance exact. After gain and rounding the total variation distance from the exact law is
+    below 0.008, and 0.0005 from 100 electrons on, for a read noise of at least 1 electron. mean_e, normal: any shape.
     """
     # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
     variance = mean_e + max(read_noise_e**2, 1e-6)
@@ -253,15 +240,15 @@ def nearly_full_e(camera: Camera) -> float:
 @lru_cache(maxsize=64)
 def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
     """Relative error of the signal if the sensor's curve were flat, at its mean over wavelengths."""
+
+    def mean(curve: Spectrum) -> float:
+        return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve
+
     curves = camera.quantum_efficiency
-    if isinstance(curves, FilterCurves):
-        even: float | FilterCurves = FilterCurves(**{name: _mean(curve) for name, curve in curves.stated()})
-    else:
-        even = _mean(curves)
+    filters = (
+        {name: mean(curve) for name, curve in curves.stated()} if isinstance(curves, FilterCurves) else None
+    )
+    even = FilterCurves(**filters) if filters else mean(curves)
     flat = electrons_per_lux_s(replace(camera, quantum_efficiency=even), illuminant)
     exact = electrons_per_lux_s(camera, illuminant)
     return abs(flat - exact) / exact if exact > 0 else 0.0
-
-
-def _mean(curve: Spectrum) -> float:
-    return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve
