@@ -245,10 +245,10 @@ def _flat_curve_error(camera: Camera, illuminant: str | Curve) -> float:
         return sum(curve.values) / len(curve.values) if isinstance(curve, Curve) else curve
 
     curves = camera.quantum_efficiency
-    filters = (
-        {name: mean(curve) for name, curve in curves.stated()} if isinstance(curves, FilterCurves) else None
-    )
-    even = FilterCurves(**filters) if filters else mean(curves)
+    if isinstance(curves, FilterCurves):
+        even: float | FilterCurves = FilterCurves(**{name: mean(curve) for name, curve in curves.stated()})
+    else:
+        even = mean(curves)
     flat = electrons_per_lux_s(replace(camera, quantum_efficiency=even), illuminant)
     exact = electrons_per_lux_s(camera, illuminant)
     return abs(flat - exact) / exact if exact > 0 else 0.0
