@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.maps.nodes import Plane, plane_of
-from blurnoise_eval.maps.scored import NodeScores
+from blurnoise_eval.maps.nodes import Nodes, nodes_at
+from blurnoise_eval.maps.scores import NodeScores
+from made_tables import table
 from numpy.typing import NDArray
 from plans import IMX250, OWN
 
@@ -26,18 +28,25 @@ def plane(
     exposures_s: Iterable[float] = (0.001, 0.003, 0.01, 0.03, 0.09),
     lights_lux: Iterable[float] = (1.0, 7.0, 50.0, 360.0),
     speeds: Iterable[float] = (0.0, 170.0, 600.0),
-) -> Plane:
+) -> Nodes:
     """A grid, no two conditions of which are one experiment."""
-    return plane_of([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
+    return nodes_at([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
 
 
 def scores_at(
-    plane: Plane,
+    nodes: Nodes,
     values: NDArray[np.float64],
     clusters: int = 12,
     enough: Criterion = KEEP,
     size_px: float = 50.0,
 ) -> NodeScores:
     """Scores of ``values`` (N,), from which clusters depart a little, each in its way."""
-    own = 0.01 * np.random.default_rng(0).normal(size=(clusters, len(values)))
-    return NodeScores("m", "signs", enough, values, values - own, 30, 0.5, size_px)
+    own = 0.1 * np.random.default_rng(0).normal(size=(clusters, len(values)))
+    sums = np.nan_to_num(values + own - own.mean(axis=0))
+    counts = np.broadcast_to(np.isfinite(values).astype(float), sums.shape)
+    made = table(
+        sums[..., None], np.arange(len(values)), counts=counts[..., None], group="signs", n_targets=30
+    )
+    made = replace(made, clean=0.5)
+    vars(made)["mean"] = values  # to the bit
+    return NodeScores(made, enough, size_px)

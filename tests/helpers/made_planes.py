@@ -1,12 +1,13 @@
 """Planes of a made population, for exposure programs: two kinds of target, the small ones lost sooner."""
 
+import math
+
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.deciding.predicted import Predicted
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.metering import Metering
-from blurnoise_eval.program.optimise import Problem
-from blurnoise_eval.program.response import Response
+from blurnoise_eval.program.inputs import Inputs
+from blurnoise_eval.program.limits import Limits, Metering
+from blurnoise_eval.program.problem import Problem
 from blurnoise_eval.program.scenario import Scenario, half_stops
 
 from blurnoise.optics.camera import PRESETS
@@ -21,7 +22,7 @@ def made_planes(pictures: int = PICTURES) -> dict[str, Predicted]:
     """Nodes a stop apart from 2^-11 to 2^3 lux s and from 0.5 to 64 px; each picture is lost elsewhere."""
     generator = np.random.default_rng(5)
     places = np.array([(u, w) for u in np.arange(-11.0, 4) for w in np.arange(-1.0, 7)])
-    clusters = [f"{place}.png" for place in range(pictures)]
+    clusters = tuple(f"{place}.png" for place in range(pictures))
     references = generator.gamma(3, 1, (pictures, 1))
     found = {}
     for name, dark, blur in (("large", -7.0, 4.0), ("small", -6.0, 3.0)):
@@ -32,15 +33,22 @@ def made_planes(pictures: int = PICTURES) -> dict[str, Predicted]:
     return found
 
 
-def made_response(
-    lights_lux: tuple[float, ...] = half_stops(2.0, 300.0), pictures: int = PICTURES, **more: object
-) -> Response:
+def made_problem(
+    limits: Limits = LIMITS,
+    lights_lux: tuple[float, ...] = half_stops(2.0, 300.0),
+    pictures: int = PICTURES,
+    **more: object,
+) -> Problem:
     """A scenario on :func:`made_planes`."""
     of = {"lights_lux": lights_lux, "speeds_px_s": SPEEDS, "targets": {"large": 1.0, "small": 1.0}}
-    return Response(Scenario(**{**of, **more}), made_planes(pictures))  # type: ignore[arg-type]
-
-
-def made_problem(limits: Limits = LIMITS, **scenario: object) -> Problem:
-    """Of :func:`made_response`."""
-    response = made_response(**scenario)  # type: ignore[arg-type]
-    return Problem("made", Criterion(0.9, kept=True), response, METERING, limits)
+    inputs = Inputs(
+        model="made",
+        criterion=Criterion(0.9, kept=True),
+        planes=made_planes(pictures),
+        metering=METERING,
+        lights_lux=(2.0, 300.0),
+        exposures_s=(0.0, math.inf),
+        speeds_px_s=tuple(SPEEDS),
+        notes=(),
+    )
+    return Problem(inputs, Scenario(**{**of, **more}), limits)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.deciding.nodes import Line, exposures_on, places_of
+from blurnoise_eval.deciding.lines import Line, exposures_on
 from blurnoise_eval.deciding.search import Search
 from numpy.typing import NDArray
 
@@ -78,6 +78,6 @@ def searched(
 def edges(mean: Callable[[Array], Array], line: Line, level: float) -> list[float]:
     """log2 of the exposures at which a line's windows begin and end within the range, s."""
     times = exposures_on(EXPOSURES, 24)
-    found = windows(tuple(times.tolist()), mean(places_of(times, line)).tolist(), level, True)
+    found = windows(tuple(times.tolist()), mean(line.places(times)).tolist(), level, True)
     ends = [end for window in found for end in window if EXPOSURES[0] < end < EXPOSURES[1] * (1 - 1e-9)]
     return np.log2(ends).tolist()  # type: ignore[no-any-return]

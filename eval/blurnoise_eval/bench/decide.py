@@ -19,7 +19,7 @@ from blurnoise_eval import datasets
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.deciding.kriging import Kriging
-from blurnoise_eval.deciding.nodes import Line, places_of
+from blurnoise_eval.deciding.lines import Line
 from blurnoise_eval.deciding.search import Search
 from blurnoise_eval.deciding.trend import USUAL
 from blurnoise_eval.detectors.detector import Detector
@@ -75,7 +75,7 @@ class Truth:
         self._beyond = NearestNDInterpolator(places, values)
         self.lines = [Line(lux, (speed, 0.0)) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S]
         self.times = np.geomspace(*EXPOSURES, 24 * 7)
-        self.places = np.concatenate([places_of(self.times, line) for line in self.lines])
+        self.places = np.concatenate([line.places(self.times) for line in self.lines])
 
     def seen(self, places: Array) -> tuple[Array, Array]:
         """Of places (M, 2), two times (Q, M); beyond all nodes that of the nearest one."""
@@ -113,7 +113,7 @@ def case(truth: Truth) -> Case:
         times = np.geomspace(*EXPOSURES, count)
         x, known = np.log2(truth.times), np.log2(times)
         lines = [
-            [np.interp(x, known, values) for values in truth.seen(places_of(times, line))[0]]
+            [np.interp(x, known, values) for values in truth.seen(line.places(times))[0]]
             for line in truth.lines
         ]
         return np.concatenate(lines, axis=1), count * len(truth.lines)

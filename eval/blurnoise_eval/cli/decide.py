@@ -24,11 +24,9 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
     there. A plan is that of 'blurnoise sweep --save-plan'.
     """
     from blurnoise_eval.deciding.deciding import Precision, decided
-    from blurnoise_eval.deciding.question import Question
-    from blurnoise_eval.grid.objects import USUAL_OBJECTS
     from blurnoise_eval.system.working_folder import written_run
 
-    question = Question.of_grid(given.grid())
+    plan = given.sweep_plan()
     workers = given.threads if given.address else given_by.threads(given.threads)
     models, pictures = given_by.subject(given)
     camera, of_camera = given_by.camera_of_run(given, models, pictures)
@@ -37,19 +35,13 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
             models,
             pictures,
             camera,
-            question,
+            plan,
             folder,
             threshold=given.threshold,
             keep=given.keep,
             score=given.score,
             cluster=given.cluster,
             precision=Precision(given.regret, given.edge_stops, given.most_nodes),
-            repeats=given.noise_fields(),
-            seed=given.seed,
-            grey_anchor=given.grey_anchor,
-            trajectory=given.trajectory,
-            ego=given.vehicle,
-            objects=given.objects or USUAL_OBJECTS,
             engine=given.engine,
             threads=workers,
             address=given.address,

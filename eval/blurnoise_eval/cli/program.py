@@ -33,12 +33,12 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     file), ae_route.json (time in us, gain 1024 for 1, at most 16 nodes), v4l2.csv (times in 100 us and in
     lines, codes of analogue gain) and program.png.
     """
-    from blurnoise_eval.program import export, figure, text
+    from blurnoise_eval.program import export, view
     from blurnoise_eval.program.inputs import inputs_of
-    from blurnoise_eval.program.limits import PREGIUS_LEAST_S, Limits, least_exposure_s
-    from blurnoise_eval.program.optimise import Problem, optimise
-    from blurnoise_eval.program.response import Response
-    from blurnoise_eval.program.scenario import Scenario, chosen_targets, half_stops, scaled_note
+    from blurnoise_eval.program.limits import PREGIUS_LEAST_S, Limits
+    from blurnoise_eval.program.optimise import optimise
+    from blurnoise_eval.program.problem import Problem
+    from blurnoise_eval.program.scenario import Scenario, half_stops, speed_shares, target_shares
     from blurnoise_eval.program.stages import MOST
     from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.store import Store
@@ -68,31 +68,32 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         )
         camera = inputs.metering.camera
         if least_us is None:
-            limits = replace(limits, least_exposure_s=least_exposure_s(camera))
+            limits = replace(limits, least_exposure_s=camera.row_time_s or PREGIUS_LEAST_S)
+        speeds, of_speeds = speed_shares(given.speeds, inputs.speeds_px_s)
+        targets, of_targets = target_shares(given.targets, list(inputs.planes))
         scenario = Scenario(
             lights_lux=half_stops(*(inputs.lights_lux if given.lux is None else bounds(given.lux))),
-            speeds_px_s=_speeds(given.speeds, inputs.speeds_px_s),
-            targets=chosen_targets(given.targets, list(inputs.planes)),
+            speeds_px_s=speeds,
+            targets=targets,
             objective=given.objective,
             tail=given.tail,
         )
         advance(1)
         advance.note("tries exposures at every light")
-        response = Response(scenario, inputs.planes, inputs.exposures_s)
-        problem = Problem(inputs.model, inputs.criterion, response, inputs.metering, limits)
+        problem = Problem(inputs, scenario, limits)
         found = optimise(problem, given.stages, inputs.recommended_for(scenario))
         advance(1)
-    notes = [*inputs.notes, *scaled_note("speeds", given.speeds), *scaled_note("targets", given.targets)]
+    notes = [*inputs.notes, *of_speeds, *of_targets]
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
         written = export.write(found, folder.path, str(run), notes, given.mode_name)
         title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
-        written.append(figure.write(found, title, folder.path / "program.png"))
+        written.append(view.draw(found, title, folder.path / "program.png"))
     if as_json:
         document = export.document(found, str(run), notes)
         say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
         return
-    say(*text.lines(found, width()))
+    say(*view.lines(found, width()))
     say(*notes, error=True)
     say(
         "",
@@ -111,19 +112,3 @@ def _numbered(kind: str, lines: list[str]) -> Iterator[str]:
 
     for number, line in enumerate(lines, start=1):
         yield from paragraph(f"{kind} {number}: {line}", width())
-
-
-def _speeds(stated: str | None, own: tuple[float, ...]) -> dict[float, float]:
-    """Shares by px/s."""
-    from blurnoise_eval.program.scenario import add_share, named_shares
-
-    if stated is None:
-        return dict.fromkeys(own, 1.0)
-    shares: dict[float, float] = {}
-    for key, share in named_shares("speeds", stated).items():
-        try:
-            speed = float(key)
-        except ValueError:
-            raise ValueError(f"speeds = {stated!r}: must be as 0:0.3,200:0.7, or without shares") from None
-        add_share(shares, "speeds", speed, share)
-    return shares

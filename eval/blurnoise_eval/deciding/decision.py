@@ -1,7 +1,7 @@
 """A decision: a run that a search has asked for, with its answers on the lines of its question.
 
-The same tables, figures and page as of a sweep: what stands at a tested exposure there is predicted here, from the
-nodes, with what they leave open in every interval. Where the plane did not hold it is a sweep, and says why.
+The same tables, figures and page as of a sweep, but predicted from the nodes, with what they leave open in every
+interval. Where the grid was computed instead, it is a sweep, and says why.
 """
 
 from __future__ import annotations
@@ -14,29 +14,40 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.on_lines import predicted_table
+from blurnoise_eval.deciding.predicted import predicted_table
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.report.run import RunData, Tables
+from blurnoise_eval.report.words import counted
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import score_tables
 
-QUESTION, BECAUSE, CHEAPER = "question", "not the plane because", "the grid is cheaper"
-"""Under which a run's store keeps what was asked last, why the plane does not hold, and why the grid costs less."""
+_QUESTION = "question"  # under which a run's store keeps what was asked last
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
 
 
+def note_question(store: Store, question: Question) -> None:
+    """Keep what is asked of the run."""
+    names = ("grid", "because", "cheaper")
+    store.set_about(_QUESTION, {name: getattr(question, name) for name in names})
+
+
+def question_of(store: Store) -> Question | None:
+    """What was asked of the run last; None of a sweep."""
+    held = store.about(_QUESTION)
+    return None if held is None else Question(**held)
+
+
 def on_lines(store: Store, measured: Tables) -> Tables:
     """Tables that answer the run's question, by those that were measured; of a full grid these themselves."""
-    asked_for = store.about(QUESTION)
-    if asked_for is None or store.about(BECAUSE) or store.about(CHEAPER):
+    question = question_of(store)
+    if question is None or not question.searched:
         yield from measured
         return
-    question = Question.from_dict(asked_for)
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
     for table in measured:
         for seen in table.on_plane():
@@ -46,18 +57,14 @@ def on_lines(store: Store, measured: Tables) -> Tables:
 def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[ScoreTable]:
     """The tables of all that has answers, on the lines of the run's question."""
     unfit = withheld_models(store, cluster)
-    measured = score_tables(store, criterion, cluster)
-    every = on_lines(store, (table for table in measured if table.model not in unfit))
-    return [table for table in every if not table.knows_too_little]
+    measured = (table for table in score_tables(store, criterion, cluster) if table.model not in unfit)
+    return [table for table in on_lines(store, measured) if not table.knows_too_little]
 
 
 def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
-    """The answers of a run, as ``Decision.answers`` has them, without all else that stands in it."""
-    monotone = store.about("manifest").get("trajectory") is None
+    """The answers of a run that a search has asked for, as ``Decision.answers`` has them."""
     return [
-        answer
-        for each in answering(store, criterion, cluster)
-        for answer in answers(each, criterion, monotone=monotone)
+        answer for table in answering(store, criterion, cluster) for answer in answers(table, criterion)
     ]
 
 
@@ -74,21 +81,19 @@ class Decision(Evaluation):
         """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that the grid would take;
         ``because``: why it was a full grid. None of a run without a question."""
         with Store(self.folder, shared=True) as store:
-            if store.about(QUESTION) is None:
+            question, batches = question_of(store), asked(store)
+            if question is None:
                 return None
-            question, batches = Question.from_dict(store.about(QUESTION)), asked(store)
             repeats = store.about("identity")["plan"]["repeats"]
-            because = store.about(BECAUSE) or store.about(CHEAPER) or []
             n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
-        n_nodes = sum(len(batch.conditions) for batch in batches)
-        if because:
-            n_nodes = question.grid_conditions
+        grid = question.grid_conditions
+        nodes = sum(len(batch.conditions) for batch in batches) if question.searched else grid
         return {
-            "nodes": n_nodes,
+            "nodes": nodes,
             "pictures": n_pictures,
-            "cells": n_nodes * n_pictures * repeats,
-            "grid_cells": question.grid_conditions * n_pictures * repeats,
-            "because": because,
+            "cells": nodes * n_pictures * repeats,
+            "grid_cells": grid * n_pictures * repeats,
+            "because": [*question.because, *question.cheaper],
         }
 
     def how(self) -> list[str]:
@@ -99,8 +104,8 @@ class Decision(Evaluation):
         if of["because"]:
             return [f"A grid of {of['nodes']} conditions, not a search: {'; '.join(of['because'])}."]
         return [
-            f"{_count(of['nodes'], 'condition')} before {_count(of['pictures'], 'picture')}:"
-            f" {_count(of['cells'], 'cell')}, where the grid would take {of['grid_cells']} before it is refined."
+            f"{counted(of['nodes'], 'condition')} before {counted(of['pictures'], 'picture')}:"
+            f" {counted(of['cells'], 'cell')}, where the grid would take {of['grid_cells']} before it is refined."
         ]
 
     @property
@@ -119,8 +124,7 @@ class Decision(Evaluation):
             return data
         data.manifest["searched"] = [*self.how(), _PREDICTED]
         data.manifest["taken"] = [row for row in data.scores if not row["clean"]]
-        ends = ("", "_low", "_high")
-        unknown = dict.fromkeys(f"{name}{end}" for name in _OF_GRID for end in ends)
+        unknown = {f"{name}{end}": None for name in _OF_GRID for end in ("", "_low", "_high")}
         return replace(data, models=[{**model, **unknown} for model in data.models])
 
     @property
@@ -128,7 +132,3 @@ class Decision(Evaluation):
         if self.decided is None or self.decided["because"]:
             return self.data
         return replace(self.data, scores=[row for row in self.data.scores if row["clean"]])
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"

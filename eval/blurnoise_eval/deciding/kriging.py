@@ -1,11 +1,11 @@
 """Kriging: a surface through scattered nodes of the plane, with what it does not know between them.
 
-Domain: places (u, w) of :mod:`blurnoise_eval.deciding.nodes`, in stops; values in any unit, sigma in the same.
+Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`, in stops; values in any unit, sigma in the same.
 Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a
 :class:`~blurnoise_eval.deciding.trend.Trend`, with a Matern 5/2 covariance, one length per axis, and a nugget.
 Lengths and nugget are the most probable ones: restricted likelihood, lengths log-normal about ``USUAL_LENGTH``.
-A prediction is a weighted sum of the nodes' values. With the surface once fitted, the weights depend on places
-alone, so every picture's own surface has those of the mean's.
+A prediction is a weighted sum of the nodes' values. The weights of a fitted surface depend on places alone, so
+every picture's own surface has those of the mean's.
 """
 
 from __future__ import annotations
@@ -17,21 +17,18 @@ from itertools import product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.deciding.nodes import spread
+from blurnoise_eval.deciding.lines import spread
 from blurnoise_eval.deciding.trend import USUAL, Fitted, Trend
 
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm
-_USUAL_SCALE, _SCALE_WEIGHT = (
-    0.05,
-    2.0,
-)  # standard deviation about the trend: as if so many values had shown it
+_USUAL_SCALE, _SCALE_WEIGHT = 0.05, 2.0  # deviation about the trend, as if so many values had shown it
 _LEAST = np.log([0.3, 0.3, 1e-6])  # lengths along u and w, nugget
 _MOST = np.log([12.0, 12.0, 0.05])
 _GRID = (5, 5, 4)  # of their logarithms, from end to end
 _HALVINGS = 4  # of the grid's step, about the best so far
 _MOST_FITTED = 120  # nodes that they are chosen by
-_FLAT = 0.02  # share of its top by which a trend differs, and is none
+_FLAT = 0.02  # share of its top below which the range of a trend counts as none
 Array = NDArray[np.float64]
 
 
@@ -39,15 +36,15 @@ Array = NDArray[np.float64]
 class Kriging:
     """A fitted surface through N nodes at places (N, 2).
 
-    lengths: of the covariance along u and w. scale: standard deviation about the trend, nugget: variance of a node's
-    own departure, in ``scale`` squared. trend: None: a constant.
+    lengths: of the covariance along u and w. nugget: variance of a node's own departure, in ``scale`` squared.
+    trend: None: a constant. scale: standard deviation about the trend.
     """
 
     places: Array
     lengths: tuple[float, float]
     nugget: float
-    scale: float
     trend: Fitted | None
+    scale: float = 1.0
 
     @classmethod
     def fit(cls, places: ArrayLike, values: ArrayLike, mean: Trend | None = USUAL) -> Kriging:
@@ -65,8 +62,11 @@ class Kriging:
             trend = None
         some = np.sort(spread(at, _MOST_FITTED)) if len(at) > _MOST_FITTED else np.arange(len(at))
         length_u, length_w, nugget = np.exp(_most_probable(at[some], known[some], _basis(trend, at[some])))
-        surface = cls(at, (float(length_u), float(length_w)), float(nugget), 1.0, trend)
-        return replace(surface, scale=surface._scale(known))
+        surface = cls(at, (float(length_u), float(length_w)), float(nugget), trend)
+        basis = _basis(trend, at)
+        rest = known - basis @ (surface._spread_of_basis @ (surface._of_basis.T @ known))
+        variance = _variance(rest @ surface._inverse @ rest, len(known) - basis.shape[1])
+        return replace(surface, scale=float(np.sqrt(variance)))
 
     def through(self, places: Array) -> Kriging:
         """The same surface, known at other places (M, 2) instead."""
@@ -78,21 +78,21 @@ class Kriging:
         return np.asarray(between @ self._inverse + beyond @ self._spread_of_basis @ self._of_basis.T)
 
     def sigma(self, places: Array) -> Array:
-        """Standard deviation of what is left open of a value at places (M, 2), (M,), its own departure with it."""
+        """Standard deviation (M,) of the prediction of a value at places (M, 2), its own departure included."""
         between, beyond = self._toward(places)
         known = ((between @ self._inverse) * between).sum(axis=1)
         unsure = ((beyond @ self._spread_of_basis) * beyond).sum(axis=1)
         return np.asarray(self.scale * np.sqrt(np.maximum(1.0 - known + unsure, 0.0) + self.nugget))
 
     def covariance(self, places: Array) -> Array:
-        """Of what the surface itself leaves open at places (M, 2), (M, M), without departures of each."""
+        """Covariance (M, M) of the surface itself at places (M, 2), without their own departures."""
         between, beyond = self._toward(places)
         known = between @ self._inverse @ between.T
         unsure = beyond @ self._spread_of_basis @ beyond.T
         return np.asarray(self.scale**2 * (correlation(places, places, self.lengths) - known + unsure))
 
     def _toward(self, places: Array) -> tuple[Array, Array]:
-        """Correlation of places (M, 2) with the nodes, and what of their basis the nodes' does not follow."""
+        """Correlation of places (M, 2) with the nodes, and the residual of their trend basis."""
         between = correlation(places, self.places, self.lengths)
         return between, _basis(self.trend, places) - between @ self._of_basis
 
@@ -108,13 +108,6 @@ class Kriging:
     @cached_property
     def _spread_of_basis(self) -> Array:
         return np.asarray(np.linalg.pinv(_basis(self.trend, self.places).T @ self._of_basis, hermitian=True))
-
-    def _scale(self, values: Array) -> float:
-        rest = values - _basis(self.trend, self.places) @ (
-            self._spread_of_basis @ (self._of_basis.T @ values)
-        )
-        degrees = len(values) - self._of_basis.shape[1]
-        return float(np.sqrt(_variance(rest @ self._inverse @ rest, degrees)))
 
 
 def correlation(places: Array, others: Array, lengths: tuple[float, float]) -> Array:

@@ -1,9 +1,8 @@
 """A search for the edges of exposure windows in the plane: which nodes to ask next, until the edges are known.
 
-Domain: places (u, w) of :mod:`blurnoise_eval.deciding.nodes`. A question is a score of one model and kind of targets,
-in the criterion's unit, that is to be told from the levels asked for; all questions share their nodes. The search
-knows neither pictures nor who computes. It draws nothing, and what it asks follows from what it was told, in order: a
-rerun that tells the same batches is asked the same ones.
+Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`. A question is a score of one model and kind of targets,
+in the criterion's unit, to be distinguished from the levels; all questions share their nodes. The search knows
+neither pictures nor the engine. It draws nothing: what it asks follows from the batches it was told, in order.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -20,23 +18,22 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise._core.checks import integer
 from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.kriging import Kriging
-from blurnoise_eval.deciding.nodes import Line, Range, lattice, places_of, spread
+from blurnoise_eval.deciding.lines import Line, Range, lattice, spread
+from blurnoise_eval.deciding.predicted import CAUTION
 from blurnoise_eval.deciding.trend import USUAL, Trend
 
-CAUTION = 1.5
-"""Times sigma: so far off is the surface in truth (``blurnoise bench decide``)."""
 FIRST = 16
 """Nodes of the first batch, spread over the lattice."""
 BATCH = 6
 MOST_NODES = 72
 CHECKED = 8
-"""Nodes near the levels that are held out at the end, and predicted before they are told."""
-_CONFIDENT = 1.96  # sigma within which a level is not told from a score
-_SURPRISING = 4.0  # times CAUTION times sigma: what no held-out node is off by, where the surface is smooth
+"""Nodes near the levels that are held out at the end: predicted before their values are told."""
+_CONFIDENT = 1.96  # sigma within which a level is not distinguished from a score
+_SURPRISING = 4.0  # times CAUTION times sigma: no held-out node of a smooth surface is further off
 _PRECISE, _PRECISE_STOPS = 0.01, 0.05  # of the score, of an edge: nothing need be known better
 _CHECKS = 2  # that may fail before the lattice is asked
 _LATTICE_BATCH = 24
-_PER_STOP = 6  # places on a line at which its edges are looked for
+_PER_STOP = 6  # places on a line at which its edges are sought
 _DIGITS = 9  # of what is compared: rounding decides nothing
 _SAME = 1e-6  # stops between places that are the same
 Array = NDArray[np.float64]
@@ -45,7 +42,7 @@ Phase = Literal["first", "search", "check", "lattice", "done"]
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What was told of one question: its surface, mean and error at some places."""
+    """The surface of one question through its known nodes, and their values and errors."""
 
     surface: Kriging
     values: Array
@@ -61,8 +58,7 @@ class _Known:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """Nodes (M, 2) that were predicted before they were told. off: by how much the prediction was wrong, sigma: what
-    was to be expected of it, both (Q, M); NaN: not told."""
+    """Held-out nodes (M, 2): errors of their prediction and its expected standard deviation, (Q, M); NaN: unknown."""
 
     places: Array
     off: Array
@@ -79,8 +75,12 @@ class Search:
     """Which nodes to ask so that lines' edges at the levels become known.
 
     exposures: shortest and longest, s. levels: of every question, in the criterion's unit. most_nodes: from which on
-    nothing more is searched for; held-out nodes, and the lattice that stands in for a surface that is not smooth, may
-    come on top. trend: what the surfaces are guided by. Raises ``ValueError`` for what is no question.
+    nothing more is searched for; held-out nodes, and the lattice that replaces a surface that is not smooth, may come
+    on top. trend: guides the surfaces. Raises ``ValueError`` for levels or nodes that are none.
+
+    phase: what the next batch is for. nodes: the places told so far, (N, 2). precise: whether the nodes leave less
+    open than pictures do. not_smooth: whether the whole lattice is asked, for the surface is not smooth. checks: of
+    held-out nodes so far.
     """
 
     def __init__(
@@ -92,113 +92,85 @@ class Search:
         most_nodes: int = MOST_NODES,
         trend: Trend | None = USUAL,
     ) -> None:
-        self.levels = tuple(np.atleast_1d(np.asarray(levels, float)).tolist())
-        if not self.levels or not np.isfinite(self.levels).all():
+        self.levels = np.atleast_1d(np.asarray(levels, float))
+        if not len(self.levels) or not np.isfinite(self.levels).all():
             raise ValueError(f"levels = {levels}: must be finite, at least one")
         self.most_nodes = integer("most_nodes", most_nodes, 1, 100_000)
         self.lattice = lattice(lines, exposures)
-        low, high = exposures
-        count = max(2, 1 + math.ceil(_PER_STOP * math.log2(high / low)))
-        times = np.geomspace(low, high, count)
-        self._stops = np.linspace(0.0, max(math.log2(high / low), 1e-9), count)
-        self._on_lines = np.stack([places_of(times, line) for line in lines])
+        stops = math.log2(exposures[1] / exposures[0])
+        count = max(2, 1 + math.ceil(_PER_STOP * stops))
+        self._stops = np.linspace(0.0, max(stops, 1e-9), count)
+        self._on_lines = np.stack([line.places(np.geomspace(*exposures, count)) for line in lines])
         self._trend = trend
-        self._places, self._values, self._errors = np.zeros((0, 2)), np.zeros((0, 0)), np.zeros((0, 0))
-        self._checks: list[Check] = []
-        self._not_smooth = False
-
-    @property
-    def nodes(self) -> Array:
-        """The places told so far, (N, 2), in that order."""
-        return self._places.copy()
-
-    @property
-    def checks(self) -> tuple[Check, ...]:
-        """The checks so far."""
-        return tuple(self._checks)
-
-    @property
-    def not_smooth(self) -> bool:
-        """Whether the surface was found not to be smooth, so that the whole lattice is asked."""
-        return self._not_smooth
+        self.nodes, self._values, self._errors = np.zeros((0, 2)), np.zeros((0, 0)), np.zeros((0, 0))
+        self._known: list[_Known] = []
+        self.checks: list[Check] = []
+        self.precise, self.not_smooth = True, False
+        self.phase, self._asked = self._next()
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to ask."""
-        return self._next[0] == "done"
-
-    @property
-    def phase(self) -> Phase:
-        """What the next batch is for."""
-        return self._next[0]
+        return self.phase == "done"
 
     def ask(self) -> Array:
         """Places (M, 2) of the next batch; none when done."""
-        return self._next[1].copy()
+        return self._asked.copy()
 
     def tell(self, places: ArrayLike, values: ArrayLike, errors: ArrayLike) -> None:
-        """What was found at places (M, 2), asked for or not: every question's score there, and its standard error
-        over pictures, both (Q, M). NaN: not known. Raises ``ValueError`` for shapes that do not fit."""
+        """Every question's score at places (M, 2), asked for or not, and its standard error over pictures, both
+        (Q, M). NaN: not known. Raises ``ValueError`` for shapes that do not fit."""
         at = np.asarray(places, float).reshape(-1, 2)
         value, error = (np.atleast_2d(np.asarray(each, float)) for each in (values, errors))
-        questions = len(self._values) if len(self._places) else len(value)
+        questions = len(self._values) if len(self.nodes) else len(value)
         if not value.shape == error.shape == (questions, len(at)):
             raise ValueError(
                 f"values, errors: {value.shape} and {error.shape}; must be ({questions}, {len(at)}), "
                 "questions by places"
             )
-        if self._answers_check(at):
-            self._checks.append(self._check(at, value))
-        told = _not_among(self._places, at)
-        self._places = np.concatenate([self._places[told], at])
-        self._values = np.concatenate([self._values.reshape(questions, -1)[:, told], value], axis=1)
-        self._errors = np.concatenate([self._errors.reshape(questions, -1)[:, told], error], axis=1)
-        for name in ("_next", "_known", "precise"):
-            self.__dict__.pop(name, None)
-        surprises = sum(check.surprising for check in self._checks)
-        spent = surprises > 0 and len(self._places) >= self.most_nodes and not self.precise
-        self._not_smooth |= surprises >= _CHECKS or spent
-
-    @cached_property
-    def precise(self) -> bool:
-        """Whether what the nodes leave open is less than what pictures do: at edges found, with ``CAUTION``, and
-        wherever else a line may cross a level."""
-        shape = self._on_lines.shape[:2]
-        for known in self._known:
-            mean, sigma, error = (each.reshape(shape) for each in known.on(self._on_lines.reshape(-1, 2)))
-            steep = np.abs(np.gradient(mean, self._stops, axis=1))
-            enough = np.maximum(np.maximum(error, _PRECISE), _PRECISE_STOPS * steep)
-            for level in self.levels:
-                turns = (mean[:, 1:] >= level) != (mean[:, :-1] >= level)
-                edge = np.pad(turns, ((0, 0), (0, 1))) | np.pad(turns, ((0, 0), (1, 0)))
-                possible = np.abs(mean - level) <= CAUTION * sigma
-                if (edge & (CAUTION * sigma > enough)).any() or (possible & (sigma > enough)).any():
-                    return False
-        return True
-
-    @cached_property
-    def _known(self) -> list[_Known]:
-        """The questions of which anything is known."""
-        found = []
+        if self.phase == "check" and np.array_equal(same_places(self._asked)[0], same_places(at)[0]):
+            self.checks.append(self._check(at, value))
+        kept = _not_among(self.nodes, at)
+        self.nodes = np.concatenate([self.nodes[kept], at])
+        self._values = np.concatenate([self._values.reshape(questions, -1)[:, kept], value], axis=1)
+        self._errors = np.concatenate([self._errors.reshape(questions, -1)[:, kept], error], axis=1)
+        self._known = []
         for values, errors in zip(self._values, self._errors, strict=True):
             told = np.isfinite(values)
             if told.any():
-                surface = Kriging.fit(self._places[told], values[told], self._trend)
-                found.append(_Known(surface, values[told], np.nan_to_num(errors[told])))
-        return found
+                surface = Kriging.fit(self.nodes[told], values[told], self._trend)
+                self._known.append(_Known(surface, values[told], np.nan_to_num(errors[told])))
+        self.precise = all(map(self._is_precise, self._known))
+        surprises = sum(check.surprising for check in self.checks)
+        spent = surprises > 0 and len(self.nodes) >= self.most_nodes and not self.precise
+        self.not_smooth |= surprises >= _CHECKS or spent
+        self.phase, self._asked = self._next()
 
-    @cached_property
+    def _is_precise(self, known: _Known) -> bool:
+        """At edges found, with ``CAUTION``, and wherever else a line may cross a level."""
+        places = self._on_lines.reshape(-1, 2)
+        mean, sigma, error = (each.reshape(self._on_lines.shape[:2]) for each in known.on(places))
+        steep = np.abs(np.gradient(mean, self._stops, axis=1))
+        enough = np.maximum(np.maximum(error, _PRECISE), _PRECISE_STOPS * steep)
+        for level in self.levels:
+            turns = (mean[:, 1:] >= level) != (mean[:, :-1] >= level)
+            edge = np.pad(turns, ((0, 0), (0, 1))) | np.pad(turns, ((0, 0), (1, 0)))
+            possible = np.abs(mean - level) <= CAUTION * sigma
+            if (edge & (CAUTION * sigma > enough)).any() or (possible & (sigma > enough)).any():
+                return False
+        return True
+
     def _next(self) -> tuple[Phase, Array]:
-        """What is to be done now, and the places asked for."""
-        left = self.lattice[_not_among(self.lattice, self._places)]
-        told, first = len(self._places), min(FIRST, self.most_nodes)
+        """The phase now, and the places it asks for."""
+        left = self.lattice[_not_among(self.lattice, self.nodes)]
+        told, first = len(self.nodes), min(FIRST, self.most_nodes)
         if not len(left):
             return "done", left
         if told < first:
-            return "first", left[spread(left, first - told, self._places)]
+            return "first", left[spread(left, first - told, self.nodes)]
         if self.not_smooth:
             return "lattice", left[:_LATTICE_BATCH]
-        if not self._known or (self._checks and not self._checks[-1].surprising):
+        if not self._known or (self.checks and not self.checks[-1].surprising):
             return "done", left[:0]
         if told < self.most_nodes and not self.precise:
             return "search", left[self._straddled(left, min(BATCH, self.most_nodes - told))]
@@ -207,7 +179,7 @@ class Search:
     def _straddled(self, left: Array, count: int) -> list[int]:
         """Which of the places left tell most: where a score may be at a level and little is known of it (straddle:
         Bryan et al., NIPS 2005). After each, sigma is as if it were told: for that no score is needed."""
-        away = [self._away(known.on(left)[0]) for known in self._known]
+        away = [self._away(known, left) for known in self._known]
         covariances = [known.surface.covariance(left) for known in self._known]
         chosen: list[int] = []
         for _ in range(min(count, len(left))):
@@ -226,31 +198,21 @@ class Search:
 
     def _held_out(self, left: Array) -> NDArray[np.int64]:
         """Which of the places left lie near a level of any question, and far apart."""
-        away = np.min([self._away(known.on(left)[0]) for known in self._known], axis=0)
+        away = np.min([self._away(known, left) for known in self._known], axis=0)
         near = np.argsort(away.round(_DIGITS), kind="stable")[: 3 * CHECKED]
-        return np.asarray(near[spread(left[near], CHECKED, self._places)])
-
-    def _answers_check(self, places: Array) -> bool:
-        """Whether these are the held-out nodes that are asked for now."""
-        left = _not_among(self.lattice, self._places).sum()
-        if len(places) != min(CHECKED, left) or not len(self._places):  # spares most of a replay its surfaces
-            return False
-        phase, asked = self._next
-        return phase == "check" and np.array_equal(same_places(asked)[0], same_places(places)[0])
+        return np.asarray(near[spread(left[near], CHECKED, self.nodes)])
 
     def _check(self, places: Array, values: Array) -> Check:
-        """What was found at held-out nodes, beside what was predicted."""
-        asked = [found for found, known in zip(values, self._values, strict=True) if np.isfinite(known).any()]
-        off, sigmas = [], []
-        for found, known in zip(asked, self._known, strict=True):
-            mean, sigma, _ = known.on(places)
-            off.append(found - mean)
-            sigmas.append(sigma)
-        return Check(places, np.array(off), np.array(sigmas))
+        """The prediction of held-out nodes beside their values."""
+        known = values[np.isfinite(self._values).any(axis=1)]
+        predicted = [each.on(places) for each in self._known]
+        off = [found - mean for found, (mean, *_) in zip(known, predicted, strict=True)]
+        return Check(places, np.array(off), np.array([sigma for _, sigma, _ in predicted]))
 
-    def _away(self, mean: Array) -> Array:
-        """Distance from the nearest level."""
-        return np.asarray(np.min([np.abs(mean - level) for level in self.levels], axis=0))
+    def _away(self, known: _Known, places: Array) -> Array:
+        """Distance of the mean from the nearest level, (M,)."""
+        mean, *_ = known.on(places)
+        return np.asarray(np.abs(mean[:, None] - self.levels).min(axis=1))
 
 
 def _not_among(places: Array, others: Array) -> NDArray[np.bool_]:

@@ -1,6 +1,6 @@
 """The trend of a score over the plane: how it rises with light and falls with motion, by a few closed forms.
 
-Domain: places (u, w) of :mod:`blurnoise_eval.deciding.nodes`. A logistic curve of signal to noise, motion and
+Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`. A logistic curve of signal to noise, motion and
 saturation, as high as the highest score seen. It guides a surface between few nodes and need not be right.
 """
 
@@ -17,15 +17,15 @@ from blurnoise.optics.radiometry import electrons_per_lux_s
 
 _CONTRAST, _GREY = 0.62, 0.3  # of a target, and its mean reflectance
 _MOTION_PX, _MOST_MOTION = 16.0, 8.0
-_PENALTY = 0.002  # on squares of the coefficients: a cliff may be steep
+_PENALTY = 0.002 * np.array([0.1, 1, 1, 1, 1, 1, 1])  # on squares of the coefficients: a cliff may be steep
 _STEPS = 40  # of Newton's method, at most
 _MOST_LOGIT = 30.0
 Array = NDArray[np.float64]
 
 
 class Trend(NamedTuple):
-    """What of a camera the trend goes by: electrons per lux s of a white pixel, the noise in the dark, e-, and the
-    light at which white saturates, lux s."""
+    """Figures of a camera: electrons per lux s of a white pixel, the noise in the dark, e-, and the light at which
+    white saturates, lux s."""
 
     electrons_per_lux_s: float = 7000.0
     noise_e: float = 2.5
@@ -49,30 +49,10 @@ class Trend(NamedTuple):
         return np.stack([np.ones(len(places)), signal, signal**2, motion, motion**2, blur, over], axis=1)
 
     def fitted(self, places: Array, values: Array) -> Fitted:
-        """The trend of values (N,), not below 0, at places (N, 2): penalised fractional logistic regression."""
-        features = self.features(places)
+        """The trend of values (N,), not below 0, at places (N, 2)."""
         top = max(float(values.max(initial=0.0)), 1e-9) * 1.02
-        share = np.clip(values / top, 0.0, 1.0)
-        penalty = _PENALTY * np.diag([0.1, *[1.0] * (features.shape[1] - 1)])
-        coefficients = np.zeros(features.shape[1])
-
-        def loss(at: Array) -> float:
-            logits = features @ at
-            return float((np.logaddexp(0, logits) - share * logits).sum() + at @ penalty @ at / 2)
-
-        here = loss(coefficients)
-        for _ in range(_STEPS):
-            rate = _logistic(features @ coefficients)
-            slope = features.T @ (rate - share) + penalty @ coefficients
-            bend = (features * (rate * (1 - rate))[:, None]).T @ features + penalty
-            step = np.linalg.solve(bend, slope)
-            while np.abs(step).max() > 1e-6 and loss(coefficients - step) > here:
-                step = step / 2
-            coefficients = coefficients - step
-            here = loss(coefficients)
-            if np.abs(step).max() <= 1e-6:
-                break
-        return Fitted(self, top, coefficients)
+        shares = np.clip(values / top, 0.0, 1.0)
+        return Fitted(self, top, fractional_logistic(self.features(places), shares, _PENALTY))
 
 
 USUAL = Trend()
@@ -88,8 +68,35 @@ class Fitted(NamedTuple):
 
     def __call__(self, places: Array) -> Array:
         """Its values at places (N, 2), (N,)."""
-        return self.top * _logistic(self.trend.features(places) @ self.coefficients)
+        return self.top * logistic(self.trend.features(places) @ self.coefficients)
 
 
-def _logistic(logits: Array) -> Array:
+def logistic(logits: Array) -> Array:
+    """1 / (1 + exp(-x))."""
     return np.asarray(1 / (1 + np.exp(-np.clip(logits, -_MOST_LOGIT, _MOST_LOGIT))))
+
+
+def fractional_logistic(features: Array, shares: Array, penalty: Array) -> Array:
+    """Coefficients (K,) of a logistic regression of shares (N,) on features (N, K), by Newton's method.
+
+    penalty: (K,) on half the squares of the coefficients.
+    """
+
+    def loss(at: Array) -> float:
+        logits = features @ at
+        return float((np.logaddexp(0, logits) - shares * logits).sum() + penalty @ at**2 / 2)
+
+    found = np.zeros(features.shape[1])
+    here = loss(found)
+    for _ in range(_STEPS):
+        rate = logistic(features @ found)
+        slope = features.T @ (rate - shares) + penalty * found
+        bend = (features * (rate * (1 - rate))[:, None]).T @ features + np.diag(penalty)
+        step = np.linalg.solve(bend, slope)
+        while np.abs(step).max() > 1e-6 and loss(found - step) > here:
+            step = step / 2
+        found = found - step
+        here = loss(found)
+        if np.abs(step).max() <= 1e-6:
+            break
+    return np.asarray(found)

@@ -34,7 +34,7 @@ from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import State, with_figures
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.scoring.on_picture import Model, Sight, View, view
+from blurnoise_eval.scoring.on_picture import Model, Sight, View
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
@@ -76,7 +76,7 @@ class Subject:
         with self._lock:
             if name not in self._views:
                 self._views = dict([*self._views.items()][-2:]) | {
-                    name: view(model, self.picture, self.original)
+                    name: View(model, self.picture, self.original)
                 }
             return self._views[name]
 

@@ -40,7 +40,9 @@ def maps(
     from blurnoise._core.checks import integer
     from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.grid.conditions import MOST_REPEATS
-    from blurnoise_eval.maps import figures, mapping, told
+    from blurnoise_eval.maps import figures
+    from blurnoise_eval.maps.maps import maps_of, sentences, summary, tables, write
+    from blurnoise_eval.maps.nodes import nodes_of
     from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
@@ -52,23 +54,20 @@ def maps(
     with read_run(run) as read, Store(read.path) as store:
         check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)
-        nodes = mapping.nodes_of(store)
-        steps = len(nodes.plane.nodes) + store.count_different(*CONDITIONS, "model")
-        with ProgressBar("maps", steps) as advance:
-            found = mapping.maps_of(
-                store, nodes, criterion, cluster=cluster, repeats=repeats, threads=workers, progress=advance
-            )
+        nodes = nodes_of(store)
+        options = {"cluster": cluster, "repeats": repeats, "threads": workers}
+        with ProgressBar("maps", len(nodes) + store.count_different(*CONDITIONS, "model")) as advance:
+            found = maps_of(store, nodes, criterion, progress=advance, **options)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
-        files = list(map(folder.told, told.write(found, folder.path)))
-        drawn = list(map(folder.told, figures.write(found, criterion.score, folder.path / "figures")))
+        files = list(map(folder.told, write(found, folder.path)))
+        drawn = list(map(folder.told, figures.write(found, folder.path / "figures")))
     if as_json:
-        written = {"files": files, "figures": drawn}
-        say_json({"output": str(output), **told.summary(found, criterion.score), **written})
+        say_json({"output": str(output), **summary(found), "files": files, "figures": drawn})
         return
-    for sentence in told.sentences(found, criterion.score):
+    for sentence in sentences(found):
         say_wrapped(sentence)
-    show(*told.table(found, criterion.score))
+    show(*tables(found))
     say("told: share of nodes; in brackets 95 % over pictures, none below 8 of them")
     say(f"open {output / 'figures'}, {files[0]}")
 

@@ -1,182 +1,114 @@
-"""The figures of maps: a score over metric and exposure or blur, its scatter on each metric, and the ranks of all.
+"""The figures of maps: a score over metric and exposure or blur, and its scatter on each metric.
 
 Domain: scores as shares, exposures in ms, blur in px. Performance maps are those of Lin et al. 2024 (Sensors 24(16)
 5135), Figs. 24-29: contours of the score over a metric and exposure, or blur. Between conditions they are means
-weighted by a Gaussian of ``_REACH`` of either axis, and blank further than two of these from any. Each map says how
+weighted by a Gaussian of ``_REACH`` of either axis, and blank further than two of these from any. Each map gives how
 far conditions lie off it, since several of one metric and exposure may differ in light.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from blurnoise_eval.answers.plane import STILL_PX
-from blurnoise_eval.maps.mapping import Maps, by_model
+from blurnoise_eval.grid.axes import blur_px
+from blurnoise_eval.maps.maps import Map, Maps
 from blurnoise_eval.maps.nodes import Array
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, increasing
-from blurnoise_eval.maps.scored import NodeScores
-from blurnoise_eval.plots.style import legend_above, plain_numbers, small_multiples, tidy
+from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.quality.measure import METRICS, Metric
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
-MOST_GROUPS = 3
-"""Of a model that have figures, those with most targets."""
 _COLUMNS, _REACH, _CELLS = 4, 0.07, 60
-_COLOURS = "viridis"
+_TICKS_PX = np.array([0.5, 1, 3, 10, 30, 100])
 
 
-def write(maps: Maps, score: str, folder: Path) -> list[Path]:
-    """Write ranks.png, and for each group map-exposure, map-blur and scatter, of one score; raises ``OSError``.
+def write(maps: Maps, folder: Path) -> list[Path]:
+    """Write map-exposure, map-blur and scatter of each group; raises ``OSError``.
 
     The model's name stands in the files' where there are several.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    models = by_model(maps.scores, score)
+    exposures_ms = np.array([1e3 * row["exposure_s"] for row in maps.nodes.rows])
+    blurs_px = np.array([max(blur_px(row), STILL_PX) for row in maps.nodes.rows])
+    blur = f"Motion blur / px (none stands at {STILL_PX:g})"
     written: list[Path] = []
-    for model, groups in models:
-        largest = sorted(groups, key=lambda each: -each.n_targets)[:MOST_GROUPS]
-        shown = [each for each in groups if each in largest]
-        prefix = f"{_slug(model)}-" if len(models) > 1 else ""
-        drawn: dict[str, Figure] = {f"{prefix}ranks": ranks(maps, shown)}
-        for each in shown:
-            named = f"{prefix}{{}}-{_slug(each.group)}"
-            drawn |= {
-                named.format(name): figure
-                for name, figure in (
-                    ("map-exposure", over_exposure(maps, each)),
-                    ("map-blur", over_blur(maps, each)),
-                    ("scatter", scatter(maps, each)),
-                )
+    for model, groups in maps.largest:
+        prefix = f"{_slug(model)}-" if len(maps.largest) > 1 else ""
+        for each in groups:
+            drawn = {
+                "map-exposure": performance(maps, each, exposures_ms, "Exposure / ms"),
+                "map-blur": performance(maps, each, blurs_px, blur),
+                "scatter": scatter(maps, each),
             }
-        for name, figure in drawn.items():
-            written.append(folder / f"{name}.png")
-            write_figure(written[-1], figure, dpi=110)
+            for name, figure in drawn.items():
+                written.append(folder / f"{prefix}{name}-{_slug(each.scores.table.group)}.png")
+                write_figure(written[-1], figure, dpi=110)
     return written
 
 
-def over_exposure(maps: Maps, scores: NodeScores) -> Figure:
-    """The score over each metric and exposure."""
-    exposures_ms = np.array([1e3 * row["exposure_s"] for row in maps.plane.rows])
-    return _maps(maps, scores, exposures_ms, "Exposure / ms", np.log2)
-
-
-def over_blur(maps: Maps, scores: NodeScores) -> Figure:
-    """The score over each metric and motion blur; below ``STILL_PX`` there is none."""
-    blur_px = np.array([row_blur(row) for row in maps.plane.rows])
-    return _maps(maps, scores, blur_px, f"Motion blur / px (none stands at {STILL_PX:g})", np.log2)
-
-
-def row_blur(row: Mapping[str, Any]) -> float:
-    """Motion of a condition during its exposure, px, as it is drawn."""
-    speed = np.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"])
-    return max(float(speed * row["exposure_s"]), STILL_PX)
-
-
-def scatter(maps: Maps, scores: NodeScores) -> Figure:
+def scatter(maps: Maps, of: Map) -> Figure:
     """The score against each metric, a dot per node in the colour of its blur, and the increasing curve that fits."""
-    figure, panels = _panels(maps, scores, "scatter, and the increasing curve that fits best")
-    colour = Normalize(maps.plane.w.min(), max(maps.plane.w.max(), maps.plane.w.min() + 1))
-    rows = {row.metric: row for row in maps.of(scores)}
-    for axes, metric in panels:
-        m, told = maps.metrics[metric.name], scores.told & np.isfinite(maps.metrics[metric.name])
-        _dress(axes, metric, m[told], across=True)
+    scores, (_, w) = of.scores, maps.nodes.places.T
+    figure, panels = _panels(maps, of, "scatter, and the increasing curve that fits best")
+    colour = Normalize(w.min(), max(w.max(), w.min() + 1))
+    for axes, metric, row in zip(panels, METRICS, of.ranks, strict=True):
+        m = maps.metrics[metric.name]
+        known = scores.known & np.isfinite(m)
+        _dress(axes, metric, m[known], across=True)
         axes.set_ylim(-0.03, max(1.0, float(np.nanmax(scores.values))) * 1.27)  # above: words
-        axes.axhline(scores.level, color="0.4", lw=0.8, ls=":")
-        axes.scatter(
-            m[told], scores.values[told], c=maps.plane.w[told], norm=colour, cmap="plasma", s=11, alpha=0.85, lw=0
-        )  # fmt: skip
-        if told.sum() >= FEWEST_NODES:
-            axes.plot(*increasing(m[told], scores.values[told]), color="black", lw=1.3)
-        _say(axes, _rank_text(rows[metric.name]), 0.02, 0.98)
-    _colour_bar(figure, colour, "plasma", "Motion blur / px", [0.5, 1, 3, 10, 30, 100], np.log2)
-    figure.supylabel(_value_name(scores), fontsize=9)
+        axes.axhline(scores.enough.level, color="0.4", lw=0.8, ls=":")
+        dots: Any = {"c": w[known], "norm": colour, "cmap": "plasma"}
+        axes.scatter(m[known], scores.values[known], s=11, alpha=0.85, lw=0, **dots)
+        if known.sum() >= FEWEST_NODES:
+            axes.plot(*increasing(m[known], scores.values[known]), color="black", lw=1.3)
+        _say(axes, _rank_text(row))
+    bar = _colour_bar(figure, colour, "plasma", "Motion blur / px")
+    ticks = _TICKS_PX[(np.log2(_TICKS_PX) >= colour.vmin) & (np.log2(_TICKS_PX) <= colour.vmax)]
+    bar.set_ticks(np.log2(ticks).tolist(), labels=[f"{tick:g}" for tick in ticks])
+    figure.supylabel(scores.enough.title, fontsize=9)
     return figure
 
 
-def ranks(maps: Maps, groups: Sequence[NodeScores]) -> Figure:
-    """Rank correlation of every metric with the score, with its interval, and along light or blur alone."""
-    first = {row.metric: row.spearman for row in maps.of(groups[0])}
-    order = sorted(METRICS, key=lambda metric: -2.0 if (r := first[metric.name]) is None else r)
-    figure = Figure(figsize=(2.2 + 3.3 * len(groups), 5.6), layout="constrained")
-    panels = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
-    for axes, scores in zip(panels, groups, strict=True):
-        rows = {row.metric: row for row in maps.of(scores)}
-        for place, metric in enumerate(order):
-            row = rows[metric.name]
-            if row.spearman is None:
-                axes.text(0, place, "cannot tell", ha="center", va="center", fontsize=7.5, color="0.4")
-                continue
-            if row.low is not None and row.high is not None:
-                axes.plot([row.low, row.high], [place, place], color="#2166ac", lw=2.2, alpha=0.6)
-            axes.plot(row.spearman, place, "o", color="#2166ac", ms=5, zorder=4)
-            for value, marker in ((row.along_light, ">"), (row.along_blur, "^")):
-                if value is not None:
-                    axes.plot(value, place, marker, mfc="none", mec="#b35806", ms=6, zorder=3)
-            axes.text(
-                1.03, place, f"{row.share_told:.0%}", va="center", fontsize=7.5, color="0.35",
-                transform=axes.get_yaxis_transform(),
-            )  # fmt: skip
-        axes.set_xlim(-1.05, 1.05)
-        axes.axvline(0, color="0.7", lw=0.8)
-        axes.set_yticks(range(len(order)), [metric.title for metric in order], fontsize=8)
-        axes.grid(axis="x", color="0.9", lw=0.6)
-        axes.set_title(f"{plain(scores.group)}\n{int(scores.told.sum())} nodes", fontsize=9, parse_math=False)
-        axes.tick_params(labelsize=8)
-    label = "Rank correlation with the score (right: share of nodes at which the metric is told)"
-    figure.supxlabel(label, fontsize=9)
-    legend_above(
-        figure,
-        [
-            Line2D([], [], color="#2166ac", marker="o", lw=2.2, label="over light and blur, 95 %"),
-            Line2D([], [], color="#b35806", marker=">", mfc="none", ls="", label="along light alone"),
-            Line2D([], [], color="#b35806", marker="^", mfc="none", ls="", label="along blur alone"),
-        ],
-        f"{plain(groups[0].model)}, {_value_name(groups[0])}",
-        columns=3,
-    )
-    return figure
-
-
-def _maps(maps: Maps, scores: NodeScores, x: Array, label: str, log: Callable[[Array], Array]) -> Figure:
-    figure, panels = _panels(maps, scores, "performance maps")
+def performance(maps: Maps, of: Map, x: Array, label: str) -> Figure:
+    """The score over each metric and x, a value above 0 for each of the run's conditions."""
+    scores, node_of = of.scores, maps.nodes.node_of
+    figure, panels = _panels(maps, of, "performance maps")
     most = max(1.0, float(np.nanmax(scores.values, initial=0.0)))
     colour = Normalize(0, most)
-    node_of = maps.plane.node_of
-    for axes, metric in panels:
-        m, y = maps.metrics[metric.name][node_of], scores.values[node_of]
-        told = np.isfinite(m) & np.isfinite(y)
-        _dress(axes, metric, m[told])
+    y = scores.values[node_of]
+    for axes, metric in zip(panels, METRICS, strict=True):
+        m = maps.metrics[metric.name][node_of]
+        known = np.isfinite(m) & np.isfinite(y)
+        logarithmic = _dress(axes, metric, m[known])
         axes.set_xscale("log")
         axes.set_xlim(x.min() / 1.15, x.max() * 1.15)
         plain_numbers(axes.xaxis, digits=(1, 3))
-        if len(np.unique(x[told])) < 2 or len(np.unique(m[told])) < 2:
-            _say(axes, "cannot tell: one value of an axis", 0.02, 0.98)
+        if len(np.unique(x[known])) < 2 or len(np.unique(m[known])) < 2:
+            _say(axes, "cannot tell: one value of an axis")
             continue
-        logarithmic = axes.get_yscale() == "log"
-        across, up = log(x[told]), np.log2(m[told]) if logarithmic else m[told]
-        grid = [np.linspace(each.min(), each.max(), _CELLS) for each in (across, up)]
-        surface, off = smoothed(across, up, y[told], *grid)
-        places = 2.0 ** grid[0], 2.0 ** grid[1] if logarithmic else grid[1]
-        axes.contourf(*places, surface, np.linspace(0, most, 21), norm=colour, cmap=_COLOURS, alpha=0.75)
-        if np.nanmin(surface) < scores.level < np.nanmax(surface):
-            axes.contour(*places, surface, [scores.level], colors="white", linewidths=1.6)
-        axes.scatter(
-            x[told], m[told], c=y[told], norm=colour, cmap=_COLOURS, s=12, edgecolors="black", linewidths=0.3,
-            zorder=3,
-        )  # fmt: skip
-        _say(axes, f"conditions lie ±{off:.2f} off", 0.02, 0.98)
+        across, up = np.log2(x[known]), np.log2(m[known]) if logarithmic else m[known]
+        at_x, at_y = (np.linspace(each.min(), each.max(), _CELLS) for each in (across, up))
+        surface, off = smoothed(across, up, y[known], at_x, at_y)
+        places = 2.0**at_x, 2.0**at_y if logarithmic else at_y
+        axes.contourf(*places, surface, np.linspace(0, most, 21), norm=colour, cmap="viridis", alpha=0.75)
+        if np.nanmin(surface) < scores.enough.level < np.nanmax(surface):
+            axes.contour(*places, surface, [scores.enough.level], colors="white", linewidths=1.6)
+        dots: Any = {"c": y[known], "norm": colour, "cmap": "viridis"}
+        axes.scatter(x[known], m[known], s=12, edgecolors="black", linewidths=0.3, zorder=3, **dots)
+        _say(axes, f"conditions lie ±{off:.2f} off")
     figure.supxlabel(label, fontsize=9)
-    _colour_bar(figure, colour, _COLOURS, f"{_value_name(scores)} (white: {scores.level:g})")
+    _colour_bar(figure, colour, "viridis", f"{scores.enough.title} (white: {scores.enough.level:g})")
     return figure
 
 
@@ -185,12 +117,11 @@ def smoothed(x: Array, y: Array, value: Array, at_x: Array, at_y: Array) -> tupl
     lie off those of the others, RMS."""
     scale = [_REACH * max(float(np.ptp(each)), 1e-9) for each in (x, y)]
 
-    def means(px: Array, py: Array, own: bool) -> tuple[Array, Array]:
+    def means(px: Array, py: Array, others: bool) -> tuple[Array, Array]:
         away = ((px[:, None] - x) / scale[0]) ** 2 + ((py[:, None] - y) / scale[1]) ** 2
-        weight = np.exp(-away / 2)
-        if own:
-            np.fill_diagonal(weight, 0.0)
+        if others:
             np.fill_diagonal(away, np.inf)
+        weight = np.exp(-away / 2)
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(weight @ value / weight.sum(axis=1)), np.asarray(away.min(axis=1))
 
@@ -202,57 +133,43 @@ def smoothed(x: Array, y: Array, value: Array, at_x: Array, at_y: Array) -> tupl
     return surface, float(np.sqrt(np.mean(off**2))) if len(off) else float("nan")
 
 
-def _panels(maps: Maps, scores: NodeScores, what: str) -> tuple[Figure, Iterator[tuple[Axes, Metric]]]:
+def _panels(maps: Maps, of: Map, what: str) -> tuple[Figure, list[Axes]]:
+    """One for each of ``METRICS``."""
     figure, panels = small_multiples(len(METRICS), _COLUMNS, (3.5, 2.6))
-    title = f"{plain(scores.model)}, {plain(scores.group)}, {plain(maps.camera.name)}: {what}"
+    title = f"{plain(of.name)}, {plain(maps.nodes.camera.name)}: {what}"
     figure.suptitle(title, fontsize=11).set_parse_math(False)
-    return figure, zip(panels, METRICS, strict=True)
+    return figure, panels
 
 
-def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> None:
-    unit = "" if metric.unit == "1" else f" / {metric.unit}"
-    tidy(axes, title=f"{metric.title}{unit}")
+def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> bool:
+    """Title and scale of a metric's panel; whether the metric's axis is logarithmic."""
+    tidy(axes, title=metric.title + ("" if metric.unit == "1" else f" / {metric.unit}"))
     axes.grid(visible=False)
-    if metric.log and len(values) and values.min() > 0:
+    logarithmic = bool(metric.log and len(values) and values.min() > 0)
+    if logarithmic:
         (axes.set_xscale if across else axes.set_yscale)("log")
         plain_numbers(axes.xaxis if across else axes.yaxis, digits=(1, 3))
+    return logarithmic
 
 
 def _rank_text(row: Ranked) -> str:
     if row.spearman is None:
         return f"cannot tell: {row.share_told:.0%} of {row.n_nodes} nodes told"
-    r2 = (
-        ""
-        if row.r2_h is None or row.r2_l is None
-        else f"\nR² held out: light {row.r2_h:.2f}, blur {row.r2_l:.2f}"
-    )
-    return f"rank {row.spearman:.2f}, {row.share_told:.0%} told{r2}"
+    text = f"rank {row.spearman:.2f}, {row.share_told:.0%} told"
+    if row.r2_h is None or row.r2_l is None:
+        return text
+    return f"{text}\nR² held out: light {row.r2_h:.2f}, blur {row.r2_l:.2f}"
 
 
-def _say(axes: Axes, text: str, x: float, y: float) -> None:
+def _say(axes: Axes, text: str) -> None:
     box = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
-    axes.text(x, y, text, transform=axes.transAxes, fontsize=7.5, va="top", bbox=box, zorder=6)
+    axes.text(0.02, 0.98, text, transform=axes.transAxes, fontsize=7.5, va="top", bbox=box, zorder=6)
 
 
-def _value_name(scores: NodeScores) -> str:
-    return scores.enough.title
-
-
-def _colour_bar(
-    figure: Figure,
-    colour: Normalize,
-    cmap: str,
-    label: str,
-    ticks: Sequence[float] | None = None,
-    of: Callable[[Any], Any] = lambda value: value,
-) -> None:
-    from matplotlib.cm import ScalarMappable
-
+def _colour_bar(figure: Figure, colour: Normalize, cmap: str, label: str) -> Colorbar:
     bar = figure.colorbar(ScalarMappable(colour, cmap), ax=figure.axes, shrink=0.5, pad=0.01, aspect=30)
     bar.set_label(label, fontsize=9)
-    if ticks is not None:
-        within = [tick for tick in ticks if colour.vmin <= of(tick) <= colour.vmax]
-        bar.set_ticks([of(tick) for tick in within], labels=[f"{tick:g}" for tick in within])
+    return bar
 
 
 def _slug(text: str) -> str:

@@ -1,9 +1,8 @@
-"""Nodes: the experiments of a run, each once, and the closed-form figures of the camera at each.
+"""Nodes: the experiments of a run, each once, with the camera's figures in closed form.
 
 Domain: H, lux seconds on the scene; L, motion during the exposure, px; gain, dB. Conditions of equal H, L and gain
-are one experiment, and one node, on a camera whose dark charge says nothing beside its other noise; else the exposure
-tells them apart too. Motion below ``STILL_PX`` is measured as it is and drawn as none. Where the camera set its gain
-itself, a node's is the mean over the pictures, to a tenth of a dB; so is the exposure.
+are one node, unless dark charge counts beside the other noise; then the exposure distinguishes them too. Where the
+camera set its gain or exposure itself, the mean over the pictures counts, of the gain to a tenth of a dB.
 """
 
 from __future__ import annotations
@@ -12,6 +11,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -19,108 +20,109 @@ from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, photoelectrons
-from blurnoise_eval.answers.plane import STILL_PX
-from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
+from blurnoise_eval.answers.plane import places_of
+from blurnoise_eval.grid.axes import CORE, LIGHT, MOVES, SETTING, VELOCITY, setting_of, velocity_of
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality.measure import BRIGHT, DARK
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
 
 Array = NDArray[np.float64]
-_MEAN = 0.3
-"""Reflectance whose shot noise stands for that of a scene."""
-_DARK_SHARE = 0.02
-"""Of the variance in the dark: from here on dark charge makes an exposure of its own."""
-_DIGITS = 6  # that tell H and L apart
-
-
-@dataclass(frozen=True)
-class Node:
-    """One experiment: conditions that stand for it, their gain a number, and the camera there.
-
-    snr_log2: of a step from ``DARK`` to ``BRIGHT``, log2 of the difference by the noise of a pixel. white_share:
-    light of a white surface, as a share of what saturates.
-    """
-
-    conditions: Conditions
-    light_lux_s: float
-    blur_px: float
-    snr_log2: float
-    white_share: float
-
-    @property
-    def u(self) -> float:
-        """log2 H."""
-        return math.log2(self.light_lux_s)
-
-    @property
-    def w(self) -> float:
-        """log2 L, that of ``STILL_PX`` where it is less."""
-        return math.log2(max(self.blur_px, STILL_PX))
+Places = NDArray[np.int64]
+Row = Mapping[str, Any]
+FIGURES = ("light_lux_s", "blur_px", "gain_db", "snr_log2", "white_share")
+_MEAN = 0.3  # reflectance whose shot noise is taken for that of a scene
+_DARK_SHARE = 0.02  # of the variance in the dark, from which dark charge distinguishes exposures
+_DIGITS = 6  # significant digits by which H and L are equal
 
 
 @dataclass(frozen=True, eq=False)
-class Plane:
-    """A run's nodes and its conditions on them.
+class Nodes:
+    """N nodes of a run.
 
-    rows: of the store, one per condition, those without light left out. node_of: (len(rows),) the node of each.
+    rows: the store's conditions with light; node_of: (len(rows),) the node of each. conditions: the first of each
+    node, its gain a number. figures: (N,) by name: light_lux_s, H; blur_px, L; gain_db; snr_log2, log2 of the
+    difference of ``BRIGHT`` and ``DARK`` by the noise of a pixel; white_share, light of white by what saturates.
     """
 
-    nodes: tuple[Node, ...]
-    rows: tuple[Mapping[str, Any], ...]
-    node_of: NDArray[np.int64]
+    camera: Camera
+    rows: tuple[Row, ...]
+    node_of: Places
+    conditions: tuple[Conditions, ...]
+    figures: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.conditions)
 
     @cached_property
-    def u(self) -> Array:
-        """log2 H of each node, (N,)."""
-        return np.array([node.u for node in self.nodes], float)
+    def places(self) -> Array:
+        """(N, 2) on the plane of :mod:`blurnoise_eval.answers.plane`."""
+        return places_of(np.ones(len(self)), self.figures["light_lux_s"], self.figures["blur_px"])
 
-    @cached_property
-    def w(self) -> Array:
-        """log2 L of each node, (N,)."""
-        return np.array([node.w for node in self.nodes], float)
-
-    @cached_property
-    def lines(self) -> list[tuple[Array, NDArray[np.int64]]]:
-        """Exposures, s, increasing, and their nodes, of each light, velocity and further setting."""
-        found: dict[tuple[float, ...], list[tuple[float, int]]] = {}
-        names = (*SETTING, "velocity_x_px_s", "velocity_y_px_s")
-        for row, node in zip(self.rows, self.node_of.tolist(), strict=True):
-            found.setdefault(tuple(row[name] for name in names), []).append((row["exposure_s"], node))
-        return [
-            (np.array([s for s, _ in line]), np.array([node for _, node in line], np.int64))
-            for line in (sorted(each) for each in found.values())
-        ]
+    @property
+    def lines(self) -> list[tuple[Array, Places]]:
+        """Exposures, s, increasing, and their nodes, for each light, velocity and further setting."""
+        every = sorted(
+            ((*setting_of(row), *velocity_of(row)), row["exposure_s"], node)
+            for row, node in zip(self.rows, self.node_of.tolist(), strict=True)
+        )
+        columns = (zip(*line, strict=True) for _, line in groupby(every, key=itemgetter(0)))
+        return [(np.array(exposures_s), np.array(nodes)) for _, exposures_s, nodes in columns]
 
 
-def plane_of(rows: Iterable[Mapping[str, Any]], camera: Camera, stated: Sequence[str]) -> Plane:
-    """The nodes of the conditions that the store's rows name (``queries.exposed_conditions``).
+def nodes_of(store: Store) -> Nodes:
+    """The nodes of a run. Raises :class:`StoreError` for a run without a condition with light, or one whose motion a
+    chart cannot have: targets or background alone, or a camera that drives."""
+    run = f"run = {str(store.folder)!r}"
+    manifest = store.about("manifest")
+    if manifest is None:
+        raise StoreError(f"{run}: no sweep has begun here")
+    plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
+    grid = plan.get("grid") or {name: [value] for name, value in plan["further"].items()}
+    if any(map(MOVES.place_of, grid.get(MOVES.name, ()))):
+        raise StoreError(
+            f"{run}: its targets or their background move alone, which a chart cannot; maps are of runs in which all "
+            "moves"
+        )
+    if plan.get("ego") is not None:
+        raise StoreError(
+            f"{run}: its camera drives, so that each place moves in its own way; maps are of runs over "
+            f"{' and '.join(VELOCITY)}"
+        )
+    nodes = nodes_at(queries.exposed_conditions(store), Camera.from_dict(manifest["camera"]), list(grid))
+    if not len(nodes):
+        raise StoreError(f"{run}: has no picture that was exposed to light")
+    return nodes
 
-    stated: the further axes on which the run's plan has values; the camera's own stands on the others.
-    """
-    lit = [row for row in rows if row["exposure_s"] * row[LIGHT.name] > 0]
-    camera = behind_one_filter(camera)
-    told = {*CORE, *stated} - {"gain_db"}
+
+def nodes_at(rows: Iterable[Row], camera: Camera, stated: Sequence[str]) -> Nodes:
+    """The nodes of the store's conditions. stated: further axes on which the plan has values, in place of the
+    camera's."""
+    lit = tuple(row for row in rows if row["exposure_s"] * row[LIGHT.name] > 0)
+    one_filter = behind_one_filter(camera)
+    names = {*CORE, *stated} - {"gain_db"}
     every = [
-        Conditions(**{name: row[name] for name in told}, gain_db=round(row["applied_gain_db"] or 0.0, 1))
+        Conditions(**{name: row[name] for name in names}, gain_db=round(row["applied_gain_db"] or 0.0, 1))
         for row in lit
     ]
-    by_exposure = _dark_charge_counts(camera, every)
-    places: dict[tuple[float | None, ...], int] = {}
-    node_of = np.array([places.setdefault(_key(at, by_exposure), len(places)) for at in every], np.int64)
-    firsts: dict[int, Conditions] = {}
-    for node, at in zip(node_of.tolist(), every, strict=True):
-        firsts.setdefault(node, at)
-    return Plane(tuple(_node(firsts[place], camera) for place in range(len(places))), tuple(lit), node_of)
+    by_exposure = _dark_charge_counts(one_filter, every)
+    first: dict[tuple[float | None, ...], Conditions] = {}
+    keys = [_key(at, by_exposure) for at in every]
+    for key, at in zip(keys, every, strict=True):
+        first.setdefault(key, at)
+    number = {key: place for place, key in enumerate(first)}
+    node_of = np.array([number[key] for key in keys], np.int64)
+    figures = np.array([_figures(at, one_filter) for at in first.values()], float).reshape(-1, len(FIGURES))
+    return Nodes(camera, lit, node_of, tuple(first.values()), dict(zip(FIGURES, figures.T, strict=True)))
 
 
 def _key(at: Conditions, by_exposure: bool) -> tuple[float | None, ...]:
-    x, y = at.displacement_px
-    if (x, y) < (-x, -y):  # there and back are one blur
-        x, y = -x, -y
-    further = (at[name] for name in SETTING if name != LIGHT.name)
-    exposure = at.exposure_s if by_exposure else None
+    x, y = max(at.displacement_px, tuple(-each for each in at.displacement_px))  # there and back blur alike
     numbers = (at.exposure_s * at.illuminance_lux, x, y)
-    return (*(float(f"{each:.{_DIGITS}g}") + 0.0 for each in numbers), *further, exposure)
+    further = (at[name] for name in SETTING if name != LIGHT.name)
+    rounded = (float(f"{each:.{_DIGITS}g}") + 0.0 for each in numbers)
+    return (*rounded, *further, at.exposure_s if by_exposure else None)
 
 
 def _dark_charge_counts(camera: Camera, every: Iterable[Conditions]) -> bool:
@@ -129,17 +131,14 @@ def _dark_charge_counts(camera: Camera, every: Iterable[Conditions]) -> bool:
     return max(charges, default=0.0) > _DARK_SHARE * in_the_dark
 
 
-def _node(at: Conditions, camera: Camera) -> Node:
+def _figures(at: Conditions, camera: Camera) -> tuple[float, ...]:
+    """Of a node, in the order of ``FIGURES``."""
     exposure = at.exposure(camera)
     taker, digital_db = exposure.amplified
     white_e = photoelectrons(taker, at.illuminance_lux, at.exposure_s)
     dark_e = dark_electrons(taker, at.exposure_s, exposure.temperature_c)
     noise_e2 = _MEAN * white_e + taker.dark_variance_dn2(dark_e) / taker.system_gain_dn_per_e**2
-    saturation_e = taker.saturation_e / max(10 ** (digital_db / 20), 1.0)
-    return Node(
-        at,
-        at.exposure_s * at.illuminance_lux,
-        at.blur_px,
-        math.log2((BRIGHT - DARK) * white_e / math.sqrt(noise_e2)),
-        white_e / saturation_e,
-    )
+    snr_log2 = math.log2((BRIGHT - DARK) * white_e / math.sqrt(noise_e2))
+    white_share = white_e / (taker.saturation_e / max(10 ** (digital_db / 20), 1.0))
+    gain_db = at.stated["gain_db"]
+    return at.exposure_s * at.illuminance_lux, at.blur_px, gain_db, snr_log2, white_share

@@ -91,39 +91,44 @@ def best_stages(
 
     worth: (L, I) of each light at each of ``times_s`` (I,), equally many stops apart and rising, NaN where it is not
     allowed; totals_s: (L,) what each light asks for, times gain; early_gain: the most gain at any time but the
-    longest. Gains have the times' steps. Of programs on that
-    lattice these are the best: dynamic programming over paths that rise by one step of time or of gain.
+    longest. Gains have the times' steps. Of programs on that lattice these are the best: dynamic programming over
+    paths that rise by one step of time or of gain.
     """
-    step = float(np.log2(times_s[1] / times_s[0])) if len(times_s) > 1 else 0.125
-    asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
     n_times = len(times_s)
-    gains = int(np.floor(np.log2(most_gain) / step + 1e-9))
-    most = np.full(n_times, int(np.floor(np.log2(min(most_gain, early_gain)) / step + 1e-9)))
-    most[-1] = gains
+    step = float(np.log2(times_s[1] / times_s[0])) if n_times > 1 else 0.125
+    asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
+    gains, early = (
+        int(np.floor(np.log2(each) / step + 1e-9)) for each in (most_gain, min(most_gain, early_gain))
+    )
+    most = np.array([early] * (n_times - 1) + [gains])
     reach = max(1, min(int(asked.max()), n_times - 1 + gains))
     gained = np.zeros((reach + 1, n_times))
     np.add.at(gained, np.minimum(asked, reach), np.where(np.isnan(worth), -np.inf, worth))
-    return _decoded(gained, most, np.asarray(times_s, float), step)
+    ends, came = _best_paths(gained, most)
+    found = []
+    for n, (total, (k, rose, i)) in enumerate(ends):
+        if np.isfinite(total):
+            risen = _risen(came[: k + 1, :, :, :], n, rose, i)
+            found.append(Staged(_stages_of(risen, times_s, step), total))
+    return found
 
 
 _TIME, _GAIN = 0, 1
+_End = tuple[float, tuple[int, int, int]]
 
 
-def _decoded(gained: Array, most: NDArray[np.int_], times_s: Array, step: float) -> list[Staged]:
-    """Paths over total exposure k = i + j, i steps of time and j of gain; state: stages so far, what rose last, i."""
+def _best_paths(gained: Array, most: NDArray[np.int_]) -> tuple[list[_End], NDArray[np.int8]]:
+    """Paths over total exposure k = i + j, i steps of time and j of gain; state: stages so far, what rose last, i.
+
+    The worth of the best path of each number of stages with its end (k, what rose last, i); and what rose before, by
+    k and state.
+    """
     reach, n_times = len(gained) - 1, gained.shape[1]
     left = np.cumsum(gained[::-1], axis=0)[::-1]  # of all lights from k on, at one time
     value = np.full((MOST + 1, 2, n_times), -np.inf)
     value[1, _TIME, 0] = gained[0, 0]
     came = np.zeros((reach + 1, MOST + 1, 2, n_times), np.int8)
-    ends: list[tuple[float, tuple[int, int, int]]] = [(-np.inf, (0, 0, 0))] * (MOST + 1)
-
-    def end(k: int, total: Array) -> None:
-        for n in range(1, MOST + 1):
-            rose, i = np.unravel_index(int(np.argmax(total[n])), total[n].shape)
-            if total[n, rose, i] > ends[n][0]:
-                ends[n] = float(total[n, rose, i]), (k, int(rose), int(i))
-
+    ends: list[_End] = [(-np.inf, (0, 0, 0))] * (MOST + 1)
     places = np.arange(n_times)
     for k in range(1, reach + 1):
         following = np.full_like(value, -np.inf)
@@ -136,39 +141,35 @@ def _decoded(gained: Array, most: NDArray[np.int_], times_s: Array, step: float)
         following[:, _GAIN] = np.where(k - places <= most, value.max(axis=1), -np.inf)
         value = following + gained[k]
         full = k - places == most[-1]  # gain has reached its most: darker lights may stay there
-        if k < reach and full.any():
-            end(k, np.where(full, value + left[k + 1], -np.inf))
-    end(reach, value)
-    return [
-        Staged(_traced(came, n, state, times_s, step), worth)
-        for n, (worth, state) in enumerate(ends)
-        if np.isfinite(worth)
-    ]
+        total = value if k == reach else np.where(full, value + left[k + 1], -np.inf)
+        for n in range(1, MOST + 1):
+            rose, i = np.unravel_index(int(np.argmax(total[n])), total[n].shape)
+            if total[n, rose, i] > ends[n][0]:
+                ends[n] = float(total[n, rose, i]), (k, int(rose), int(i))
+    return ends, came
 
 
-def _traced(
-    came: NDArray[np.int8], n: int, state: tuple[int, int, int], times_s: Array, step: float
-) -> Stages:
-    """The stages whose path ends there."""
-    k, rose, i = state
+def _risen(came: NDArray[np.int8], n: int, rose: int, i: int) -> list[int]:
+    """What rose, step by step, on the path that ends in this state at the last k."""
     risen = []
-    while k > 0:
+    for k in range(len(came) - 1, 0, -1):
         risen.append(rose)
         before = int(came[k, n, rose, i])
         if rose == _TIME:
             i -= 1
-            n, rose = (n - 1, _GAIN) if before == _GAIN else (n, _TIME)
-        else:
-            rose = before
-        k -= 1
+            n -= before == _GAIN
+        rose = before
+    return risen[::-1]
+
+
+def _stages_of(risen: Sequence[int], times_s: Sequence[float], step: float) -> Stages:
+    """A stage begins where time rises after gain."""
     times, gains = [float(times_s[0])], [1.0]
     i = j = 0
-    last = _GAIN
-    for rose in reversed(risen):
-        if len(times) == 1 or (rose == _TIME and last == _GAIN):
+    for place, rose in enumerate(risen):
+        if place == 0 or (rose == _TIME and risen[place - 1] == _GAIN):
             times.append(times[-1])
             gains.append(gains[-1])
         i, j = (i + 1, j) if rose == _TIME else (i, j + 1)
         times[-1], gains[-1] = float(times_s[i]), float(2 ** (j * step))
-        last = rose
     return Stages(tuple(times), tuple(gains))

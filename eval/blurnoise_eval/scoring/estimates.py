@@ -68,13 +68,12 @@ def mean(sums: ArrayLike, counts: ArrayLike) -> Estimate:
 
 def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
     """Of a measure (1 + n,): of all, then without each cluster; cautious: the same of a lower one, none below 0."""
-    every = np.asarray(values, float)
-    if not math.isfinite(every[0]):
+    whole, *without = np.asarray(values, float).tolist()
+    if not math.isfinite(whole):
         return Estimate(None)
     lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
-    if lower is not None and not (lower.value is not None and lower.value < every[0]):
-        lower = None
-    return Estimate(float(every[0]), influence_of(every[0], every[1:]), lower)
+    kept = lower if lower is not None and (lower.value or 0.0) < whole and lower.value is not None else None
+    return Estimate(whole, influence_of(whole, without), kept)
 
 
 def all_and_without(counts: ArrayLike) -> Array:
@@ -86,20 +85,18 @@ def all_and_without(counts: ArrayLike) -> Array:
 
 def through(estimates: Sequence[Estimate], of: Callable[[Sequence[float]], float | None]) -> Estimate:
     """A linear function ``of`` the estimates' values, such as a weighted mean; all of them are defined."""
-    value = of([float(np.nan if each.value is None else each.value) for each in estimates])
+    value = of([math.nan if each.value is None else each.value for each in estimates])
     lower = None
     if any(each.cautious for each in estimates):
         lower = through([each.cautious or each for each in estimates], of)
     known = [each.influence for each in estimates if each.influence is not None]
     if value is None or len(known) < len(estimates) or not known:
         return Estimate(value)
-    table = np.array(known)
-    said = np.asarray(np.isfinite(table).any(axis=0))
-    filled = np.where(np.isfinite(table), table, 0.0)  # without that cluster nothing would change
     found = [
-        of(column.tolist()) if there else None for column, there in zip(filled.T, said.tolist(), strict=True)
-    ]
-    return Estimate(value, np.array([np.nan if each is None else each for each in found], float), lower)
+        of(np.nan_to_num(column).tolist()) if np.isfinite(column).any() else None
+        for column in zip(*known, strict=True)
+    ]  # without a cluster that has no say in one of them that would not change
+    return Estimate(value, np.array(found, float), lower)
 
 
 def mean_of(estimates: Sequence[Estimate]) -> Estimate:

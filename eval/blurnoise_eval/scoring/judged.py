@@ -23,6 +23,7 @@ from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precis
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
 """Names, and their places in COCO's summary."""
 _BINS = 10  # of confidence, for the calibration error
+Places = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -39,44 +40,49 @@ class Truth:
     category_of: Mapping[int, int]
     sizes_px: Mapping[int, tuple[int, int]] = field(default_factory=dict)
 
-    @cached_property
-    def targets(self) -> Targets:
-        """The annotations, picture by picture in the order of :attr:`places`."""
-        pictures: list[list[Mapping[str, Any]]] = [[] for _ in self.places]
-        for each in self.coco["annotations"]:
-            pictures[self.places[each["image_id"]]].append(each)
-        return Targets.of(pictures)
+    @property
+    def annotations(self) -> Sequence[Mapping[str, Any]]:
+        """COCO's."""
+        found: Sequence[Mapping[str, Any]] = self.coco["annotations"]
+        return found
 
     @cached_property
     def places(self) -> Mapping[int, int]:
         """A place for the id of each picture."""
-        annotated = (each["image_id"] for each in self.coco["annotations"])
-        return {
-            number: place
-            for place, number in enumerate(dict.fromkeys([*self.image_ids.values(), *annotated]))
-        }
+        annotated = (each["image_id"] for each in self.annotations)
+        numbers = dict.fromkeys([*self.image_ids.values(), *annotated])
+        return {number: place for place, number in enumerate(numbers)}
 
     @cached_property
-    def in_places(self) -> NDArray[np.int64]:
-        """The annotations in the order of :attr:`targets`."""
-        places = np.array([self.places[each["image_id"]] for each in self.coco["annotations"]], np.int64)
+    def in_places(self) -> Places:
+        """The annotations picture by picture, in the order of :attr:`places`."""
+        places = np.array([self.places[each["image_id"]] for each in self.annotations], np.int64)
         return np.argsort(places, kind="stable")
 
     @cached_property
-    def corners(self) -> NDArray[np.float64]:
+    def targets(self) -> Targets:
+        """The annotations in the order of :attr:`in_places`."""
+        pictures: list[list[Mapping[str, Any]]] = [[] for _ in self.places]
+        for each in self.annotations:
+            pictures[self.places[each["image_id"]]].append(each)
+        return Targets.of(pictures)
+
+    @cached_property
+    def corners(self) -> Array:
         """(N, 4) of the annotations' boxes."""
-        return xyxy([each["bbox"] for each in self.coco["annotations"]])
+        return xyxy([each["bbox"] for each in self.annotations])
 
     @cached_property
-    def sizes(self) -> NDArray[np.float64]:
+    def sizes(self) -> Array:
         """Width and height of each annotation's picture, (N, 2); NaN where it is not known."""
-        return _sizes(self)
+        unknown = (np.nan, np.nan)
+        return np.array([self.sizes_px.get(each["image_id"], unknown) for each in self.annotations], float)
 
-    @cached_property
-    def labels(self) -> Sequence[str]:
-        """The class of each annotation."""
+    def moved(self, move_boxes: MoveBoxes) -> Array:
+        """The corners elsewhere, (N, 4)."""
         names = {category["id"]: category["name"] for category in self.coco["categories"]}
-        return [names[each["category_id"]] for each in self.coco["annotations"]]
+        labels = [names[each["category_id"]] for each in self.annotations]
+        return move_boxes(self.corners, self.sizes, labels)
 
 
 class Alarms(NamedTuple):
@@ -84,7 +90,7 @@ class Alarms(NamedTuple):
 
     scores: Array
     right: NDArray[np.bool_]
-    cluster: NDArray[np.int64]
+    cluster: Places
     pictures: Array
 
     @property
@@ -111,10 +117,10 @@ class Alarms(NamedTuple):
 class Judged:
     """A model's answers under one condition.
 
-    sums: of its targets' and readings' columns: sums over clusters, and what they are sums of, both (n,). truth:
-    None for a reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's
-    boxes stand here; None: they stay. sweep_boxes: to what these cover in the course of the exposure; None: no more
-    than that. cluster_of: the number of a picture's cluster; without, each is its own.
+    sums: of its targets' and readings' columns: sums over clusters, and their counts, both (n,). truth: None for a
+    reader. found: (picture name, repeat, detections), or all as arrays. move_boxes: to where the truth's boxes are
+    here; None: they stay. sweep_boxes: to all that these cover during the exposure; None: no more than that.
+    cluster_of: the number of a picture's cluster; without, each is its own.
     """
 
     sums: Mapping[str, tuple[Array, Array]]
@@ -131,40 +137,37 @@ class Judged:
     @cached_property
     def coco(self) -> dict[str, Estimate]:
         """COCO's averages by the names of ``COCO_SCORES``."""
-        if self.truth is None or not self._annotations:
-            return dict.fromkeys(COCO_SCORES, Estimate(None))
         found = self._at_middle
-        averages = {
-            **{name: (0, ious) for name, ious in (("ap", slice(None)), ("ap50", [0]), ("ap75", [5]))},
-            **{f"ap_{size}": (place, slice(None)) for place, size in enumerate(SIZES[1:], start=1)},
-        }
-        scores = {
-            name: left_out(*(each[:, area, ious].mean(axis=1) for each in (found.precision, found.cautious)))
+        if found is None:
+            return dict.fromkeys(COCO_SCORES, Estimate(None))
+        averages = {"ap": (0, slice(None)), "ap50": (0, slice(1)), "ap75": (0, slice(5, 6))}
+        averages |= {f"ap_{size}": (place, slice(None)) for place, size in enumerate(SIZES) if place}
+        both = found.precision, found.cautious
+        return {
+            name: left_out(*(each[:, area, ious].mean(axis=1) for each in both))
             for name, (area, ious) in averages.items()
-        }
-        return scores | {"ar100": left_out(found.recall.mean(axis=1))}
+        } | {"ar100": left_out(found.recall.mean(axis=1))}
 
     def precision_by_size(self, score: str) -> dict[str, Estimate]:
         """ "ap" or "ap50" of the targets of each of ``SIZES``."""
-        if self.truth is None or not self._annotations:
+        found = self._at_middle
+        if found is None:
             return dict.fromkeys(SIZES, Estimate(None))
-        found = self._at_middle.precision
-        values = found[:, :, 0] if score == "ap50" else found.mean(axis=2)
-        return {size: left_out(values[:, place]) for place, size in enumerate(SIZES)}
+        values = found.precision[:, :, 0] if score == "ap50" else found.precision.mean(axis=2)
+        return {size: left_out(of) for size, of in zip(SIZES, values.T, strict=True)}
 
     @property
     def targets_by_size(self) -> dict[str, int]:
         """How many targets of each of ``SIZES`` the pictures have, each once; crowds are none."""
         own = self._own_targets(np.unique(self._places), None)
-        areas = np.zeros(0) if own is None else own.area_px2[~own.crowd]
-        return {
-            size: int(((low <= areas) & (areas <= high)).sum())
-            for size, (low, high) in zip(SIZES, AREAS_PX2.tolist(), strict=True)
-        }
+        areas = own.area_px2[~own.crowd, None]
+        counts = ((AREAS_PX2[:, 0] <= areas) & (areas <= AREAS_PX2[:, 1])).sum(axis=0)
+        return dict(zip(SIZES, counts.tolist(), strict=True))
 
     @cached_property
-    def _at_middle(self) -> Precision:
-        return self._precision(self._moved)
+    def _at_middle(self) -> Precision | None:
+        """None without targets."""
+        return None if self._truth is _NO_TRUTH else self._precision(self._moved)
 
     @cached_property
     def swept_ap50(self) -> Estimate:
@@ -176,76 +179,89 @@ class Judged:
         return left_out(found.precision[:, 0, 0], found.cautious[:, 0, 0])
 
     @cached_property
-    def alarms(self) -> Alarms | None:
-        """Detections that count as alarms; None without a truth to hold them against."""
+    def alarms(self) -> Alarms:
+        """Detections that count as alarms; none, in no picture, without a truth to hold them against."""
         return self.alarms_from(FOUND_SCORE)
 
-    def alarms_from(self, least: float) -> Alarms | None:
+    def alarms_from(self, least: float) -> Alarms:
         """Those of at least this confidence."""
         if self.truth is None:
-            return None
+            return Alarms(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(1))
         answers, cluster = self._answers, self._cluster_of_picture
-        pictures = np.bincount(cluster, minlength=self._count).astype(float)
         certain = np.flatnonzero((answers.scores >= least) & answers.leads)
         known = np.full(max(self.truth.category_of, default=0) + 2, -1)  # the last: none
         targets = self._own_targets(self._places, self._moved)
         places = {category: place for place, category in enumerate(targets.categories)}
-        for number, category in self.truth.category_of.items():
-            known[number] = places.setdefault(category, len(places))
-        picture, class_ids = answers.picture, answers.class_ids
-        certain = certain[known[np.minimum(class_ids[certain], len(known) - 1)] >= 0]
-        many = len(places)
+        for number, name in self.truth.category_of.items():
+            known[number] = places.setdefault(name, len(places))
+        category = known[np.minimum(answers.class_ids[certain], len(known) - 1)]
+        certain, category = certain[category >= 0], category[category >= 0]
+        picture = answers.picture[certain]
         taken, beside = matched(
-            picture[certain] * many + known[class_ids[certain]],
+            picture * len(places) + category,
             xywh(answers.boxes_xyxy[certain]),
-            targets.picture * many + targets.category,
+            targets.picture * len(places) + targets.category,
             targets,
             targets.crowd[None],
             np.array([MATCH_IOU]),
         )
         judged = ~beside[0, 0]  # in a crowd they are neither right nor wrong
-        right = taken[0, 0]
         return Alarms(
             answers.scores[certain][judged].astype(float),
-            right[judged],
-            cluster[picture[certain]][judged],
-            pictures,
+            taken[0, 0][judged],
+            cluster[picture][judged],
+            np.bincount(cluster, minlength=self._count).astype(float),
         )
+
+    def confidence_at(self, rate: float) -> float:
+        """The confidence above which the pictures have at most ``rate`` false alarms each; 0 where all have no more.
+
+        Crowds give no alarms. A detector that drops its weaker answers itself may stay below the rate.
+        """
+        alarms = self.alarms_from(0.0)
+        wrong = np.sort(alarms.scores[~alarms.right])[::-1]
+        allowed = int(np.floor(rate * alarms.pictures.sum() + 1e-9))
+        return float(wrong[allowed]) if len(wrong) > allowed else 0.0
 
     def _precision(self, boxes_xywh: Array | None, *, ap50_only: bool = False) -> Precision:
         """Of what was found, with the annotations there as the truth."""
-        truth = self.truth or Truth({"annotations": []}, {}, {})
-        # of equal scores: COCO's
-        numbers = np.array([truth.image_ids[name] for name in self._answers.names])
-        order = np.lexsort((numbers, np.array(self._answers.repeats)))
+        numbers = np.array([self._truth.image_ids[name] for name in self._answers.names])
+        order = np.lexsort((numbers, np.array(self._answers.repeats)))  # of equal scores: COCO's
         return precision(
             self._answers.in_order(order),
             self._cluster_of_picture[order],
             self._own_targets(self._places[order], boxes_xywh),
-            truth.category_of,
+            self._truth.category_of,
             self._count,
             ap50_only=ap50_only,
         )
+
+    @property
+    def _truth(self) -> Truth:
+        """The truth where it has targets, else one without."""
+        return self.truth if self.truth is not None and self.truth.annotations else _NO_TRUTH
 
     @cached_property
     def _answers(self) -> Answers:
         return self.found if isinstance(self.found, Answers) else Answers.of(self.found)
 
     @cached_property
-    def _cluster_of_picture(self) -> NDArray[np.int64]:
+    def _cluster_of_picture(self) -> Places:
         return np.array([self._clusters[name] for name in self._answers.names], np.int64)
 
     @cached_property
-    def _places(self) -> NDArray[np.int64]:
+    def _places(self) -> Places:
         """The place of each picture in the truth."""
         truth = self.truth
         names = () if truth is None else self._answers.names
         return np.array([truth.places[truth.image_ids[name]] for name in names if truth], np.int64)
 
-    def _own_targets(self, places: NDArray[np.int64], boxes_xywh: Array | None) -> Targets:
+    def _own_targets(self, places: Places, boxes_xywh: Array | None) -> Targets:
         """The truth's targets in pictures at these places; boxes: (N, 4) of all annotations, None: their own."""
-        truth = self.truth or Truth({"annotations": []}, {}, {})
-        every = truth.targets if boxes_xywh is None else truth.targets.at(boxes_xywh[truth.in_places])
+        truth = self.truth or _NO_TRUTH
+        every = truth.targets
+        if boxes_xywh is not None:
+            every = every._replace(boxes_xywh=boxes_xywh[truth.in_places])
         return every.of_pictures(places, len(truth.places))
 
     @cached_property
@@ -259,66 +275,41 @@ class Judged:
         """How many clusters there are."""
         return 1 + max(self._clusters.values(), default=0)
 
-    @property
-    def _annotations(self) -> Sequence[dict[str, Any]]:
-        return self.truth.coco["annotations"] if self.truth else ()
-
-    @cached_property
-    def _at(self) -> Array | None:
-        """Corners of the truth's boxes at mid-exposure; None: they stay."""
-        if self.truth is None or self.move_boxes is None or not self._annotations:
-            return None
-        return self.move_boxes(self.truth.corners, self.truth.sizes, self.truth.labels)
-
     @cached_property
     def _moved(self) -> Array | None:
-        return None if self._at is None else xywh(self._at)
+        """Sides of the truth's boxes at mid-exposure; None: they stay."""
+        if self._truth is _NO_TRUTH or self.move_boxes is None:
+            return None
+        return xywh(self._truth.moved(self.move_boxes))
 
     @cached_property
     def _swept(self) -> Array | None:
-        """All that the boxes cover in the course of the exposure, as sides; None where that is no more."""
-        if self.truth is None or self.sweep_boxes is None or not self._annotations:
+        """All that the boxes cover during the exposure, as sides; None where that is no more."""
+        truth = self._truth
+        if truth is _NO_TRUTH or self.sweep_boxes is None:
             return None
-        truth = self.truth
         at_middle = truth.corners if self._moved is None else xyxy(self._moved)
-        swept = self.sweep_boxes(truth.corners, truth.sizes, truth.labels)
-        swept = swept_within(swept, at_middle, np.where(np.isnan(truth.sizes), np.inf, truth.sizes))
+        sizes = np.where(np.isnan(truth.sizes), np.inf, truth.sizes)
+        swept = swept_within(truth.moved(self.sweep_boxes), at_middle, sizes)
         return None if np.array_equal(swept, at_middle) else xywh(swept)
 
 
-def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[dict[str, Any]]:
+_NO_TRUTH = Truth({"annotations": []}, {}, {})
+
+
+def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[Mapping[str, Any]]:
     """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
-    annotations: Sequence[dict[str, Any]] = truth.coco["annotations"]
-    if move_boxes is None or not annotations:
-        return annotations
-    return _with(annotations, move_boxes(truth.corners, truth.sizes, truth.labels))
-
-
-def _sizes(truth: Truth) -> NDArray[np.float64]:
-    """Width and height of each annotation's picture, (N, 2); NaN where it is not known."""
-    unknown = (np.nan, np.nan)
-    return np.array(
-        [truth.sizes_px.get(each["image_id"], unknown) for each in truth.coco["annotations"]], float
-    )
-
-
-def _with(annotations: Sequence[dict[str, Any]], boxes_xyxy: NDArray[np.float64]) -> Sequence[dict[str, Any]]:
-    """The annotations with these boxes instead of their own."""
-    sides = xywh(boxes_xyxy).tolist()
-    return [{**each, "bbox": box} for each, box in zip(annotations, sides, strict=True)]
+    if move_boxes is None or not truth.annotations:
+        return truth.annotations
+    boxes = xywh(truth.moved(move_boxes)).tolist()
+    return [{**each, "bbox": box} for each, box in zip(truth.annotations, boxes, strict=True)]
 
 
 def coco_results(
     detections: Detections, image_id: int, category_of: Mapping[int, int]
 ) -> Iterator[dict[str, Any]]:
     """Detections as COCO's results have them, those of classes that have a category."""
-    rows = zip(
-        xywh(detections.boxes_xyxy).tolist(),
-        detections.scores.tolist(),
-        detections.class_ids.tolist(),
-        strict=True,
-    )
-    for box, score, class_id in rows:
-        category = category_of.get(class_id)
-        if category is not None:
+    columns = xywh(detections.boxes_xyxy), detections.scores, detections.class_ids
+    for box, score, class_id in zip(*(each.tolist() for each in columns), strict=True):
+        if (category := category_of.get(class_id)) is not None:
             yield {"image_id": image_id, "category_id": category, "bbox": box, "score": score}

@@ -52,9 +52,8 @@ class Precision(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """N detections of all pictures. right, ignored: (areas, IoUs, N)."""
+    """N detections of all pictures, by category, highest score first. right, ignored: (areas, IoUs, N)."""
 
-    score: Array
     category: NDArray[np.int64]
     cluster: NDArray[np.int64]
     right: Flags
@@ -87,12 +86,8 @@ def precision(
     areas_px2, limits = (AREAS_PX2[:1], _LIMITS[:1]) if ap50_only else (AREAS_PX2, _LIMITS)
     counted = np.zeros((clusters, len(areas_px2), max(len(place_of), 1)))
     found = _matched(answers, cluster, places, targets, of_target, counted, (areas_px2, limits))
-    order = np.lexsort((-found.score, found.category))
-    parts: list[Any] = [part[..., order] for part in found]
-    found = _Found(*parts)
-    hits = np.zeros((clusters, found.right.shape[1], counted.shape[2]))
-    for place in range(hits.shape[1]):
-        here = found.right[0, place] & ~found.ignored[0, place]
+    hits = np.zeros((clusters, len(limits), counted.shape[2]))
+    for place, here in enumerate(found.right[0] & ~found.ignored[0]):
         np.add.at(hits[:, place], (found.cluster[here], found.category[here]), 1)
     return _averages(counted, _ranked(found, counted), hits)
 
@@ -143,9 +138,9 @@ def _matched(
     target_key = targets.picture * many + of_target
     right, beside = matched(picture * many + category, xywh(boxes), target_key, targets, aside, limits)
     ignored = np.where(right, beside, outside[:, None])
-    return _Found(
-        answers.scores[index].astype(float), category, clusters[picture].astype(np.int64), right, ignored
-    )
+    score = answers.scores[index].astype(float)
+    order = np.lexsort((-score, category))
+    return _Found(category[order], clusters[picture[order]], right[..., order], ignored[..., order])
 
 
 def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:

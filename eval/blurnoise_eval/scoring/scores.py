@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter, methodcaller
 from typing import TYPE_CHECKING, Literal
 
 from blurnoise_eval.scoring.estimates import Estimate
@@ -29,16 +30,16 @@ class Score:
     """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
 
     kinds: of "detector" and "reader", as a run's manifest names them. of: its estimate of the answers under one
-    condition, or a number without an interval, None where it is undefined; without, the score is of a model as a
-    whole. charted: whether the page draws it. of_models: of which kinds the table of models has it, as of the
-    original pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written.
+    condition; without, the score is of a model as a whole. charted: whether the page draws it. of_models: of which
+    kinds the table of models has it, of the original pictures; meaning: what it is, there, missing: why it may have
+    no value, digits: how it is written.
     criterion: what it is called where a share of it is kept, and where it reaches a level; without, it is none.
     """
 
     name: str
     title: str
     kinds: frozenset[str] = BOTH
-    of: Callable[[Judged], Estimate | float | None] | None = None
+    of: Callable[[Judged], Estimate] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
     charted: bool = False
@@ -55,8 +56,7 @@ class Score:
 
     def estimate(self, judged: Judged) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
-        found = None if self.of is None else self.of(judged)
-        return found if isinstance(found, Estimate) else Estimate(found)
+        return Estimate(None) if self.of is None else self.of(judged)
 
 
 def of_conditions() -> list[Score]:
@@ -75,19 +75,11 @@ def criteria(kind: str) -> list[Score]:
 
 
 def _mean(column: str) -> Callable[[Judged], Estimate]:
-    return lambda judged: judged.mean(column)
+    return methodcaller("mean", column)
 
 
 def _coco(name: str) -> Callable[[Judged], Estimate]:
     return lambda judged: judged.coco[name]
-
-
-def _false_per_image(judged: Judged) -> Estimate | None:
-    return None if judged.alarms is None else judged.alarms.false_per_image
-
-
-def _calibration(judged: Judged) -> Estimate | None:
-    return None if judged.alarms is None else judged.alarms.calibration_error
 
 
 SCORES: tuple[Score, ...] = (
@@ -139,7 +131,7 @@ SCORES: tuple[Score, ...] = (
         criterion=("AP50", "AP50"),
     ),
     Score("ap75", "AP75", DETECTOR, _coco("ap75")),
-    Score("ap50_swept", "AP50, swept box", DETECTOR, lambda judged: judged.swept_ap50, charted=True),
+    Score("ap50_swept", "AP50, swept box", DETECTOR, attrgetter("swept_ap50"), charted=True),
     Score("ap_small", "AP, small", DETECTOR, _coco("ap_small")),
     Score("ap_medium", "AP, medium", DETECTOR, _coco("ap_medium")),
     Score("ap_large", "AP, large", DETECTOR, _coco("ap_large")),
@@ -148,13 +140,14 @@ SCORES: tuple[Score, ...] = (
         meaning="recall with 100 detections a picture",
     ),
     Score(
-        "false_positives_per_image", "False positives per picture", DETECTOR, _false_per_image, "lower", "count",
-        charted=True, of_models=DETECTOR, missing="not scored",
+        "false_positives_per_image", "False positives per picture", DETECTOR,
+        attrgetter("alarms.false_per_image"), "lower", "count", charted=True,
+        of_models=DETECTOR, missing="not scored",
         meaning="detections from 0.25 on that answer for no target",
     ),
     Score(
-        "calibration_error", "Calibration error", DETECTOR, _calibration, "lower", charted=True,
-        of_models=DETECTOR, missing="nothing detected",
+        "calibration_error", "Calibration error", DETECTOR, attrgetter("alarms.calibration_error"), "lower",
+        charted=True, of_models=DETECTOR, missing="nothing detected",
         meaning="of detections from 0.25 on: |score - share of right ones|, ten bins",
     ),
     Score(

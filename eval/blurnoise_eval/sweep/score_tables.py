@@ -21,7 +21,6 @@ from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import Measured, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
-from blurnoise_eval.scoring.alarm_rate import confidence_at
 from blurnoise_eval.scoring.judged import Judged
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store import queries
@@ -168,5 +167,5 @@ def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
         name = model["name"]
         clean = [row for row in queries.condition_counts(store, name) if row["clean"]]
         cells = [cell for row in clean for cell in queries.detections_at(store, name, row)]
-        found[name] = confidence_at(Judged({}, truth_of(name), cells), rate)
+        found[name] = Judged({}, truth_of(name), cells).confidence_at(rate)
     return found

@@ -20,7 +20,7 @@ from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.scoring.on_picture import Model, View, view
+from blurnoise_eval.scoring.on_picture import Model, View
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -65,7 +65,7 @@ class PreparedPicture:
             self.scene = Scene(image, grey_anchor, picture, objects)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
-        self.views: list[View] = [view(model, picture, self.scene.image8) for model in models]
+        self.views: list[View] = [View(model, picture, self.scene.image8) for model in models]
 
 
 class Worker:

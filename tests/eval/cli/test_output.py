@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.cli import main
-from blurnoise_eval.deciding.nodes import Line
-from blurnoise_eval.deciding.realised import _nearest
+from blurnoise_eval.deciding.lines import Line, _nearest
 from blurnoise_eval.detectors.opening import _tell_apart
 from blurnoise_models import training
 

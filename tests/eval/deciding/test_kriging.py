@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blurnoise_eval.deciding.kriging import Kriging, correlation
-from blurnoise_eval.deciding.nodes import Line, lattice, spread
+from blurnoise_eval.deciding.lines import Line, lattice, spread
 from blurnoise_eval.deciding.trend import Trend
 from numpy.typing import NDArray
 

@@ -3,27 +3,19 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.deciding.nodes import (
-    FLOOR,
-    Line,
-    by_direction,
-    lattice,
-    place_of,
-    places_of,
-    spread,
-)
+from blurnoise_eval.deciding.lines import FLOOR, Line, lattice, spread
 
 LINES = [Line(lux, (speed, 0.0)) for lux in (3.0, 70.0) for speed in (0.0, 50.0, 900.0)]
 
 
 def test_places_are_stops_of_light_and_motion() -> None:
-    assert place_of(0.02, Line(50.0, (300.0, -400.0))) == pytest.approx((0.0, np.log2(10.0)))
-    assert place_of(0.001, Line(1000.0, (499.0, 0.0))) == pytest.approx((0.0, FLOOR))  # below half a pixel
-    assert place_of(1.0, Line(1.0)) == (0.0, FLOOR)
+    assert Line(50.0, (300.0, -400.0)).places(0.02) == pytest.approx((0.0, np.log2(10.0)))
+    assert Line(1000.0, (499.0, 0.0)).places(0.001) == pytest.approx((0.0, FLOOR))  # below half a pixel
+    assert Line(1.0).places(1.0).tolist() == [0.0, FLOOR]
 
 
 def test_a_line_rises_by_45_degrees() -> None:
-    at = places_of(np.geomspace(0.01, 0.1, 7), Line(3.0, (900.0, 0.0)))
+    at = Line(3.0, (900.0, 0.0)).places(np.geomspace(0.01, 0.1, 7))
     assert np.ptp(at[:, 1] - at[:, 0]) < 1e-12
     assert at[-1] - at[0] == pytest.approx(np.log2(10))
 
@@ -34,18 +26,10 @@ def test_no_light_is_no_line(lux: float) -> None:
         Line(lux)
 
 
-def test_opposite_motions_share_a_plane() -> None:
-    right, left, down, aslant = ((5.0, 0.0), (-900.0, 0.0), (0.0, -3.0), (-3.0, 4.0))
-    planes = by_direction([Line(1.0, right), Line(1.0), Line(2.0, left), Line(1.0, down), Line(1.0, aslant)])
-    assert [direction for direction, _ in planes] == [(1.0, 0.0), (0.0, 1.0), (0.6, -0.8)]
-    assert planes[0][1] == [Line(1.0, right), Line(1.0), Line(2.0, left)]
-    assert by_direction([Line(1.0)]) == [((1.0, 0.0), [Line(1.0)])]
-
-
 @pytest.mark.parametrize("lines", [LINES, LINES[:1], LINES[1:2], [LINES[0], LINES[3]]])
 def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines: list[Line]) -> None:
     found = lattice(lines, (0.0013, 0.17))
-    fine = np.concatenate([places_of(np.geomspace(0.0013, 0.17, 3001), line) for line in lines])
+    fine = np.concatenate([line.places(np.geomspace(0.0013, 0.17, 3001)) for line in lines])
     away = np.abs(fine[:, None] - found[None]).max(axis=-1)
     # A node within half a step of the line's every place, which is looked at 32 times per stop; and none farther.
     assert away.min(axis=1).max() <= 0.25 + 1 / 64

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, place_of
-from blurnoise_eval.deciding.on_lines import predicted_table
+from blurnoise_eval.deciding.lines import FLOOR, Line, lattice
+from blurnoise_eval.deciding.predicted import predicted_table
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.deciding.trend import USUAL
 from blurnoise_eval.store.store import Store
@@ -63,7 +63,7 @@ def test_what_stands_at_a_place_is_what_was_measured_there(grid: Path) -> None:
             for index, (u, w) in enumerate(plane.places.tolist()):
                 at = plane.at(index)
                 line = Line(at["illuminance_lux"], (at["velocity_x_px_s"], at["velocity_y_px_s"]))
-                assert (u, w) == pytest.approx(place_of(at["exposure_s"], line))
+                assert (u, w) == pytest.approx(line.places(at["exposure_s"]))
                 if w > FLOOR:  # there others may stand with it
                     assert plane.mean[index] == pytest.approx(means[tuple(at.values())])
 
@@ -84,8 +84,12 @@ def test_darkness_has_no_place() -> None:
 
 
 QUESTION = Question(
-    (0.002, 0.064),
-    {"illuminance_lux": (3.0, 40.0), "velocity_x_px_s": (0.0, 300.0), "velocity_y_px_s": (0.0,)},
+    {
+        "exposure_s": (0.002, 0.064),
+        "illuminance_lux": (3.0, 40.0),
+        "velocity_x_px_s": (0.0, 300.0),
+        "velocity_y_px_s": (0.0,),
+    }
 )
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from blurnoise_eval.deciding.nodes import Line
-from blurnoise_eval.deciding.plane_holds import what_breaks
+from blurnoise_eval.deciding.lines import Line
+from blurnoise_eval.deciding.question import what_breaks
 from made_up import Veil
 
 from blurnoise import Camera

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, spread
+from blurnoise_eval.deciding.lines import FLOOR, Line, lattice, spread
 from blurnoise_eval.deciding.predicted import Predicted
 
 LINES = [Line(lux, (speed, 0.0)) for lux in (2.0, 45.0, 1000.0) for speed in (0.0, 100.0, 1600.0)]

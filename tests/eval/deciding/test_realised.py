@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice, place_of
-from blurnoise_eval.deciding.realised import conditions_at
+from blurnoise_eval.answers.plane import direction_of
+from blurnoise_eval.deciding.lines import FLOOR, Line, conditions_at, lattice
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.sweep.exposing import Scene, frames
 from signs_in_memory import CAMERA, picture, sign
@@ -24,7 +24,7 @@ def line_of(at: Conditions) -> Line:
 def test_conditions_stand_at_their_place_and_near_a_line(lines: list[Line]) -> None:
     for place in lattice(lines, EXPOSURES_S).tolist():
         at = conditions_at(tuple(place), lines, EXPOSURES_S)
-        assert np.allclose(place_of(at.exposure_s, line_of(at)), place, atol=1e-5, rtol=0)
+        assert np.allclose(line_of(at).places(at.exposure_s), place, atol=1e-5, rtol=0)
         assert EXPOSURES_S[0] <= at.exposure_s <= EXPOSURES_S[1]
         # nodes are within half a step, 0.25 stops, of a line along u and w: 0.36 stops, and half a step at its ends
         near = [
@@ -33,13 +33,16 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines: list[Line]) -> N
         speeds = [max(line.speed_px_s * at.exposure_s, 0.5) for line in near]
         length = max(line_of(at).speed_px_s * at.exposure_s, 0.5)
         assert any(abs(math.log2(length / speed)) <= 0.5 + 1e-5 for speed in speeds)
-        assert line_of(at).direction in {None, *(line.direction for line in lines)}
+        assert direction_of(line_of(at).velocity_px_s) in {
+            None,
+            *(direction_of(line.velocity_px_s) for line in lines),
+        }
 
 
 def test_on_a_line_the_conditions_are_its_own() -> None:
     """With three digits and more: rounding is in the seventh."""
     for exposure_s in (0.002, 0.0137, 0.08):
-        at = conditions_at(place_of(exposure_s, LINES[5]), LINES[5:6], EXPOSURES_S)
+        at = conditions_at(tuple(LINES[5].places(exposure_s)), LINES[5:6], EXPOSURES_S)
         assert at.stated == pytest.approx(
             {
                 "exposure_s": exposure_s,

@@ -4,7 +4,7 @@ import numpy as np
 import populations_on_planes as made
 import pytest
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.deciding.nodes import FLOOR, Line, lattice
+from blurnoise_eval.deciding.lines import FLOOR, Line, lattice
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.search import CAUTION, CHECKED, FIRST, Search
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ def search(
 def predicted(found: Search, rates: made.Rates, references: Array = made.REFERENCES) -> Predicted:
     nodes = found.nodes
     counts = np.repeat(references[:, None], len(nodes), axis=1)
-    return Predicted(nodes, [str(each) for each in range(len(references))], rates(nodes) * counts, counts)
+    return Predicted(nodes, tuple(map(str, range(len(references)))), rates(nodes) * counts, counts)
 
 
 def wrong_by(

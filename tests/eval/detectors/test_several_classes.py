@@ -11,7 +11,7 @@ from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES
 from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, suppress
-from blurnoise_eval.scoring.on_picture import DetectorView
+from blurnoise_eval.scoring.on_picture import View
 from constant_graphs import constant_graph
 from numpy.typing import NDArray
 
@@ -70,14 +70,14 @@ def test_a_target_s_confidence_is_its_own_class_s_whichever_leads(
     detector = constant_detector(tmp_path / "m.onnx", family, boxes_with_scores(family, PLACE, scores))
     image = np.zeros((*SIZE_PX, 3), np.uint8)
     picture = Picture("p", (Target("car", "cars", (40.0, 25.0, 60.0, 35.0)),), lambda: image, "p")
-    sight = DetectorView(detector, picture, image).clean
+    sight = View(detector, picture, image).clean
     assert sight.targets[0]["confidence"] == pytest.approx(0.5, rel=1e-5)
 
 
 def test_without_labels_a_box_is_one_target(tmp_path: Path) -> None:
     detector = constant_detector(tmp_path / "m.onnx", "yolov8", boxes_with_scores("yolov8", PLACE, TWO))
     image = np.zeros((*SIZE_PX, 3), np.uint8)
-    sight = DetectorView(detector, Picture("p", None, lambda: image, "p"), image).clean
+    sight = View(detector, Picture("p", None, lambda: image, "p"), image).clean
     assert [(row["label"], round(row["confidence"], 3)) for row in sight.targets] == [("lorry", 0.6)]
     assert len(sight.detections) == 2
 

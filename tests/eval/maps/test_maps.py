@@ -10,33 +10,28 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.maps import figures, told
-from blurnoise_eval.maps.mapping import Maps
-from blurnoise_eval.maps.predictor import predictor_of
-from blurnoise_eval.maps.ranking import ranked
+from blurnoise_eval.maps import figures
+from blurnoise_eval.maps.maps import Map, Maps, sentences, write
 from blurnoise_eval.quality.measure import METRICS
 from blurnoise_models import matched_filter
 from commands import Output, main
 from made_maps import KEEP, plane, scores_at
-from plans import IMX250
 
 
 def made(**grid: Any) -> Maps:
     """A detector that needs light and dislikes blur, before sixteen metrics that know all, but the second light
     alone, and the third nothing."""
     of = plane(**grid)
-    values = 1 / (1 + np.exp(-of.u)) / (1 + np.exp(3 * of.w - 3))
+    u, w = of.places.T
+    values = 1 / (1 + np.exp(-u)) / (1 + np.exp(3 * w - 3))
     metrics = dict.fromkeys((metric.name for metric in METRICS), values)
-    metrics |= {METRICS[0].name: values**2, METRICS[1].name: of.u}
-    metrics |= {METRICS[2].name: np.full(len(of.nodes), np.nan)}
-    scores = scores_at(of, values)
-    form = predictor_of(of, scores)
-    rows = tuple(ranked(of, metrics, scores))
-    return Maps(IMX250, KEEP, of, metrics, (scores,), (), rows, () if form is None else (form,))
+    metrics |= {METRICS[0].name: values**2, METRICS[1].name: u}
+    metrics |= {METRICS[2].name: np.full(len(of), np.nan)}
+    return Maps(KEEP, of, metrics, (Map.of(of, metrics, scores_at(of, values)),))
 
 
 def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
-    (text,) = told.sentences(made(), "target_confidence")
+    (text,) = sentences(made())
     assert text.startswith("m, signs: MTF50 across x ranks conditions best (rank correlation 1.00")
     assert "1 of 16 metrics cannot be told" in text
     assert "MTF50 across y misleads: 1.00 along light alone" in text
@@ -45,10 +40,11 @@ def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
 
 def test_a_metric_that_may_not_rank_at_all_is_not_called_best() -> None:
     maps = made()
-    rows = tuple(
-        replace(row, spearman=0.3, low=-0.1 - 0.01 * place, high=0.7) for place, row in enumerate(maps.rows)
+    (each,) = maps.every
+    ranks = tuple(
+        row._replace(spearman=0.3, low=-0.1 - 0.01 * place, high=0.7) for place, row in enumerate(each.ranks)
     )
-    (text,) = told.sentences(replace(maps, rows=rows), "target_confidence")
+    (text,) = sentences(replace(maps, every=(replace(each, ranks=ranks),)))
     assert (
         "no metric surely ranks conditions; the best is MTF50 across x (rank correlation 0.30, -0.10 to"
         in text
@@ -64,13 +60,13 @@ def test_a_metric_that_may_not_rank_at_all_is_not_called_best() -> None:
 )
 def test_what_cannot_be_told_is_said(grid: dict[str, Any], expected: str) -> None:
     wide = {"lights_lux": (0.3, 1.0, 7.0, 50.0, 360.0)} if "speeds" in grid else {}
-    (text,) = told.sentences(made(**grid, **wide), "target_confidence")
+    (text,) = sentences(made(**grid, **wide))
     assert expected in text
 
 
 def test_tables_are_written_whole(tmp_path: Path) -> None:
     maps = made()
-    told.write(maps, tmp_path)
+    write(maps, tmp_path)
     with (tmp_path / "maps.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [row["metric"] for row in rows] == [metric.name for metric in METRICS]
@@ -82,7 +78,7 @@ def test_tables_are_written_whole(tmp_path: Path) -> None:
     document = json.loads((tmp_path / "predictor.json").read_text(encoding="utf-8"))
     assert len(document["fitted"][0]["coefficients"]) == 6
     with (tmp_path / "nodes.csv").open(encoding="utf-8") as file:
-        assert len(list(csv.DictReader(file))) == len(maps.plane.nodes)
+        assert len(list(csv.DictReader(file))) == len(maps.nodes)
 
 
 def test_a_surface_is_the_mean_nearby_and_blank_afar() -> None:
@@ -108,9 +104,9 @@ def test_points_that_share_a_place_lie_off_each_other() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("grid", [{}, {"speeds": (0.0,)}, {"exposures_s": (0.01,)}])
 def test_figures_of_any_grid(tmp_path: Path, grid: dict[str, Any]) -> None:
-    written = figures.write(made(**grid), "target_confidence", tmp_path)
+    written = figures.write(made(**grid), tmp_path)
     assert [path.name for path in written] == [
-        f"{name}.png" for name in ("ranks", "map-exposure-signs", "map-blur-signs", "scatter-signs")
+        f"{name}.png" for name in ("map-exposure-signs", "map-blur-signs", "scatter-signs")
     ]
     assert all(path.stat().st_size > 10_000 for path in written)
 

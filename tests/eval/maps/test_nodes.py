@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.maps.nodes import plane_of
+from blurnoise_eval.maps.nodes import nodes_at
 from made_maps import plane, row
 from plans import IMX250
 
 
 def nodes(*rows: dict[str, Any], stated: tuple[str, ...] = (), **figures: float) -> int:
-    return len(plane_of(rows, replace(IMX250, **figures), stated).nodes)  # type: ignore[arg-type]
+    return len(nodes_at(rows, replace(IMX250, **figures), stated))  # type: ignore[arg-type]
 
 
 def test_equal_light_and_motion_are_one_experiment() -> None:
-    found = plane_of([row(0.01, 50.0, 300.0), row(0.02, 25.0, 150.0), row(0.02, 25.0)], IMX250, ())
+    found = nodes_at([row(0.01, 50.0, 300.0), row(0.02, 25.0, 150.0), row(0.02, 25.0)], IMX250, ())
     assert found.node_of.tolist() == [0, 0, 1]
-    assert found.u == pytest.approx([-1, -1])
-    assert found.w == pytest.approx([np.log2(3), -1])  # at rest: half a pixel
+    assert found.places[:, 0] == pytest.approx([-1, -1])
+    assert found.places[:, 1] == pytest.approx([np.log2(3), -1])  # at rest: half a pixel
 
 
 def test_there_and_back_are_one_but_across_is_another() -> None:
@@ -32,14 +32,16 @@ def test_there_and_back_are_one_but_across_is_another() -> None:
 def test_gain_tells_apart_what_the_camera_sets_too() -> None:
     assert nodes(row(0.01, 50.0), row(0.02, 25.0, applied_gain_db=12.0)) == 2
     assert nodes(row(0.01, 50.0, applied_gain_db=11.98), row(0.02, 25.0, applied_gain_db=12.01)) == 1
-    (node,) = plane_of([row(0.01, 50.0, applied_gain_db=12.0)], IMX250, ()).nodes
-    assert node.conditions["gain_db"] == 12
-    (plain,) = plane_of([row(0.01, 50.0)], IMX250, ()).nodes
-    assert node.white_share == pytest.approx(plain.white_share * 10**0.6)
+    node = nodes_at([row(0.01, 50.0, applied_gain_db=12.0)], IMX250, ())
+    assert node.figures["gain_db"] == 12
+    plain = nodes_at([row(0.01, 50.0)], IMX250, ())
+    assert node.figures["white_share"] == pytest.approx(plain.figures["white_share"] * 10**0.6)
     digital = replace(IMX250, analogue_gain_max_db=0.0)
-    (after,) = plane_of([row(0.01, 50.0, applied_gain_db=12.0)], digital, ()).nodes
-    assert after.white_share == pytest.approx(plain.white_share * 10**0.6)
-    assert after.snr_log2 == pytest.approx(plain.snr_log2)  # it adds neither light nor noise
+    after = nodes_at([row(0.01, 50.0, applied_gain_db=12.0)], digital, ())
+    assert after.figures["white_share"] == pytest.approx(plain.figures["white_share"] * 10**0.6)
+    assert after.figures["snr_log2"] == pytest.approx(
+        plain.figures["snr_log2"]
+    )  # it adds neither light nor noise
 
 
 def test_dark_charge_that_counts_tells_exposures_apart() -> None:
@@ -50,8 +52,8 @@ def test_dark_charge_that_counts_tells_exposures_apart() -> None:
 
 def test_the_lens_is_the_cameras_unless_the_plan_states_another() -> None:
     """A stated f-number brings diffraction; the column has one in any case."""
-    (own,) = plane_of([row(0.01, 50.0)], IMX250, ()).nodes
-    assert own.conditions["f_number"] is None
+    own = nodes_at([row(0.01, 50.0)], IMX250, ())
+    assert own.conditions[0]["f_number"] is None
     assert nodes(row(0.01, 50.0, f_number=1.4), row(0.01, 50.0, f_number=4.0), stated=("f_number",)) == 2
 
 

@@ -11,7 +11,8 @@ from made_maps import plane, scores_at
 from scipy import stats
 
 PLANE = plane()
-N = len(PLANE.nodes)
+U, W = PLANE.places.T
+N = len(PLANE)
 RNG = np.random.default_rng(1)
 
 
@@ -61,9 +62,9 @@ def test_held_out_blocks_know_nothing_of_themselves() -> None:
 
 def test_share_explained_is_one_less_the_errors_share() -> None:
     y = np.array([0.0, 1.0, 2.0, 3.0])
-    assert ranking.held_out_r2(y, y + 0.5) == pytest.approx(1 - 4 * 0.25 / 5)
-    assert ranking.held_out_r2(np.ones(4), y) is None
-    assert ranking.held_out_r2(y, None) is None
+    assert ranking.explained(y, y + 0.5) == pytest.approx(1 - 4 * 0.25 / 5)
+    assert ranking.explained(np.ones(4), y) is None
+    assert ranking.explained(y, None) is None
 
 
 def test_telling_what_keeps_the_level_counts_pairs() -> None:
@@ -76,26 +77,26 @@ def test_telling_what_keeps_the_level_counts_pairs() -> None:
 
 def test_a_metric_of_light_alone_is_flattered_along_light() -> None:
     """Over both axes it misses all that blur does; the score itself misses nothing."""
-    y = (PLANE.u - PLANE.u.min()) / np.ptp(PLANE.u) * 0.5 + 0.5 * (PLANE.w.max() - PLANE.w) / np.ptp(PLANE.w)
-    rows = list(ranking.ranked(PLANE, {"light": PLANE.u, "itself": y**3}, scores_at(PLANE, y)))
+    y = (U - U.min()) / np.ptp(U) * 0.5 + 0.5 * (W.max() - W) / np.ptp(W)
+    rows = list(ranking.ranked(PLANE, {"light": U, "itself": y**3}, scores_at(PLANE, y)))
     light, itself = rows
-    at_rest = PLANE.w == PLANE.w.min()
-    assert ranking.along_lines(PLANE.u[at_rest], y[at_rest], PLANE.w[at_rest]) == pytest.approx(1)
+    at_rest = W.min() == W
+    assert ranking.along_lines(U[at_rest], y[at_rest], W[at_rest]) == pytest.approx(1)
     assert light.along_light == pytest.approx(1)
-    assert light.spearman == pytest.approx(stats.spearmanr(PLANE.u, y).statistic)
+    assert light.spearman == pytest.approx(stats.spearmanr(U, y).statistic)
     assert light.spearman is not None
     assert light.spearman < 0.8
     assert itself.spearman == pytest.approx(1)
     assert itself.r2_h is not None
     assert itself.r2_h > 0.9
-    assert ranking.surest(rows) is itself
+    assert ranking.best(rows) is itself
     assert ranking.most_flattered(rows) is light
     assert ranking.most_flattered([itself]) is None
 
 
 def test_the_interval_is_the_jackknifes_and_needs_eight_clusters() -> None:
-    y = np.clip(PLANE.u, -3, 3) / 3 - PLANE.w / 9
-    m = {"light": PLANE.u + 0.3 * PLANE.w}
+    y = np.clip(U, -3, 3) / 3 - W / 9
+    m = {"light": U + 0.3 * W}
     (twelve,) = ranking.ranked(PLANE, m, scores_at(PLANE, y, 12))
     (seven,) = ranking.ranked(PLANE, m, scores_at(PLANE, y, 7))
     assert twelve.low is not None
@@ -113,15 +114,15 @@ def test_the_interval_is_the_jackknifes_and_needs_eight_clusters() -> None:
 
 
 def test_few_nodes_cannot_tell_and_the_share_is_of_those_with_a_score() -> None:
-    y = PLANE.u / 10 + 1
-    few = np.where(np.arange(N) < ranking.FEWEST_NODES - 1, PLANE.u, np.nan)
-    enough = np.where(np.arange(N) < ranking.FEWEST_NODES, PLANE.u, np.nan)
+    y = U / 10 + 1
+    few = np.where(np.arange(N) < ranking.FEWEST_NODES - 1, U, np.nan)
+    enough = np.where(np.arange(N) < ranking.FEWEST_NODES, U, np.nan)
     silent, told = ranking.ranked(PLANE, {"few": few, "enough": enough}, scores_at(PLANE, y))
     assert silent.spearman is None
     assert silent.auc is None
     assert silent.share_told == (ranking.FEWEST_NODES - 1) / N
     assert told.spearman == pytest.approx(1)
-    assert ranking.surest([silent]) is None
+    assert ranking.best([silent]) is None
     unscored = np.where(np.arange(N) < 30, y, np.nan)
-    (half,) = ranking.ranked(PLANE, {"light": PLANE.u}, scores_at(PLANE, unscored))
+    (half,) = ranking.ranked(PLANE, {"light": U}, scores_at(PLANE, unscored))
     assert (half.n_nodes, half.share_told) == (30, 1.0)

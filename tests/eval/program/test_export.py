@@ -12,9 +12,9 @@ import pytest
 from blurnoise_eval.program import export
 from blurnoise_eval.program.optimise import Program, optimise
 from blurnoise_eval.program.stages import STOCK, Stages
-from made_planes import METERING, made_problem, made_response
+from made_planes import METERING, made_problem
 
-LIGHTS = made_response().scenario.lights_lux
+LIGHTS = made_problem().lights_lux
 NODES_OF_7 = Stages(
     tuple(1e-3 * 1.5**k for k in range(8)), tuple(1.3**k for k in range(8))
 )  # as many as a program can have

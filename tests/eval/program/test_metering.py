@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from blurnoise_eval.program.metering import Metering, mean_light
+from blurnoise_eval.program.limits import Metering, mean_light
 
 from blurnoise.optics.camera import PRESETS
 from blurnoise.scene.metering import USUAL

@@ -12,10 +12,10 @@ from blurnoise_eval.answers.recommendation import NEAR
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.program.inputs import Inputs
 from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.optimise import ENOUGH, Program, _interval, _regret, optimise
+from blurnoise_eval.program.optimise import ENOUGH, Program, interval_of, optimise, regret_of
 from blurnoise_eval.program.scenario import Scenario
-from blurnoise_eval.program.text import sentence
-from made_planes import METERING, made_planes, made_problem, made_response
+from blurnoise_eval.program.view import sentence
+from made_planes import METERING, made_planes, made_problem
 
 LIMITS = Limits(readout_s=0.003)
 
@@ -106,8 +106,8 @@ def test_the_report_s_exposure_answers_the_report_s_question_alone(
 
 def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
     """By hand at one light: by shares of speeds, targets alike."""
-    response, planes = made_response(), made_planes()
-    place, light = 7, response.scenario.lights_lux[7]
+    problem, planes = made_problem(), made_planes()
+    place, light = 7, problem.lights_lux[7]
     time_s = program.schedule.exposures_s[place]
     expected = 0.0
     for speed, share in ((0.0, 0.3), (200.0, 0.5), (800.0, 0.2)):
@@ -132,23 +132,22 @@ def test_uncertainty(program: Program) -> None:
 def test_another_exposure_gains_no_more_than_is_open_of_the_difference() -> None:
     """Beside the program's exposure the surface is off as there: half a percent away nothing can be gained."""
     problem, times = made_problem(lights_lux=(30.0,)), [0.004, 0.00402]
-    there = problem.response.uncertain([30.0, 30.0], times)
-    regret = _regret(problem, problem.schedule(times[:1]), times, np.zeros((1, 2)))
+    there = problem.uncertain([30.0, 30.0], times)
+    regret = regret_of(problem, problem.schedule(times[:1]), times, np.zeros((1, 2)))
     assert regret is not None
-    assert regret < 0.25 * float(np.sqrt(there.open[1, 1]))
+    assert regret < 0.25 * float(np.sqrt(there.prediction_cov[1, 1]))
 
 
 def test_the_interval_stays_within_what_can_be_kept() -> None:
     """Pictures that all keep all: a picture nobody has seen may not, and none keeps more."""
     problem = made_problem(lights_lux=(30.0, 100.0))
-    whole = problem.response
-    counts = {name: np.ones((24, len(plane.places))) for name, plane in whole.planes.items()}
+    counts = {name: np.ones((24, len(plane.places))) for name, plane in problem.inputs.planes.items()}
     planes = {
         name: Predicted(plane.places, plane.clusters, counts[name], counts[name])
-        for name, plane in whole.planes.items()
+        for name, plane in problem.inputs.planes.items()
     }
-    problem = replace(problem, response=replace(whole, planes=planes))
-    low, high = _interval(problem, problem.schedule([0.004, 0.002]))
+    problem = replace(problem, inputs=replace(problem.inputs, planes=planes))
+    low, high = interval_of(problem, problem.schedule([0.004, 0.002]))
     assert low is not None
     assert high == 1
     assert 0.7 < low < 0.97
@@ -156,17 +155,17 @@ def test_the_interval_stays_within_what_can_be_kept() -> None:
 
 def test_departures_are_those_of_pictures_drawn_again() -> None:
     """Standard error by departures beside the bootstrap of the planes' own pictures, at the same nodes."""
-    response = made_response()
+    problem = made_problem()
     lights, times = [10.0, 50.0], [0.004, 0.002]
-    there = response.uncertain(lights, times)
-    error = there.departures.std(axis=0, ddof=1) / np.sqrt(len(there.departures))
+    there = problem.uncertain(lights, times)
+    error = there.influence.std(axis=0, ddof=1) / np.sqrt(len(there.influence))
     generator = np.random.default_rng(0)
     drawn = []
-    cases = [response._case(case, lights, times) for case in response.scenario.cases]
+    cases = problem.predicted(lights, times)
     for _ in range(400):
         weight = generator.multinomial(24, np.full(24, 1 / 24))[:, None]
         ratios = np.array([(case.sums * weight).sum(0) / (case.counts * weight).sum(0) for case in cases])
-        drawn.append((response.scenario.shares[:, None] * ratios).sum(0))
+        drawn.append((problem.scenario.shares[:, None] * ratios).sum(0))
     # standard deviation of 400 draws is known to 1/sqrt(800) = 3.5 %; the jackknife exceeds the bootstrap by n/(n-1)
     assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
 
@@ -236,5 +235,5 @@ def test_what_was_not_tested_is_refused_with_the_range(more: dict[str, object], 
 
 
 def test_nothing_is_said_outside_the_range() -> None:
-    response = made_response(lights_lux=(1e4,))
-    assert np.isnan(response.at([1e4], [0.01]).objective).all()
+    _, objective = made_problem(lights_lux=(1e4,)).at([1e4], [0.01])
+    assert np.isnan(objective).all()

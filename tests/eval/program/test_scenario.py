@@ -4,13 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.program.scenario import (
-    Scenario,
-    chosen_targets,
-    half_stops,
-    named_shares,
-    scaled_note,
-)
+from blurnoise_eval.program.scenario import Scenario, half_stops, speed_shares, target_shares
 
 
 def scenario(**more: object) -> Scenario:
@@ -57,32 +51,31 @@ def test_what_is_not_known_in_one_case_is_not_known() -> None:
 
 def test_targets_are_found_by_part_of_their_name() -> None:
     groups = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
-    assert chosen_targets("large:3,medium:1", groups) == {groups[0]: 3.0, groups[1]: 1.0}
+    assert target_shares("large:3,medium:1", groups)[0] == {groups[0]: 3.0, groups[1]: 1.0}
     with pytest.raises(ValueError, match=r"targets: objects, large.* is given twice"):
-        chosen_targets("large,> 96", groups)
-    assert chosen_targets(None, groups) == dict.fromkeys(groups, 1.0)
+        target_shares("large,> 96", groups)
+    assert target_shares(None, groups) == (dict.fromkeys(groups, 1.0), [])
     for word in ("tiny", "px"):
         with pytest.raises(ValueError, match=f"targets = '{word}'.*large"):
-            chosen_targets(word, groups)
+            target_shares(word, groups)
 
 
 def test_shares_are_read() -> None:
-    assert named_shares("speeds", "0:0.3, 200:0.5,800:1") == {"0": 0.3, "200": 0.5, "800": 1.0}
-    assert named_shares("speeds", "0,200") == {"0": 1.0, "200": 1.0}
+    assert speed_shares("0:0.3, 200:0.5,800:0.2", ()) == ({0.0: 0.3, 200.0: 0.5, 800.0: 0.2}, [])
+    assert speed_shares("0,200", ()) == ({0.0: 1.0, 200.0: 1.0}, [])
+    assert speed_shares(None, (0.0, 5.0)) == ({0.0: 1.0, 5.0: 1.0}, [])
     with pytest.raises(ValueError, match="a share for every entry, or for none"):
-        named_shares("speeds", "0:0.3,200")
-    with pytest.raises(ValueError, match="speeds: 200 is given twice"):
-        named_shares("speeds", "0:0.3,200:0.2,200:0.5")
-    with pytest.raises(ValueError, match="speeds"):
-        named_shares("speeds", "0:x")
+        speed_shares("0:0.3,200", ())
+    with pytest.raises(ValueError, match=r"speeds: 200\.0 is given twice"):
+        speed_shares("0:0.3,200:0.2,200:0.5", ())
+    for wrong in ("0:x", "fast"):
+        with pytest.raises(ValueError, match=r"speeds = .*must be as 0:0.3,200:0.7"):
+            speed_shares(wrong, ())
 
 
 def test_shares_that_are_scaled_are_named() -> None:
-    assert scaled_note("speeds", "0:3,200:5,800:2") == [
-        "speeds: shares add up to 10; each was divided by that"
-    ]
-    for text in (None, "0,200,800", "0:0.3,200:0.6,800:0.1"):
-        assert scaled_note("speeds", text) == []
+    _, notes = speed_shares("0:3,200:5,800:2", ())
+    assert notes == ["speeds: shares add up to 10; each was divided by that"]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.alarm_rate import confidence_at
 from blurnoise_eval.scoring.judged import Judged, Truth
 
 AT, ELSEWHERE, CROWD = (10.0, 10.0, 30.0, 40.0), (60.0, 60.0, 70.0, 90.0), (100.0, 0.0, 200.0, 100.0)
@@ -50,8 +49,7 @@ def judged() -> Judged:
     ("rate", "expected"), [(0.1, 0.7), (0.49, 0.7), (0.5, 0.4), (1.0, 0.03), (1.5, 0.0), (100.0, 0.0)]
 )
 def test_confidence_at_a_rate(rate: float, expected: float) -> None:
-    assert confidence_at(judged(), rate) == pytest.approx(expected)
+    assert judged().confidence_at(rate) == pytest.approx(expected)
     alarms = judged().alarms_from(0.0)
-    assert alarms is not None
-    wrong = (~alarms.right & (alarms.scores > confidence_at(judged(), rate))).sum()
+    wrong = (~alarms.right & (alarms.scores > judged().confidence_at(rate))).sum()
     assert wrong / 2 <= rate

@@ -11,7 +11,7 @@ import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
-from blurnoise_eval.scoring.on_picture import view
+from blurnoise_eval.scoring.on_picture import View
 from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 
@@ -51,7 +51,7 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
 @pytest.mark.parametrize("labelled", [True, False], ids=["labelled", "found when clean"])
 def test_a_detector_is_held_against_moved_targets(detector: Detector, labelled: bool) -> None:
     targets = (Target("stop sign", "signs", BOX),) if labelled else None
-    seen = view(detector, Picture("p", targets, sign, "p"), sign())
+    seen = View(detector, Picture("p", targets, sign, "p"), sign())
     (clean,), (missed,) = seen.clean.targets, seen.look(sign(SHIFT_PX)).targets
     (found,) = seen.look(sign(SHIFT_PX), to_the_right).targets
     assert clean["confidence"] > 0.8
@@ -84,12 +84,12 @@ class Asked:
 
 def test_a_reader_reads_where_the_targets_stand() -> None:
     reader = Asked()
-    seen = view(reader, Picture("p", (Target("text", "texts", BOX, text="STOP"),), sign, "p"), sign())
+    seen = View(reader, Picture("p", (Target("text", "texts", BOX, text="STOP"),), sign, "p"), sign())
     (row,) = seen.look(sign(SHIFT_PX), to_the_right).targets
     assert reader.boxes == [[BOX], [MOVED]]
     assert (box_of(row), row["confidence"]) == (MOVED, 0.9)
 
 
 def test_pictures_without_targets_have_nothing_to_move(detector: Detector) -> None:
-    seen = view(detector, Picture("p", (), sign, "p"), sign())
+    seen = View(detector, Picture("p", (), sign, "p"), sign())
     assert seen.look(sign(), to_the_right).targets == ()

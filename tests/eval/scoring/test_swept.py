@@ -14,7 +14,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.judged import Judged, Truth
-from blurnoise_eval.scoring.on_picture import DetectorView
+from blurnoise_eval.scoring.on_picture import View
 from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper, frames
 from numpy.typing import NDArray
 
@@ -66,7 +66,7 @@ def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:
     x, y = velocity_px_s
     at = Conditions(exposure_s=EXPOSURE_S, illuminance_lux=LUX, velocity_x_px_s=x, velocity_y_px_s=y)
     (frame,) = frames(scene, [Cell("p", 0, at, 7)], CAMERA)
-    seen = DetectorView(Fake(found), picture, square())  # type: ignore[arg-type]
+    seen = View(Fake(found), picture, square())  # type: ignore[arg-type]
     (row,) = seen.look(frame.image, frame.move_boxes, frame.sweep_boxes).targets
     return row
 
@@ -183,7 +183,7 @@ def test_average_precision_at_rest_is_not_computed_twice(monkeypatch: pytest.Mon
 
 def test_readers_and_untouched_pictures_have_no_swept_box() -> None:
     assert Judged({}).swept_ap50.value is None
-    seen = DetectorView(
+    seen = View(
         Fake(smear),
         Picture("p", (Target("square", "squares", BOX),), square, "p"),
         square(),  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.maps import mapping
+from blurnoise_eval.maps.nodes import nodes_of
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.merging import merge
 from blurnoise_eval.system.files import RUN_FILE
@@ -87,7 +87,7 @@ def read_all_ways(run: Path, folder: Path) -> Iterator[Any]:
 
     def nodes() -> None:
         with Store(run) as store:
-            mapping.nodes_of(store)
+            nodes_of(store)
 
     yield nodes
 

@@ -13,7 +13,7 @@ import pytest
 import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.deciding.plane_holds import what_breaks
+from blurnoise_eval.deciding.question import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import Objects
