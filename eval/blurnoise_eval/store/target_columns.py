@@ -58,32 +58,44 @@ class TargetColumns(NamedTuple):
         return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
 
 
-_Kept = dict[tuple[str, int], TargetColumns]
-_KEPT: WeakKeyDictionary[Store, _Kept] = WeakKeyDictionary()
-"""By store; by model and revision."""
+class _Held(NamedTuple):
+    """What was read of a model, at which revision of the store, up to which rowids of cells and targets."""
+
+    revision: int
+    rowids: tuple[int, int]
+    columns: TargetColumns
+
+
+_KEPT: WeakKeyDictionary[Store, dict[str, _Held]] = WeakKeyDictionary()
+"""By store and model."""
 
 
 def target_columns(store: Store, model: str) -> TargetColumns:
-    """All targets of a model, read once for scores and surfaces."""
-    kept = {key: each for key, each in _KEPT.get(store, {}).items() if key[1] == store.revision}
-    key = model, store.revision
-    if key not in kept:
-        found = _read(store, model)
-        if sum(len(each.condition) for each in (found, *kept.values())) > _MOST_KEPT:
-            return found
-        kept[key] = found
-    _KEPT[store] = kept
-    return kept[key]
+    """All targets of a model. They are kept, and of a store that has grown the new rows alone are read."""
+    kept = _KEPT.setdefault(store, {})
+    held = kept.pop(model, None)
+    if held is None or held.revision != store.revision:
+        before = held
+        held = _read(store, model, before)
+        rows = store.tuples("SELECT COUNT(*) FROM targets WHERE model = ?", model)
+        if before is not None and next(rows) != [(len(held.columns.condition),)]:  # some were replaced
+            held = _read(store, model, None)
+    if sum(len(each.columns.condition) for each in (held, *kept.values())) <= _MOST_KEPT:
+        kept[model] = held
+    return held.columns
 
 
-def _read(store: Store, model: str) -> TargetColumns:
-    """Each table as it lies on the disk, in place of a join: that would look up every cell on its own."""
+def _read(store: Store, model: str, before: _Held | None) -> _Held:
+    """What came after ``before``, with it; each table as it lies on the disk, in place of a join: that would look up
+    every cell on its own."""
+    last_cell, last_target = (0, 0) if before is None else before.rowids
     conditions, pictures, groups = seen = dict[Any, int](), dict[Any, int](), dict[Any, int]()
     place_of: dict[str, int] = {}
     of_cells = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * len(_OF_PICTURE)]
-    asked = ", ".join(("cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
-    for rows in store.tuples(f"SELECT {asked} FROM cells NOT INDEXED WHERE model = ?", model):
-        ids, images, repeats, *measured = list(zip(*rows, strict=True))[: -len(CONDITIONS)]
+    asked = ", ".join(("rowid", "cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
+    query = f"SELECT {asked} FROM cells NOT INDEXED WHERE rowid > ? AND model = ? ORDER BY rowid"
+    for rows in store.tuples(query, last_cell, model):
+        (*_, last_cell), ids, images, repeats, *measured = list(zip(*rows, strict=True))[: -len(CONDITIONS)]
         place_of.update(zip(ids, range(len(place_of), len(place_of) + len(ids)), strict=True))
         codes = (
             [conditions.setdefault(row[-len(CONDITIONS) :], len(conditions)) for row in rows],
@@ -94,9 +106,10 @@ def _read(store: Store, model: str) -> TargetColumns:
     condition, picture, repeat, *pictured = _joined(of_cells)
     of_targets = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * (1 + len(_OF_TARGET))]
     exact = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
-    asked = ", ".join(("cell_id", '"group"', "target_id", exact, *_OF_TARGET))
-    for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
-        ids, named, target_ids, *numbers = zip(*rows, strict=True)
+    asked = ", ".join(("rowid", "cell_id", '"group"', "target_id", exact, *_OF_TARGET))
+    query = f"SELECT {asked} FROM targets NOT INDEXED WHERE rowid > ? AND model = ? ORDER BY rowid"
+    for rows in store.tuples(query, last_target, model):
+        (*_, last_target), ids, named, target_ids, *numbers = zip(*rows, strict=True)
         if missing := set(ids).difference(place_of):
             raise store.damaged("targets.cell_id", f"{min(missing)!r} is none of the cells")
         codes = (
@@ -109,16 +122,31 @@ def _read(store: Store, model: str) -> TargetColumns:
     cell, group, target_id, *of_target = _joined(of_targets)
     joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *of_target]
     joined += [column[cell] for column in pictured]
+    parts = [(list(map(list, seen)), joined)]
+    if before is not None:
+        parts.append((list(before.columns[:3]), list(before.columns[3:])))
+    return _Held(store.revision, (last_cell, last_target), _in_order(parts))
+
+
+def _in_order(parts: Sequence[tuple[Sequence[Sequence[Any]], Sequence[NDArray[Any]]]]) -> TargetColumns:
+    """The rows of all parts: of each the names, and columns of which the first three are places in them."""
+    columns: list[NDArray[Any]] = [
+        np.concatenate(each) for each in zip(*(own for _, own in parts), strict=True)
+    ]
     names: list[Any] = []
-    for place, codes_of in enumerate(seen):
-        here = set(np.unique(joined[place]).tolist())  # some cells have no target
-        ordered = sorted((each for each in codes_of if codes_of[each] in here), key=_KEYS[place])
-        rank = np.zeros(len(codes_of), np.int32)
-        rank[[codes_of[each] for each in ordered]] = np.arange(len(ordered))
-        joined[place] = rank[joined[place]]
+    for place in range(3):
+        used = [
+            [of[place][code] for code in np.unique(own[place])] for of, own in parts
+        ]  # some have no target
+        ordered = sorted({name for each in used for name in each}, key=_KEYS[place])
+        number = {name: rank for rank, name in enumerate(ordered)}
+        ranks = [np.array([number.get(name, -1) for name in of[place]], np.int32) for of, _ in parts]
+        columns[place] = np.concatenate(
+            [rank[own[place]] for rank, (_, own) in zip(ranks, parts, strict=True)]
+        ).astype(np.int32)
         names.append(ordered)
-    order = np.lexsort((joined[4], joined[3], joined[1], joined[0]))
-    every: list[Any] = [*names, *(column[order] for column in joined)]
+    order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
+    every: list[Any] = [*names, *(column[order] for column in columns)]
     return TargetColumns(*every)
 
 

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -277,10 +278,29 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
         pass
 
 
-def test_columns_of_targets_are_read_again_when_rows_are_added(tmp_path: Path) -> None:
+def test_of_columns_of_targets_those_of_new_rows_alone_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a search adds batches; a cell that is replaced is read anew, and the columns are those of one reading."""
+    read: list[int] = []
+    tuples = Store.tuples
+
+    def counted(store: Store, query: str, *values: object) -> Any:
+        for rows in tuples(store, query, *values):
+            read.append(len(rows) * ("cell_id" in query))
+            yield rows
+
+    monkeypatch.setattr(Store, "tuples", counted)
     with Store(tmp_path, create=True) as store:
-        store.add([result(0)])
-        one = target_columns(store, "m")
-        assert target_columns(store, "m") is one
-        store.add([result(1)])
-        assert len(target_columns(store, "m").condition) == 2 * len(one.condition)
+        for number in (3, 0, 2, 1, 3):
+            store.add([result(number, image=f"{number % 2}.png", targets=3)])
+            if number != 3 or not read:
+                before = sum(read)
+                grown = target_columns(store, "m")
+                assert target_columns(store, "m") is grown
+                assert sum(read) - before == 1 + 3  # a cell and its targets
+        grown = target_columns(store, "m")
+    with Store(tmp_path) as store:
+        whole = target_columns(store, "m")
+    for one, other in zip(grown, whole, strict=True):
+        np.testing.assert_array_equal(one, other)
