@@ -48,15 +48,8 @@ class Kriging:
 
     @classmethod
     def fit(cls, places: ArrayLike, values: ArrayLike, mean: Trend | None = USUAL) -> Kriging:
-        """Through values (N,) at places (N, 2), all different. mean: None: a constant.
-
-        Raises ``ValueError`` for no or unequal numbers, and values that are not finite.
-        """
-        at, known = np.asarray(places, float).reshape(-1, 2), np.asarray(values, float)
-        if not len(at) or known.shape != (len(at),) or not np.isfinite(known).all():
-            raise ValueError(
-                f"values: {known.size} at {len(at)} places; must be one at each, at least one, finite"
-            )
+        """Through values (N,), finite, at places (N, 2), all different. mean: None: a constant."""
+        at, known = np.asarray(places, float), np.asarray(values, float)
         trend = None if mean is None else mean.fitted(at, known)
         if trend is not None and np.ptp(trend(at)) <= _FLAT * trend.top:
             trend = None

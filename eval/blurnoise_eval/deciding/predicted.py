@@ -39,8 +39,7 @@ class Predicted:
     """The surfaces of C clusters through N nodes.
 
     places: (N, 2). sums, counts: (C, N); where a cluster was not observed both are 0, or NaN. Nodes at one place
-    count as one. trend: what the surface is guided by. most: the greatest value there can be. Raises ``ValueError``
-    for shapes that do not fit, and where nothing was observed.
+    count as one. trend: what the surface is guided by. most: the greatest value there can be.
     """
 
     def __init__(
@@ -54,13 +53,6 @@ class Predicted:
     ) -> None:
         at = np.asarray(places, float).reshape(-1, 2)
         total, count = np.nan_to_num(np.asarray(sums, float)), np.nan_to_num(np.asarray(counts, float))
-        if not total.shape == count.shape == (len(clusters), len(at)):
-            raise ValueError(
-                f"sums, counts: {total.shape} and {count.shape}; must be ({len(clusters)}, {len(at)}), "
-                "clusters by places"
-            )
-        if not (count > 0).any():
-            raise ValueError("counts: all are 0; must be above 0 somewhere")
         different, which = same_places(at)
         own = np.eye(len(different))[which]
         total, count = total @ own, count @ own

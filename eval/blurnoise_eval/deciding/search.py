@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise._core.checks import integer
 from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.kriging import Kriging
 from blurnoise_eval.deciding.lines import Line, Range, lattice, spread
@@ -76,7 +75,7 @@ class Search:
 
     exposures: shortest and longest, s. levels: of every question, in the criterion's unit. most_nodes: from which on
     nothing more is searched for; held-out nodes, and the lattice that replaces a surface that is not smooth, may come
-    on top. trend: guides the surfaces. Raises ``ValueError`` for levels or nodes that are none.
+    on top. trend: guides the surfaces.
 
     phase: what the next batch is for. nodes: the places told so far, (N, 2). precise: whether the nodes leave less
     open than pictures do. not_smooth: whether the whole lattice is asked, for the surface is not smooth. checks: of
@@ -93,9 +92,7 @@ class Search:
         trend: Trend | None = USUAL,
     ) -> None:
         self.levels = np.atleast_1d(np.asarray(levels, float))
-        if not len(self.levels) or not np.isfinite(self.levels).all():
-            raise ValueError(f"levels = {levels}: must be finite, at least one")
-        self.most_nodes = integer("most_nodes", most_nodes, 1, 100_000)
+        self.most_nodes = most_nodes
         self.lattice = lattice(lines, exposures)
         stops = math.log2(exposures[1] / exposures[0])
         count = max(2, 1 + math.ceil(_PER_STOP * stops))
@@ -119,15 +116,10 @@ class Search:
 
     def tell(self, places: ArrayLike, values: ArrayLike, errors: ArrayLike) -> None:
         """Every question's score at places (M, 2), asked for or not, and its standard error over pictures, both
-        (Q, M). NaN: not known. Raises ``ValueError`` for shapes that do not fit."""
+        (Q, M). NaN: not known."""
         at = np.asarray(places, float).reshape(-1, 2)
         value, error = (np.atleast_2d(np.asarray(each, float)) for each in (values, errors))
         questions = len(self._values) if len(self.nodes) else len(value)
-        if not value.shape == error.shape == (questions, len(at)):
-            raise ValueError(
-                f"values, errors: {value.shape} and {error.shape}; must be ({questions}, {len(at)}), "
-                "questions by places"
-            )
         if self.phase == "check" and np.array_equal(same_places(self._asked)[0], same_places(at)[0]):
             self.checks.append(self._check(at, value))
         kept = _not_among(self.nodes, at)

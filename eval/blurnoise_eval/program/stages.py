@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -23,19 +22,10 @@ MOST = 7
 
 @dataclass(frozen=True)
 class Stages:
-    """Times and gains, neither ever falling; the first is where the least light ends. Raises ``ValueError``."""
+    """Times and gains, two or more, neither ever falling; the first is where the least light ends."""
 
     times_s: tuple[float, ...]
     gains: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if len(self.times_s) != len(self.gains) or len(self.gains) < 2:
-            raise ValueError("stages: must hold as many times as gains, and two or more")
-        if self.times_s[0] <= 0 or self.gains[0] < 1:
-            raise ValueError("stages: times must be > 0, gains >= 1")
-        for values in (self.times_s, self.gains):
-            if any(a > b for a, b in pairwise(values)):
-                raise ValueError(f"stages = {values!r}: must not fall")
 
     def divided(self, total_s: float) -> tuple[float, float]:
         """Time and gain for a total exposure, as libcamera divides it up."""

@@ -116,12 +116,6 @@ def test_many_nodes() -> None:
     assert np.abs(surface.weights(between) @ logistic(places) - logistic(between)).max() < 0.01
 
 
-@pytest.mark.parametrize("values", [[], [0.5], [0.5, np.nan]])
-def test_bad_values(values: list[float]) -> None:
-    with pytest.raises(ValueError, match="values"):
-        Kriging.fit(PLACES[:2] if values else [], values)
-
-
 def test_trend_of_a_camera() -> None:
     camera = Camera.preset("imx250")
     trend = Trend.of(camera)

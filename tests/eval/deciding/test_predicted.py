@@ -88,10 +88,3 @@ def test_inside_is_among_the_nodes() -> None:
     assert rest.inside([(0.0, FLOOR), (0.0, 1.0), (5.0, FLOOR)]).tolist() == [True, False, False]
     alone = observed(np.array([[0.0, 1.0]]))
     assert alone.inside([(0.1, 1.1), (0.0, 2.0)]).tolist() == [True, False]
-
-
-def test_bad_shapes() -> None:
-    with pytest.raises(ValueError, match="clusters by places"):
-        Predicted(NODES, CLUSTERS, np.ones((3, 2)), np.ones((3, 2)))
-    with pytest.raises(ValueError, match="counts"):
-        Predicted(NODES, CLUSTERS, np.zeros((3, len(NODES))), np.zeros((3, len(NODES))))

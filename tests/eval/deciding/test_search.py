@@ -267,18 +267,3 @@ def test_told_twice_is_told_last() -> None:
     other.tell(places, mean, error)
     assert len(found.nodes) == len(places)
     assert found.ask() == pytest.approx(other.ask(), abs=0)
-
-
-def test_bad_questions() -> None:
-    with pytest.raises(ValueError, match="levels"):
-        Search(made.LINES, made.EXPOSURES, [])
-    with pytest.raises(ValueError, match="levels"):
-        Search(made.LINES, made.EXPOSURES, np.nan)
-    with pytest.raises(ValueError, match="most_nodes"):
-        Search(made.LINES, made.EXPOSURES, 0.8, most_nodes=0)
-    with pytest.raises(ValueError, match="questions by places"):
-        search().tell(np.zeros((2, 2)), np.zeros(3), np.zeros(3))
-    told = search()
-    told.tell([[0.0, 0.0]], [[0.5]], [[0.1]])
-    with pytest.raises(ValueError, match="questions by places"):
-        told.tell([[1.0, 0.0]], [[0.5], [0.5]], [[0.1], [0.1]])

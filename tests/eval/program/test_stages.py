@@ -40,15 +40,6 @@ def test_times_are_limited_by_the_frame() -> None:
     assert SHORT.no_longer(0.015).times_s == (1e-4, 5e-3, 10e-3, 15e-3, 15e-3)
 
 
-@pytest.mark.parametrize(
-    ("times", "gains"),
-    [((1.0, 0.5), (1.0, 2.0)), ((1.0, 1.0), (2.0, 1.0)), ((1.0,), (1.0,)), ((1.0, 1.0), (0.5, 1.0))],
-)
-def test_what_falls_is_refused(times: tuple[float, ...], gains: tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match="stages"):
-        Stages(times, gains)
-
-
 def staged_ways(n_times: int, n_gains: int, most: int) -> dict[int, list[Stages]]:
     """Every way on the lattice by its number of stages; steps of one stop."""
     found: dict[int, list[Stages]] = {}
