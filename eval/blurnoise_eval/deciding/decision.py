@@ -63,9 +63,7 @@ def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[S
 
 def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
     """The answers of a run that a search has asked for, as ``Decision.answers`` has them."""
-    return [
-        answer for table in answering(store, criterion, cluster) for answer in answers(table, criterion)
-    ]
+    return [answer for table in answering(store, criterion, cluster) for answer in answers(table, criterion)]
 
 
 class Decision(Evaluation):

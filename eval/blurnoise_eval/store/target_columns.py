@@ -122,7 +122,7 @@ def _read(store: Store, model: str, before: _Held | None) -> _Held:
     cell, group, target_id, *of_target = _joined(of_targets)
     joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *of_target]
     joined += [column[cell] for column in pictured]
-    parts = [(list(map(list, seen)), joined)]
+    parts: list[Any] = [(list(map(list, seen)), joined)]
     if before is not None:
         parts.append((list(before.columns[:3]), list(before.columns[3:])))
     return _Held(store.revision, (last_cell, last_target), _in_order(parts))
