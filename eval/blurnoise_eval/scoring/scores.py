@@ -30,7 +30,7 @@ class Score:
     """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
 
     kinds: of "detector" and "reader", as a run's manifest names them. of: its estimate of the answers under one
-    condition; without, the score is of a model as a whole. charted: whether the page draws it. of_models: of which
+    condition, or a number without an interval, None where undefined; without, the score is of a model as a whole. charted: whether the page draws it. of_models: of which
     kinds the table of models has it, of the original pictures; meaning: what it is, there, missing: why it may have
     no value, digits: how it is written.
     criterion: what it is called where a share of it is kept, and where it reaches a level; without, it is none.
@@ -39,7 +39,7 @@ class Score:
     name: str
     title: str
     kinds: frozenset[str] = BOTH
-    of: Callable[[Judged], Estimate] | None = None
+    of: Callable[[Judged], Estimate | float | None] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
     charted: bool = False
@@ -56,7 +56,8 @@ class Score:
 
     def estimate(self, judged: Judged) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
-        return Estimate(None) if self.of is None else self.of(judged)
+        found = None if self.of is None else self.of(judged)
+        return found if isinstance(found, Estimate) else Estimate(found)
 
 
 def of_conditions() -> list[Score]:

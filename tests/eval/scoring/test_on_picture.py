@@ -78,7 +78,7 @@ class Asked:
         self.boxes: list[Any] = []
 
     def read(self, image: NDArray[np.uint8], boxes_xyxy: Any) -> list[Reading]:
-        self.boxes.append(list(boxes_xyxy))
+        self.boxes.append([tuple(box) for box in boxes_xyxy])
         return [Reading("STOP", 0.9) for _ in boxes_xyxy]
 
 
