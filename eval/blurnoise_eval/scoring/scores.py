@@ -30,10 +30,10 @@ class Score:
     """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
 
     kinds: of "detector" and "reader", as a run's manifest names them. of: its estimate of the answers under one
-    condition, or a number without an interval, None where undefined; without, the score is of a model as a whole. charted: whether the page draws it. of_models: of which
-    kinds the table of models has it, of the original pictures; meaning: what it is, there, missing: why it may have
-    no value, digits: how it is written.
-    criterion: what it is called where a share of it is kept, and where it reaches a level; without, it is none.
+    condition, or a number without an interval, None where undefined; without, the score is of a model as a whole.
+    charted: whether the page draws it. of_models: of which kinds the table of models has it, of the original
+    pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written. criterion:
+    what it is called where a share of it is kept, and where it reaches a level; without, it is none.
     """
 
     name: str
