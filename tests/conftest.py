@@ -1,11 +1,56 @@
-"""Threads: each of pytest-xdist's processes has one. With more, those of all wait for each other at every loop."""
+"""Threads: each of pytest-xdist's processes has one; with more, those of all wait for each other at every loop.
+
+CI's rules: ``--most-cpu-s`` fails a test whose body takes more CPU time, ``--skips FILE`` one that is skipped for a
+reason that no line of the file begins.
+"""
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import hypothesis
+import pytest
 
 hypothesis.settings.register_profile("untimed", deadline=None)  # nothing is said of a busy machine
 hypothesis.settings.load_profile("untimed")
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # PyTorch reads it when it is imported
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--most-cpu-s", type=float, help="fail a test whose body takes more CPU seconds")
+    parser.addoption("--skips", metavar="FILE", help="fail a test that is skipped for a reason that is not in FILE")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+    before = sum(os.times()[:4])
+    yield
+    used, most = sum(os.times()[:4]) - before, item.config.getoption("--most-cpu-s")
+    if most is not None and used > most:
+        pytest.fail(f"{used:.2f} s of CPU time, at most {most:g}: make it cheaper, or mark it slow", pytrace=False)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
+    report = yield
+    return _skips_listed(report, item.config)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[Any]:
+    report = yield
+    return _skips_listed(report, collector.config)
+
+
+def _skips_listed(report: Any, config: pytest.Config) -> Any:
+    listed = config.getoption("--skips")
+    if listed is None or not report.skipped or hasattr(report, "wasxfail"):
+        return report
+    reason = report.longrepr[2].removeprefix("Skipped: ")
+    known = [line for line in Path(listed).read_text(encoding="utf-8").splitlines() if line]
+    if not any(reason.startswith(each) for each in known):
+        report.outcome, report.longrepr = "failed", f"skipped, for a reason that is not in {listed}: {reason}"
+    return report
