@@ -21,7 +21,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # PyTorch reads it when it is imported
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--most-cpu-s", type=float, help="fail a test whose body takes more CPU seconds")
-    parser.addoption("--skips", metavar="FILE", help="fail a test that is skipped for a reason that is not in FILE")
+    parser.addoption(
+        "--skips", metavar="FILE", help="fail a test that is skipped for a reason that is not in FILE"
+    )
 
 
 @pytest.hookimpl(wrapper=True)
@@ -30,7 +32,9 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     yield
     used, most = sum(os.times()[:4]) - before, item.config.getoption("--most-cpu-s")
     if most is not None and used > most:
-        pytest.fail(f"{used:.2f} s of CPU time, at most {most:g}: make it cheaper, or mark it slow", pytrace=False)
+        pytest.fail(
+            f"{used:.2f} s of CPU time, at most {most:g}: make it cheaper, or mark it slow", pytrace=False
+        )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -70,6 +70,11 @@ def test_what_no_option_sets_keeps_its_name() -> None:
     assert in_a_line(ValueError("well_e = 5 or 7: must be one"), options).endswith(
         ": well_e = 5 or 7: must be one"
     )
+    told = in_a_line(ValueError("row_time_s, exposure_s = 0.02: too long"), options)
+    assert told.endswith(": row_time_s, exposure_s = 0.02: too long")
+    assert in_a_line(ValueError("exposure_s = 0.02: too long"), options).endswith(
+        ": --exposure-ms = 20: too long"
+    )
     assert in_a_line(ValueError("yolo = 'a': empty"), ["--coco", "--labels"]).endswith(
         ": --labels = 'a': empty"
     )

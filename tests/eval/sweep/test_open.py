@@ -62,6 +62,9 @@ def test_what_is_missing_is_counted(tmp_path: Path) -> None:
             open_run(store, [matched_detector(tmp_path)], CAMERA, TWO, plan, {})
             ask(store, Batch(len(TWO) if isinstance(plan, SweepPlan) else 1, (), (extra,)))
             assert Run(store).missing_cells() == expected
+            store.skip(TWO.pictures[0].name, "cannot be read")
+            n_pictures = len(TWO) if isinstance(plan, SweepPlan) else 1
+            assert Run(store).missing_cells() == expected // n_pictures * (n_pictures - 1)
 
 
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.sweep.exposing import Scene, brightest, frames
+from blurnoise_eval.sweep.exposing import Scene, brightest, frames, snr_db
 
-from blurnoise import Camera, Exposure
+from blurnoise import Camera, Exposure, photoelectrons
 
 IMX250 = Camera.preset("imx250")
 SMALL_WELL = replace(IMX250, full_well_e=0.3 * IMX250.full_well_e)
@@ -56,3 +57,13 @@ def test_the_limit_follows_well_and_digital_gain() -> None:
     assert brightest(Exposure(SMALL_WELL, **at)) < 160
     assert brightest(Exposure(SMALL_WELL, **at, gain_db=20.0)) == 255
     assert brightest(Exposure(IMX250, **at, gain_db=-6.02)) == pytest.approx(188, abs=2)  # sRGB of a half
+
+
+def test_signal_to_noise_has_shot_dark_and_read_noise() -> None:
+    """EMVA 1288: white of 0.02 lux s beside 300 e- of dark charge, 10 e- of read noise and the rounding to codes."""
+    camera = replace(IMX250, dark_current_e_s=3000.0, read_noise_e=10.0, prnu=0.0, dsnu_e=0.0)
+    exposure = Exposure(camera, exposure_s=0.1, illuminance_lux=0.2, temperature_c=camera.dark_reference_c)
+    white_e = photoelectrons(camera, 0.2, 0.1)
+    gain = camera.system_gain_dn_per_e
+    noise_e = math.sqrt(white_e + 300.0 + 10.0**2 + 1 / 12 / gain**2)
+    assert snr_db(exposure, 1.0) == pytest.approx(20 * math.log10(white_e / noise_e), abs=1e-3)

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.system.urls import (
+    explained,
     fetch_ahead,
     listing,
     local_file,
@@ -151,3 +152,12 @@ def test_a_cache_that_cannot_be_written(bucket: Any, tmp_path: Path, monkeypatch
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "file"))
     with pytest.raises(OSError, match=r"cannot be written .*; BLURNOISE_CACHE names another"):
         local_file(bucket / "a.bin")
+
+
+@pytest.mark.parametrize("status", [401, 403])
+def test_what_a_storage_denies_by_a_status_is_denied(status: int) -> None:
+    """As Google's and Hugging Face's clients say it."""
+    error = RuntimeError("no")
+    error.status = status  # type: ignore[attr-defined]
+    with pytest.raises(PermissionError, match="denied"), explained("gs://bucket/a"):
+        raise error

@@ -1,0 +1,105 @@
+"""Small faults put into the sources one at a time: does a test fail? ``python tests/mutation_sample.py --help``
+
+tests/data/mutations.yaml has the faults: a file, a text that it has once, what replaces it, and the tests that are
+run. One that survives has a reason there; any other ends this with 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+import yaml
+
+ROOT = Path(__file__).parents[1]
+COPIED = ("blurnoise", "eval", "models", "tests", "pyproject.toml")
+LONGEST_S = 300
+
+
+def main() -> int:
+    """Run the faults that are named, or all. Returns 1 where one survives without a reason, or is caught with one."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="of faults (default: all)")
+    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
+    given = parser.parse_args()
+    every = yaml.safe_load((ROOT / "tests" / "data" / "mutations.yaml").read_text(encoding="utf-8"))
+    some = {name: every[name] for name in given.names or every}
+    wrong = [f"{name}: {fault}" for name, each in some.items() if (fault := misplaced(each))]
+    if wrong:
+        print("\n".join(wrong))
+        return 1
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
+        free = SimpleQueue[Path]()
+        for number in range(given.workers):
+            free.put(copied(Path(folder, str(number))))
+
+        def survives(each: Mapping[str, str]) -> bool:
+            tree = free.get()
+            try:
+                return passes(tree, each)
+            finally:
+                free.put(tree)
+
+        surprises = 0
+        for (name, each), survived in zip(some.items(), pool.map(survives, some.values()), strict=True):
+            reason = each.get("survives", "")
+            surprises += survived != bool(reason)
+            print(
+                f"{name}: {'survives' if survived else 'caught'}{f' ({reason})' if reason else ''}",
+                flush=True,
+            )
+    print(f"{len(some)} faults, {surprises} not as expected")
+    return int(surprises > 0)
+
+
+def misplaced(fault: Mapping[str, str]) -> str:
+    """Why a fault cannot be put into the sources; "" where it can."""
+    count = (ROOT / fault["file"]).read_text(encoding="utf-8").count(fault["old"])
+    return "" if count == 1 else f"{fault['file']} has {fault['old']!r} {count} times; must be once"
+
+
+def copied(tree: Path) -> Path:
+    """A copy of the sources and tests."""
+    for name in COPIED:
+        source = ROOT / name
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(source, tree / name, ignore=ignored) if source.is_dir() else shutil.copy(
+            source, tree / name
+        )
+    return tree
+
+
+def passes(tree: Path, fault: Mapping[str, str]) -> bool:
+    """Whether all tests pass with the fault."""
+    file = tree / fault["file"]
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace(fault["old"], fault["new"]), encoding="utf-8")
+    try:
+        return run_tests(tree, fault["tests"].split()) == 0
+    finally:
+        file.write_text(text, encoding="utf-8")
+
+
+def run_tests(tree: Path, tests: Sequence[str]) -> int:
+    """The exit code of pytest; 5, that there are no tests, is an error."""
+    parts = [tree, tree / "eval", tree / "models"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, parts)), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "", *tests]
+    done = subprocess.run(
+        command, cwd=tree, env=environment, capture_output=True, timeout=LONGEST_S, check=False
+    )
+    if done.returncode > 1:
+        raise RuntimeError(done.stdout.decode(errors="replace")[-2000:])
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
