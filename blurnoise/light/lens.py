@@ -7,9 +7,7 @@ the picture's border. Displacements are by :mod:`blurnoise.blur.resampling`, whi
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from collections.abc import Hashable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -24,31 +22,27 @@ from blurnoise.optics import lens
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.lens import Field, Size
 from blurnoise.optics.spectra import Floats
-from blurnoise.optics.transfer import Optics
+from blurnoise.optics.transfer import SHARP, Optics
 
 
-@dataclass(frozen=True)
 class _OverTheField(LightEffect):
-    """An effect that differs from place to place, of cameras whose lens :meth:`has` it."""
-
-    @abstractmethod
-    def has(self, camera: Camera) -> bool:
-        """Whether the camera's lens has this effect."""
-
-    def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        return None if self.has(at.camera) else Blur()
+    """An effect that differs from place to place."""
 
     def key(self, at: Conditions[float]) -> Hashable:
-        return at.camera.field if self.has(at.camera) else None
+        return None if self.idle(at.camera) else at.camera.field
 
 
-@dataclass(frozen=True)
 class _ByTransferFunction(LightEffect):
-    """A blur that is the same everywhere, hence shares a transform with its neighbours."""
+    """A blur that is the same everywhere, hence shares a transform with its neighbours; cause: its field of Optics."""
 
-    @abstractmethod
+    cause: str
+
     def optics(self, camera: Camera) -> Optics:
         """The lens with this cause of blur alone."""
+        return Optics(**{self.cause: getattr(camera.optics, self.cause)})
+
+    def idle(self, camera: Camera) -> bool:
+        return self.optics(camera) == SHARP
 
     def bound(self, at: Conditions[float]) -> float:
         return self.optics(at.camera).error
@@ -68,28 +62,21 @@ class Distortion(_OverTheField):
 
     name = "distortion"
 
-    def has(self, camera: Camera) -> bool:
-        return camera.lens.displaces
+    def idle(self, camera: Camera) -> bool:
+        return not camera.lens.displaces
 
     def bound(self, at: Conditions[float]) -> float:
-        return _displaced(lens.farthest_px(at.camera.field)) if self.has(at.camera) else 0.0
+        return _displaced(lens.farthest_px(at.camera.field))
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         x, y = lens.sources(at.camera.field, _size(light))
         return resampling.sampled(light, x, y, border)
 
     def how(self, at: Conditions[float]) -> str:
-        shape = at.camera.lens.distortion
-        if shape is None:
-            return "resampled"
-        return f"{shape.model}, up to {lens.farthest_px(at.camera.field):.3g} px: resampled by splines"
-
-    def displaces(self, camera: Camera) -> bool:
-        return self.has(camera)
+        shape, farthest_px = at.camera.lens.distortion, lens.farthest_px(at.camera.field)
+        return f"{shape.model if shape else ''}, up to {farthest_px:.3g} px: resampled by splines"
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-        if not self.has(at.camera):
-            return boxes_xyxy
         field = at.camera.field
         moved = field.moved_boxes(boxes_xyxy.detach().cpu().double().numpy(), at.size or field.size)
         return torch.from_numpy(moved).to(boxes_xyxy)
@@ -100,26 +87,30 @@ class LateralColour(_OverTheField):
 
     name = "lateral colour"
 
-    def has(self, camera: Camera) -> bool:
-        return any(_shares(camera))
+    def idle(self, camera: Camera) -> bool:
+        return not camera.lens.lateral_red and not camera.lens.lateral_blue
 
     def bound(self, at: Conditions[float]) -> float:
-        return _displaced(max(map(abs, _shares(at.camera))) * at.camera.field.corner_px)
+        own = at.camera.lens
+        return _displaced(max(abs(own.lateral_red), abs(own.lateral_blue)) * at.camera.field.corner_px)
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         if light.shape[1] != 3:
             return light
-        red, green, blue = (light[:, place : place + 1] for place in range(3))
-        of_red, of_blue = _shares(at.camera)
-        return torch.cat([_larger(red, of_red, at, border), green, _larger(blue, of_blue, at, border)], 1)
+        field, planes = at.camera.field, list(light.split(1, 1))
+        for place, share in ((0, field.lens.lateral_red), (2, field.lens.lateral_blue)):
+            if share:
+                x, y = lens.larger(field, share, _size(light))
+                planes[place] = resampling.sampled(planes[place], x, y, border)
+        return torch.cat(planes, 1)
 
     def how(self, at: Conditions[float]) -> str:
-        red, blue = (share * at.camera.field.corner_px for share in _shares(at.camera))
+        field = at.camera.field
+        red, blue = field.lens.lateral_red * field.corner_px, field.lens.lateral_blue * field.corner_px
         return f"in the corner red {red:+.3g} px, blue {blue:+.3g} px from green: resampled by splines"
 
 
-@dataclass(frozen=True)
-class Defocus(LightEffect):
+class Defocus(_ByTransferFunction):
     """The disc of confusion: its transfer function, or its areas in the pixels where the camera asks for them.
 
     With field curvature another disc for every pixel, see :mod:`blurnoise.blur.over_the_field`.
@@ -127,6 +118,10 @@ class Defocus(LightEffect):
 
     name = "defocus"
     figures = ("defocus_radius_px",)
+    cause = "defocus_radius_px"
+
+    def idle(self, camera: Camera) -> bool:
+        return not camera.defocus_radius_px and not camera.lens.field_curvature_px
 
     def bound(self, at: Conditions[float]) -> float:
         """The error of the largest disc; disc areas up to half a pixel are the identity."""
@@ -135,15 +130,14 @@ class Defocus(LightEffect):
         return Optics(defocus_radius_px=max(_ends_px(at.camera))).error
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        if at.camera.defocus_counts_pixel or at.camera.lens.field_curvature_px:
-            return None
-        return Blur(Optics(defocus_radius_px=at.camera.defocus_radius_px))
+        apart = at.camera.defocus_counts_pixel or at.camera.lens.field_curvature_px
+        return None if apart else super().blur(at)
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         camera = at.camera
         if not camera.lens.field_curvature_px:
             return convolution.defocus(light, camera.defocus_radius_px, border=border)
-        radii = _over_field(camera.field, camera.defocus_radius_px, _size(light))
+        radii = _radii_px(camera.field, camera.defocus_radius_px, _size(light))
         return over_the_field.defocus(light, radii, border=border)
 
     def how(self, at: Conditions[float]) -> str:
@@ -167,27 +161,22 @@ class Diffraction(_ByTransferFunction):
 
     name = "diffraction"
     figures = ("diffraction_wavelength_um",)
-
-    def optics(self, camera: Camera) -> Optics:
-        return Optics(diffraction_lambda_n_px=camera.optics.diffraction_lambda_n_px)
+    cause = "diffraction_lambda_n_px"
 
     def how(self, at: Conditions[float]) -> str:
-        reach = at.camera.optics.diffraction_lambda_n_px
-        return f"transfer function, to {1 / reach:.3g} cycles/px" if reach else "transfer function"
+        return f"transfer function, to {1 / at.camera.optics.diffraction_lambda_n_px:.3g} cycles/px"
 
 
 class MeasuredMtf(_ByTransferFunction):
     """A measured MTF, in place of defocus and diffraction."""
 
     name = "measured MTF"
-
-    def optics(self, camera: Camera) -> Optics:
-        return Optics(measured=camera.optics.measured)
+    cause = "measured"
 
     def how(self, at: Conditions[float]) -> str:
         curve = at.camera.lens.mtf
         if curve is None:
-            return "transfer function"
+            return "none here"
         return f"transfer function of {len(curve.values)} samples, to {curve.frequencies[-1]:g} {curve.unit}"
 
 
@@ -196,19 +185,17 @@ class Vignetting(_OverTheField):
 
     name = "vignetting"
 
-    def has(self, camera: Camera) -> bool:
-        return camera.lens.falloff_power > 0 or camera.lens.relative_illumination is not None
+    def idle(self, camera: Camera) -> bool:
+        return not camera.lens.falloff_power and camera.lens.relative_illumination is None
 
     def bound(self, at: Conditions[float]) -> float:
         """The largest loss of light in a white picture."""
-        return 1 - lens.least_light(at.camera.field) if self.has(at.camera) else 0.0
+        return 1 - lens.least_light(at.camera.field)
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         return light * torch.from_numpy(lens.light(at.camera.field, _size(light))).to(light)
 
     def how(self, at: Conditions[float]) -> str:
-        if not self.has(at.camera):
-            return "pixel by pixel"
         by = f"cos^{at.camera.lens.falloff_power:g}" if at.camera.lens.falloff_power else "measured curve"
         return f"{by}, {lens.least_light(at.camera.field):.3g} of the light in the darkest corner"
 
@@ -222,17 +209,6 @@ def _displaced(by_px: float) -> float:
     return min(1.0, math.pi * by_px / math.sqrt(2))
 
 
-def _shares(camera: Camera) -> tuple[float, float]:
-    return camera.lens.lateral_red, camera.lens.lateral_blue
-
-
-def _larger(plane: Tensor, share: float, at: Conditions[Tensor], border: Border) -> Tensor:
-    if not share:
-        return plane
-    x, y = lens.larger(at.camera.field, share, _size(plane))
-    return resampling.sampled(plane, x, y, border)
-
-
 def _ends_px(camera: Camera) -> tuple[float, float]:
     """The disc's radius on the axis and in the corner of the sensor, between which it may pass through 0."""
     return camera.defocus_radius_px, abs(camera.defocus_radius_px + camera.lens.field_curvature_px)
@@ -243,7 +219,7 @@ def _size(light: Tensor) -> Size:
 
 
 @lru_cache(maxsize=8)
-def _over_field(field: Field, defocus_px: float, size: Size) -> Floats:
+def _radii_px(field: Field, defocus_px: float, size: Size) -> Floats:
     """The disc's radius (H, W) in a picture."""
     return np.asarray(abs(defocus_px + field.lens.field_curvature_px * field.heights(size) ** 2))
 

@@ -42,6 +42,7 @@ def dense(image: torch.Tensor, radius_px: Any, border: Border = "reflect") -> to
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("centre", "corner"), [(0.0, 1.0), (0.3, 3.3), (2.0, 0.0), (1.0, -1.5), (4.0, 6.0)])
 def test_every_pixel_has_its_own_disc(centre: float, corner: float) -> None:
     """Within the tolerance of the worst disc in the field, and as much of the tails beyond the margin."""
