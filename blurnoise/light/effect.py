@@ -33,12 +33,17 @@ class LightEffect(ABC):
     """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
 
     name: in plans and explanations. figures: the camera's fields that it depends on; setting them to 0 leaves it
-    out. essential: never left out, however small, as without it the scene is another.
+    out. essential: never left out, however small, as without it the scene is another. Of a camera for which it is
+    :meth:`idle` none of the other methods but :meth:`key` is called.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
+
+    def idle(self, camera: Camera) -> bool:
+        """Whether the camera does not have the effect; by default, whether it has figures and all of them are 0."""
+        return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
 
     @abstractmethod
     def bound(self, at: Conditions[float]) -> float:
@@ -49,15 +54,8 @@ class LightEffect(ABC):
         """Return the light after the effect, of the same shape; ``light`` is not modified."""
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """The effect as a blur that shares a transform with its neighbours; None: :meth:`apply` does it.
-
-        By default no blur where its figures are 0, and else None.
-        """
-        return Blur() if self.idle(at.camera) else None
-
-    def idle(self, camera: Camera) -> bool:
-        """Whether the effect has figures and all of them are 0."""
-        return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
+        """The effect as a blur that shares a transform with its neighbours; None, the default: see :meth:`apply`."""
+        return None
 
     def how(self, at: Conditions[float]) -> str:
         """Short description of the model."""
@@ -66,10 +64,6 @@ class LightEffect(ABC):
     def key(self, at: Conditions[float]) -> Hashable:
         """The conditions that the effect depends on: equal keys give equal light."""
         return None if self.idle(at.camera) else at
-
-    def displaces(self, camera: Camera) -> bool:
-        """Whether :meth:`move_boxes` moves any in pictures of this camera; by default, whether it is defined."""
-        return type(self).move_boxes is not LightEffect.move_boxes
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Boxes (N, 4) of the scene at mid-exposure in the picture; unchanged by default.

@@ -23,7 +23,6 @@ EFFECTS: tuple[LightEffect, ...] = (
     motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER, lens.VIGNETTING,
 )  # fmt: skip
 """Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
-NOTHING: frozenset[str] = frozenset()
 
 
 def through(
@@ -31,7 +30,7 @@ def through(
     at: Conditions[Tensor],
     *,
     border: Border = "reflect",
-    without: frozenset[str] = NOTHING,
+    without: frozenset[str] = frozenset(),
 ) -> Tensor:
     """Light (B, C, H, W) after all effects except those named in ``without``; adjacent blurs share a transform.
 
@@ -39,39 +38,34 @@ def through(
     """
     waiting = Blur()
     for effect in EFFECTS:
-        if effect.name in without:
+        if effect.name in without or effect.idle(at.camera):
             continue
         own = effect.blur(at)
-        if own is not None and (joined := _joined(waiting, own)) is not None:
-            waiting = joined
-            continue
-        light, waiting = _blurred(light, waiting, border), own or Blur()
+        joined = None if own is None else _joined(waiting, own)
+        if joined is None:
+            light = _blurred(light, waiting, border)
         if own is None:
             light = effect.apply(light, at, border)
+        waiting = joined or own or Blur()
     return _blurred(light, waiting, border)
 
 
-def key(at: Conditions[float], without: frozenset[str] = NOTHING) -> Hashable:
+def key(at: Conditions[float], without: frozenset[str] = frozenset()) -> Hashable:
     """Equal for exposures of one picture whose light is equal after all effects."""
     return tuple(effect.key(at) for effect in EFFECTS if effect.name not in without)
 
 
 def displace(camera: Camera) -> bool:
     """Whether any effect moves boxes in pictures of this camera."""
-    return any(effect.displaces(camera) for effect in EFFECTS)
+    moves = LightEffect.move_boxes
+    return any(type(effect).move_boxes is not moves and not effect.idle(camera) for effect in EFFECTS)
 
 
-def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-    """Boxes (N, 4) of the scene in the picture at mid-exposure, after all effects."""
+def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool = False) -> Tensor:
+    """Boxes (N, 4) of the scene in the picture, after all effects: at mid-exposure, or what they cover during it."""
     for effect in EFFECTS:
-        boxes_xyxy = effect.move_boxes(boxes_xyxy, at)
-    return boxes_xyxy
-
-
-def swept_boxes(boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
-    """Boxes (N, 4) that boxes of the scene cover in the picture during the exposure, after all effects."""
-    for effect in EFFECTS:
-        boxes_xyxy = effect.sweep_boxes(boxes_xyxy, at)
+        if not effect.idle(at.camera):
+            boxes_xyxy = (effect.sweep_boxes if swept else effect.move_boxes)(boxes_xyxy, at)
     return boxes_xyxy
 
 

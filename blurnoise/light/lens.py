@@ -33,7 +33,7 @@ class _OverTheField(LightEffect):
 
 
 class _ByTransferFunction(LightEffect):
-    """A blur that is the same everywhere, hence shares a transform with its neighbours; cause: its field of Optics."""
+    """A blur that is the same everywhere and shares a transform with its neighbours; cause: its field of Optics."""
 
     cause: str
 
@@ -97,7 +97,7 @@ class LateralColour(_OverTheField):
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         if light.shape[1] != 3:
             return light
-        field, planes = at.camera.field, list(light.split(1, 1))
+        field, planes = at.camera.field, list(torch.split(light, 1, 1))
         for place, share in ((0, field.lens.lateral_red), (2, field.lens.lateral_blue)):
             if share:
                 x, y = lens.larger(field, share, _size(light))

@@ -32,7 +32,6 @@ from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DISTORTION
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics import transfer
-from blurnoise.optics.camera import Camera
 
 _MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
 _FAINT = 1e-3  # share of a pixel below which there is no colour
@@ -256,9 +255,6 @@ class RollingShutter(_Moving):
             return None
         rows = camera.row_time_s, camera.shutter, camera.scan, at.exposure_s
         return *rows, at.displacement_px, at.variation_px, at.trajectories
-
-    def displaces(self, camera: Camera) -> bool:
-        return camera.row_time_s > 0
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""

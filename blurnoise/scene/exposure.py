@@ -6,7 +6,6 @@ Convention: px, x right and y down, boxes (N, 4) as (x0, y0, x1, y1) from the pi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -24,7 +23,6 @@ from blurnoise.optics.camera import Amplified, Camera
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
 """What moves: the picture, its targets before a camera at rest, or the background behind targets that it tracks."""
-_OfBoxes = Callable[[Tensor, Conditions[float]], Tensor]
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
@@ -84,11 +82,11 @@ class Exposure:
 
     def move_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Boxes (N, 4) of the scene, px, at mid-exposure in a picture (H, W), by default the sensor's."""
-        return self._boxes(effects.moved_boxes, boxes_xyxy, size)
+        return self._boxes(boxes_xyxy, size, swept=False)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Boxes, px, that boxes (N, 4) of the scene cover during the exposure, beyond the picture too."""
-        return self._boxes(effects.swept_boxes, boxes_xyxy, size)
+        return self._boxes(boxes_xyxy, size, swept=True)
 
     def displacements_px(self, places: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Motion (N, 2) during the exposure, px, at places (N, 2) of a picture (H, W), by default the sensor's.
@@ -111,7 +109,7 @@ class Exposure:
         x, y = (share * along + own for along, own in zip(self.velocity_px_s, own_px_s, strict=True))
         return replace(self, velocity_px_s=(x, y), moves="all")
 
-    def _boxes(self, effect: _OfBoxes, boxes_xyxy: Tensor, size: tuple[int, int] | None) -> Tensor:
+    def _boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None, *, swept: bool) -> Tensor:
         """Boxes (N, 4) after the effects. Where each place has its own motion: the hull of what becomes of the
         corners, the sides' middles and the box's own."""
         boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
@@ -121,19 +119,18 @@ class Exposure:
         numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)  # whatever the light
         at = Conditions(self.camera, *numbers, size=size, trajectories=paths)
         if not self.drives or not len(boxes_xyxy):
-            return effect(boxes_xyxy, at)
+            return effects.moved_boxes(boxes_xyxy, at, swept=swept)
         thirds = boxes_xyxy.new_tensor(_THIRDS)
         across, down = boxes_xyxy[:, 0::2] @ thirds, boxes_xyxy[:, 1::2] @ thirds
         nine = across[:, :, None].expand(-1, -1, 3), down[:, None].expand(-1, 3, -1)
         places = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(places, size)
         if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
-            half = motion.swept_half_px(moved) * (effect is effects.swept_boxes)
-            each = effect(places.repeat(1, 2), at) + torch.cat([-half, half], 1)
+            half = motion.swept_half_px(moved) * swept
+            each = effects.moved_boxes(places.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:
             own = zip(places.repeat(1, 2)[:, None], moved.tolist(), strict=True)
-            each = torch.cat(
-                [effect(place, replace(at, displacement_px=(dx, dy))) for place, (dx, dy) in own]
-            )
+            ats = ((place, replace(at, displacement_px=(dx, dy))) for place, (dx, dy) in own)
+            each = torch.cat([effects.moved_boxes(place, one, swept=swept) for place, one in ats])
         each = each.view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)

@@ -126,7 +126,8 @@ def _plan(
     camera = at.camera
     every: tuple[LightEffect | SensorStage, ...] = (*of_light, *of_sensor)
     bounds = {  # an error in units of white cannot exceed the range
-        effect.name: within_range_dn(camera, effect.bound(at) * at.white_e) for effect in of_light
+        effect.name: 0.0 if effect.idle(camera) else within_range_dn(camera, effect.bound(at) * at.white_e)
+        for effect in of_light
     }
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
     stay = {each.name for each in every if each.essential}
@@ -139,7 +140,8 @@ def _plan(
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
     reduced = _without(camera, figures)
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
-    hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in of_light}
+    kept = [effect for effect in of_light if effect.name not in left_out]
+    hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in kept}
     hows |= {stage.name: stage.how(reduced, noisy) for stage in of_sensor}
     hows |= {name: "left out: within the tolerance" if bounds[name] else "none here" for name in left_out}
     contributions = tuple(
