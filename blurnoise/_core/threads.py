@@ -71,6 +71,10 @@ def no_torch_compile(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
+def _mark_worker() -> None:
+    _state.working = True
+
+
 def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: int) -> None:
     """``work(job)`` for every job, on up to ``threads`` threads; in turn within a job, or where one is enough.
 
@@ -82,15 +86,11 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
             work(job)
         return
 
-    def marked(job: Job) -> None:
-        _state.working = True
-        work(job)
-
     with _lock:
         if threads not in _pools:
-            _pools[threads] = ThreadPoolExecutor(threads)
+            _pools[threads] = ThreadPoolExecutor(threads, initializer=_mark_worker)
         pool = _pools[threads]
-    futures = [pool.submit(marked, job) for job in todo]
+    futures = [pool.submit(work, job) for job in todo]
     wait(futures)
     for future in futures:
         future.result()

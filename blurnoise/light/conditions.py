@@ -95,39 +95,30 @@ class Conditions(Generic[Number]):
         """The conditions of every frame, in the precision of the batch."""
         displacement = torch.as_tensor(self.displacement_px)
         varies = torch.as_tensor(self.variation_px).expand(len(displacement))
-        numbers = (self.exposure_s, self.temperature_c, self.white_e, displacement, varies)
-        rows = zip(*(each.tolist() for each in numbers), strict=True)
+        tensors = self.exposure_s, self.temperature_c, self.white_e, displacement, varies
+        rows = zip(*(tensor.tolist() for tensor in tensors), strict=True)
         size = self.size or self.camera.field.size
-        for item, (exposure_s, temperature_c, white_e, (x, y), variation_px) in enumerate(rows):
-            layers = cast(tuple[tuple[Layer, ...], ...], self.objects[item : item + 1])
+        for item, (exposure_s, temperature_c, white_e, (x, y), varies_px) in enumerate(rows):
+            layers = cast(tuple[Layer, ...], self.objects[item] if self.objects else ())
+            objects = tuple(object_motion(layer, exposure_s, size) for layer in layers)
+            numbers = exposure_s, temperature_c, white_e, (x, y)
             yield Conditions(
-                self.camera,
-                exposure_s,
-                temperature_c,
-                white_e,
-                (x, y),
-                self.illuminant,
-                self.size,
-                self.trajectories[item : item + 1],
-                tuple(object_motion(layer, exposure_s, size) for own in layers for layer in own),
-                variation_px=variation_px,
-            )
+                self.camera, *numbers, self.illuminant, self.size, self.trajectories[item : item + 1], objects,
+                variation_px=varies_px,
+            )  # fmt: skip
 
     def part(self: Conditions[Tensor], of: list[int]) -> Conditions[Tensor]:
         """The conditions of some frames."""
-
-        def some(of_each: tuple[Any, ...]) -> tuple[Any, ...]:
-            own = tuple(of_each[item] for item in of if of_each)
-            return own if any(own) else ()
-
+        paths = tuple(self.trajectories[item] for item in of if self.trajectories)
+        objects = cast(Any, tuple(self.objects[item] for item in of if self.objects))
         return replace(
             self,
             exposure_s=self.exposure_s[of],
             temperature_c=self.temperature_c[of],
             white_e=self.white_e[of],
             displacement_px=torch.as_tensor(self.displacement_px)[of],
-            trajectories=some(self.trajectories),
-            objects=some(self.objects),
+            trajectories=paths if any(paths) else (),
+            objects=objects if any(objects) else (),
             flow_px=None if self.flow_px is None else self.flow_px[of],
             variation_px=self.variation_px[of] if isinstance(self.variation_px, Tensor) else 0.0,
         )

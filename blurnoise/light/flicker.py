@@ -16,7 +16,7 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Figure, check_fields, in_range, integer, limited, real_tensor, within
+from blurnoise._core.checks import Figure, check_fields, integer, limited, real_tensor, within
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Pwm:
 
     def factor(self, exposure_s: float, start_s: Tensor | float = 0.0) -> Tensor:
         """What its light is multiplied by in exposures that begin at ``start_s`` (any shape); float64, mean 1."""
-        exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
+        exposure = limited("exposure_s", exposure_s)
         first = self.phase + self.frequency_hz * real_tensor("start_s", start_s).double()
         if self.duty == 1:
             return torch.ones_like(first)
@@ -53,7 +53,7 @@ class Pwm:
 
     def dark_probability(self, exposure_s: float) -> float:
         """Probability that an exposure receives no light: max(0, 1 - f T - D)."""
-        exposure = in_range("exposure_s", exposure_s, 0.0, 3600.0)
+        exposure = limited("exposure_s", exposure_s)
         return max(0.0, 1 - self.frequency_hz * exposure - self.duty)
 
     def _on_periods(self, periods: Tensor) -> Tensor:
@@ -81,11 +81,8 @@ class Flicker:
         if self.pwm.duty == 1:
             return light
         height, width = light.shape[-2:]
-        begins = (
-            limited("start_s", start_s)
-            + limited("row_time_s", self.row_time_s) * torch.arange(height).double()
-        )
-        factors = self.pwm.factor(exposure_s, begins)[:, None].to(light)
+        row_s = limited("row_time_s", self.row_time_s) * torch.arange(height).double()
+        factors = self.pwm.factor(exposure_s, limited("start_s", start_s) + row_s)[:, None].to(light)
         if self.mask is None:
             return light * factors
         mask = real_tensor("mask", self.mask)
