@@ -14,10 +14,9 @@ from typing import Any
 
 import onnx
 
-from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
 from blurnoise_models.export import write_onnx
 from blurnoise_models.mixes import ARMS, Arm, mix_facts
-from blurnoise_models.training import FEWEST_PICTURES, Step, pool, train
+from blurnoise_models.training import FEWEST_PICTURES, Step, end_with_parent, pool, train
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,7 @@ def train_all(
                 recipe = waiting.pop(0)
                 recipe.path.parent.mkdir(parents=True, exist_ok=True)
                 running[recipe] = context.Process(target=_train, args=(recipe, scenes, told), daemon=True)
-                with interrupts_held():
-                    running[recipe].start()
+                running[recipe].start()
             with suppress(Empty):
                 progress(told.get(timeout=0.2))
             for recipe, process in list(running.items()):

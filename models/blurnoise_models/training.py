@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import shutil
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +19,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +32,6 @@ from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
 from blurnoise._core.files import write_whole, written_whole
-from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
 from blurnoise_models.checkpoints import Checkpoint
 from blurnoise_models.mixes import Arm, mix, mix_facts
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
@@ -101,8 +103,7 @@ def _drawn_into(pictures: Path, count: int, size_px: int, progress: Callable[[in
     starts = range(0, count, _CHUNK)
     workers = ProcessPoolExecutor(None, get_context("spawn"), _begin_drawing)
     try:
-        with interrupts_held():
-            drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
+        drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
         for start, (part, of_part) in zip(starts, drawing, strict=True):
             drawn[start : start + len(part)] = part
             found += [torch.from_numpy(each) for each in of_part]
@@ -125,6 +126,19 @@ def _enough_space(folder: Path, needed: int) -> None:
             f"the scenes take {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free",
             str(folder),
         )
+
+
+def end_with_parent() -> None:
+    """Call first in a worker: ignore interrupts, and end as soon as the parent process has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def _begin_drawing() -> None:

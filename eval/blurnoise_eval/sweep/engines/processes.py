@@ -12,12 +12,13 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
 from typing import Self, cast
 
-from blurnoise._core.worker_lifetime import interrupts_held
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
@@ -132,7 +133,7 @@ class _Pool:
         """Compute the block, or only open the models."""
         data = None if block is None else base.pickled_block(_NAME, block)
         try:
-            with interrupts_held():  # a process that begins now would get them, too
+            with _interrupts_held():  # a process that begins now would get them, too
                 return self._executor.submit(_compute, data)
         except BrokenProcessPool as error:  # a process has died that had nothing to do
             failed = Future[BlockResult]()
@@ -182,3 +183,22 @@ def _begin(until: Connection, work: bytes) -> None:
 
 def _compute(block: bytes | None) -> BlockResult:
     return base.compute(_key, lambda: cast(Work, pickle.loads(_work)), block)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Defer interrupts until the context ends; processes started inside get none before they allow them."""
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
+        yield  # Windows, or a thread that no interrupt reaches
+        return
+    resource_tracker.ensure_running()  # of multiprocessing: begun inside, it would lift the mask below
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))  # other threads may take it
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what processes begun here inherit
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)

@@ -6,21 +6,18 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
-
-from blurnoise._core.worker_lifetime import end_with_parent, interrupts_held
+from blurnoise_models.training import end_with_parent
 
 PARENT = """
 import os, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from blurnoise._core.worker_lifetime import end_with_parent
+from blurnoise_models.training import end_with_parent
 
 if __name__ == "__main__":
     pool = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
@@ -53,26 +50,3 @@ def test_a_worker_leaves_interrupts_to_its_parent() -> None:
         worker = pool.submit(os.getpid).result()
         os.kill(worker, signal.SIGINT)
         assert pool.submit(os.getpid).result() == worker
-
-
-@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signal masks are POSIX")
-@pytest.mark.parametrize("threads", [0, 3])
-def test_an_interrupt_meanwhile_comes_afterwards(threads: int) -> None:
-    """Whichever thread it reaches."""
-    done = threading.Event()
-    for _ in range(threads):
-        threading.Thread(target=done.wait).start()
-    passed: list[str] = []
-
-    def interrupted() -> None:
-        with interrupts_held():
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.01)
-            passed.append("the end of the block")
-
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            interrupted()
-    finally:
-        done.set()
-    assert passed
