@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import fields
 from difflib import get_close_matches
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
 import numpy as np
 import torch
@@ -33,17 +33,17 @@ class Limit(NamedTuple):
 
 
 ABSOLUTE_ZERO_C = -273.15
-LIMITS: Mapping[str, Limit] = {
+_LIMITS = {
     # conditions
-    "exposure_s": Limit(0.0, 3600.0),
+    "exposure_s start_s": Limit(0.0, 3600.0),
     "illuminance_lux": Limit(0.0, 1e9),  # 10 000 suns
     "velocity_px_s": Limit(-1e7, 1e7),
     "speed_px_s": Limit(0.0, 1e7),
     "displacement_px": Limit(-1e5, 1e5),  # transforms of such lengths are still fast
     "shake_px": Limit(0.0, 1e4),
     "variation_px": Limit(0.0, 1e6),
-    "direction_deg": Limit(-1e6, 1e6),  # to a tenth of a degree in single precision
-    "temperature_c": Limit(ABSOLUTE_ZERO_C, 300.0),
+    "direction_deg angle_deg": Limit(-1e6, 1e6),  # to a tenth of a degree in single precision
+    "temperature_c dark_reference_c": Limit(ABSOLUTE_ZERO_C, 300.0),
     "gain_db": Limit(-120.0, 120.0),
     "tolerance_dn": Limit(0.0, 65536.0, above=True),
     "white_e": Limit(0.0, 1e32),  # electrons of white, or per photon
@@ -52,33 +52,24 @@ LIMITS: Mapping[str, Limit] = {
     "f_number": Limit(0.5, 256.0),  # in air no lens is below 0.5
     "full_well_e": Limit(1.0, 1e12),
     "system_gain_dn_per_e": Limit(1e-9, 1e9),
-    "read_noise_e": Limit(0.0, 1e6),
-    "analogue_gain_max_db": Limit(0.0, 120.0),
-    "gain_max_db": Limit(0.0, 120.0),
-    "from_db": Limit(0.0, 120.0),
+    "read_noise_e dsnu_e": Limit(0.0, 1e6),
+    "analogue_gain_max_db gain_max_db from_db": Limit(0.0, 120.0),
     "dark_current_e_s": Limit(0.0, 1e9),
-    "dark_reference_c": Limit(ABSOLUTE_ZERO_C, 300.0),
     "dark_doubling_c": Limit(1.0, 1000.0),
     "prnu": Limit(0.0, 1.0),
-    "dsnu_e": Limit(0.0, 1e6),
     "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
-    # lenses
+    "row_time_s": Limit(0.0, 1.0),
+    # lenses and blurs
     "field_curvature_px": Limit(-50.0, 50.0),
-    "lateral_red": Limit(-0.1, 0.1),  # of the magnification
-    "lateral_blue": Limit(-0.1, 0.1),
+    "lateral_red lateral_blue": Limit(-0.1, 0.1),  # of the magnification
     "falloff_power": Limit(0.0, 16.0),  # of the field angle's cosine
     "focal_px": Limit(0.0, 1e9, above=True),
-    "coefficient": Limit(-1e6, 1e6),
-    # blurs
-    "radius_px": Limit(0.0, 1000.0),
-    "defocus_radius_px": Limit(0.0, 1000.0),
-    "gaussian_sigma_px": Limit(0.0, 1000.0),
-    "diffraction_lambda_n_px": Limit(0.0, 1000.0),
+    "coefficient centre_px": Limit(-1e6, 1e6),
+    "radius_px defocus_radius_px gaussian_sigma_px diffraction_lambda_n_px": Limit(0.0, 1000.0),
     # roads
     "speed_m_s": Limit(0.0, 3e8),
     "ego_kmh": Limit(0.0, 360.0),  # as of sweeps
-    "distance_m": Limit(1e-6, 1e9),
-    "target_width_m": Limit(1e-6, 1e9),
+    "distance_m target_width_m depth_m": Limit(1e-6, 1e9),
     "width_px": Limit(1.0, 1 << 20),
     "hfov_deg": Limit(1e-3, 360.0),
     "velocity_m_s": Limit(-3e8, 3e8),
@@ -86,31 +77,24 @@ LIMITS: Mapping[str, Limit] = {
     "camera_height_m": Limit(0.0, 1e6, above=True),
     "pitch_deg": Limit(-90.0, 90.0),
     "heading_deg": Limit(-360.0, 360.0),
-    "depth_m": Limit(1e-6, 1e9),
     "blur_px": Limit(0.0, 1e5, above=True),
     # charts and their measurement
     "size_px": Limit(0.01, 1 << 14),
-    "height_px": Limit(1, 1 << 14),
-    "cycles": Limit(1, 1 << 14),
+    "height_px cycles": Limit(1, 1 << 14),
     "supersample": Limit(1, 64),
     "contrast": Limit(0.0, 1e6, above=True),
     "data_range": Limit(0.0, 1e30, above=True),
     "target_px": Limit(1, 128),
     "bootstrap": Limit(0, 100_000),
-    "angle_deg": Limit(-1e6, 1e6),
-    "centre_px": Limit(-1e6, 1e6),
-    # captures and lamps
-    "exposure_ratio": Limit(1e-6, 1e6),
-    "sensitivity": Limit(1e-6, 1e6),
-    "start_s": Limit(0.0, 3600.0),
+    # captures, lamps and spectra
+    "exposure_ratio sensitivity": Limit(1e-6, 1e6),
     "frequency_hz": Limit(1e-3, 1e9),
-    "row_time_s": Limit(0.0, 1.0),
     "phase_rad": Limit(-1e6, 1e6),
-    # spectra
     "kelvin": Limit(300.0, 1e6),
     "wavelength_nm": Limit(1.0, 1e6),
     "value": Limit(0.0, 1e30),  # of a curve, either sign
 }
+LIMITS: Mapping[str, Limit] = {name: limit for names, limit in _LIMITS.items() for name in names.split()}
 """By the argument's name, in its unit: beyond anything that is built or seen, and within what single precision and
 bounded time and memory can do. The axes of sweeps have theirs in ``blurnoise_eval``; a test compares the two."""
 LARGEST_PICTURE = 1 << 28
@@ -127,7 +111,6 @@ class OutOfRange(ValueError):
         self.name, self.value, self.low, self.high, self.above = name, value, low, high, above
 
     def __str__(self) -> str:
-        """Name, value and what is allowed."""
         return f"{self.name} = {shown(self.value)}: must be finite{_bounds(self.low, self.high, self.above)}"
 
 
@@ -171,15 +154,13 @@ def integer(name: str, value: int, low: int, high: int) -> int:
 
 
 def picture_size(name: str, value: object) -> tuple[int, int]:
-    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20, of a picture of at
-    most ``LARGEST_PICTURE`` pixels."""
-    sides = tuple(value) if isinstance(value, (tuple, list)) else ()
-    whole = all(isinstance(side, (int, np.integer)) and not isinstance(side, bool) for side in sides)
-    if len(sides) != 2 or not whole or not all(1 <= side <= 1 << 20 for side in sides):
-        raise ValueError(f"{name} = {shown(value)}: must be (height, width), two integers from 1 to 1048576")
-    if sides[0] * sides[1] > LARGEST_PICTURE:
-        raise ValueError(f"{name} = {shown(value)}: must be at most {LARGEST_PICTURE} pixels")
-    return int(sides[0]), int(sides[1])
+    """Return (height, width). Raises ``ValueError`` unless they are two integers from 1 to 2^20."""
+    try:
+        height, width = (integer(name, side, 1, 1 << 20) for side in cast(tuple[int, int], value))
+    except (TypeError, ValueError):
+        must = "must be (height, width), two integers from 1 to 1048576"
+        raise ValueError(f"{name} = {shown(value)}: {must}") from None
+    return height, width
 
 
 def boxes(name: str, value: object) -> Tensor:
@@ -214,10 +195,7 @@ def known(what: str, name: object, names: Collection[str]) -> None:
 
 
 def image_batch(name: str, value: Tensor) -> Tensor:
-    """``value``, a float32 or float64 tensor of shape (B, C, H, W) without NaN or infinity.
-
-    Raises ``TypeError`` for anything else, ``ValueError`` for a wrong shape or value.
-    """
+    """``value``, float32 or float64 (B, C, H, W) without NaN or infinity. Raises ``TypeError`` or ``ValueError``."""
     return finite(name, batch_shaped(name, value))
 
 
@@ -226,10 +204,8 @@ def batch_shaped(name: str, value: Tensor) -> Tensor:
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
     if value.dtype not in (torch.float32, torch.float64):
-        raise TypeError(
-            f"{name}: must be float32 or float64, got {value.dtype}; integers are divided by full scale, and "
-            "half precision cannot hold a full well's electrons"
-        )
+        must = "must be float32 or float64 (integers over full scale; half precision holds no full well's electrons)"
+        raise TypeError(f"{name}: {must}, got {value.dtype}")
     if value.ndim != 4 or 0 in value.shape:
         raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
     return value
@@ -248,18 +224,16 @@ def finite(name: str, value: Tensor) -> Tensor:
 
 
 def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Tensor:
-    """``value``, a number or one number per image, as a tensor of shape (batch,), within the limit of its name.
+    """``value``, one number or one per image within the limit of its name, as a tensor (batch,) of ``like``'s kind.
 
-    dtype and device are those of ``like``; gradients pass. Raises ``TypeError``, and ``ValueError`` for a value
-    outside the limit or a length that is neither 1 nor ``batch``.
+    Gradients pass. Raises ``TypeError``, and ``ValueError`` outside the limit or for neither 1 nor ``batch`` numbers.
     """
-    low, high, _ = LIMITS[name]
     if isinstance(value, (int, float)):  # the common case, without a tensor operation per check
-        number = in_range(name, value, low, high)
-        return torch.full((batch,), number, dtype=like.dtype, device=like.device)
+        return torch.full((batch,), limited(name, value), dtype=like.dtype, device=like.device)
     tensor = real_tensor(name, value)
     if tensor.ndim > 1 or (tensor.ndim == 1 and tensor.shape[0] not in (1, batch)):
         raise ValueError(f"{name}: must be a number or {batch} numbers, got shape {tuple(tensor.shape)}")
+    low, high, _ = LIMITS[name]
     seen: Any = tensor.detach()
     if seen.device.type == "cpu" and seen.dtype in (torch.float32, torch.float64):
         seen = seen.numpy()  # faster for a few numbers
@@ -268,9 +242,10 @@ def limited_per_image(name: str, value: Numbers, batch: int, like: Tensor) -> Te
     return tensor.to(device=like.device, dtype=like.dtype).expand(batch)
 
 
-def limited_motion(name: str, motion_px: Tensor) -> None:
-    """Raise ``ValueError`` unless every displacement is within the limit, or a rounding beyond it."""
-    most, moved = LIMITS["displacement_px"].high, motion_px.detach()
+def limited_motion(name: str, motion: Tensor) -> None:
+    """Raise ``ValueError`` unless vectors are within the limit of their name, else of displacement_px, or a rounding
+    beyond it."""
+    most, moved = LIMITS.get(name, LIMITS["displacement_px"]).high, motion.detach()
     if not bool((moved.abs() <= most * (1 + 1e-6)).all()):
         longest = moved if moved.numel() <= 2 else moved.flatten()[moved.abs().argmax()]
         raise OutOfRange(name, longest, -most, most)
@@ -290,12 +265,8 @@ def real_tensor(name: str, value: object) -> Tensor:
 
 
 def _bounds(low: float, high: float, above: bool = False) -> str:
-    parts = []
-    if low > -math.inf:
-        parts.append(f"{'>' if above else '>='} {low:g}")
-    if high < math.inf:
-        parts.append(f"<= {high:g}")
-    return f" and {' and '.join(parts)}" if parts else ""
+    least = f" and {'>' if above else '>='} {low:g}" if low > -math.inf else ""
+    return least + (f" and <= {high:g}" if high < math.inf else "")
 
 
 def shown(value: object) -> str:
@@ -304,18 +275,8 @@ def shown(value: object) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-class _Short(reprlib.Repr):
-    """Cuts what is large before it is written: with YAML's aliases a short file holds a billion entries."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.maxlevel, self.maxstring, self.maxother = 3, 100, 100
-
-    def repr_int(self, value: int, level: int) -> str:
-        return repr(value) if value.bit_length() <= 128 else f"<integer of {value.bit_length()} bits>"
-
-
-_SHORT = _Short()
+_SHORT = reprlib.Repr()  # cuts what is large before it is written
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 3, 100, 100
 
 # Fields of dataclasses. An annotation has limits by annotated_types (``Ge(0)``) and, where a message is of the whole
 # field, its words: ``Annotated[..., "must be three numbers"]``.
@@ -326,7 +287,6 @@ Text = Annotated[str, Field(pattern=r"\S")]
 """Text that is not blank."""
 Figure = Annotated[float, float]
 """A number that messages show as a float, as it is kept."""
-_ENDS = ("gt", "ge", "le")
 _MUST = {
     "float_type": "must be a number",
     "int_type": "must be an integer",
@@ -382,31 +342,30 @@ def _plain(value: object) -> object:
 def _first_fault(error: ValidationError, given: Mapping[str, object], model: type[BaseModel]) -> Exception:
     fault = error.errors(include_url=False)[0]
     name, *below = map(str, fault["loc"])
-    value, rule = fault["input"] if below else given[name], fault["type"]
-    about = model.model_fields[name].metadata
-    of_entries = [getattr(kind, "__metadata__", ()) for kind in get_args(model.model_fields[name].annotation)]
-    limits = [limit for entry in of_entries for limit in entry] if below else about
+    entry, rule, context = model.model_fields[name], fault["type"], fault.get("ctx", {})
+    value = fault["input"] if below else given[name]
+    of_entries = [limit for kind in get_args(entry.annotation) for limit in getattr(kind, "__metadata__", ())]
+    limits = of_entries if below else entry.metadata
     if rule == "value_error":  # of a validator of ours, whose message is complete
-        return ValueError(str(fault["ctx"]["error"]))
-    if rule == "float_type" and type(value) is int:
-        return ValueError(f"{name}: must be finite, got an integer beyond 1e308")
-    if float in limits and type(value) is int:
+        return ValueError(str(context["error"]))
+    if rule == "float_type" and type(value) is int:  # beyond 1e308
+        rule = "finite_number"
+    elif float in limits and type(value) is int:
         value = float(value)
-    own = [text for text in about if isinstance(text, str) and rule != "string_unicode"]
+    own = [text for text in entry.metadata if isinstance(text, str) and rule != "string_unicode"]
     if own:
         value, must, below = given[name], own[0], []
     elif rule == "literal_error":
-        must = f"must be one of {fault['ctx']['expected'].replace(' or ', ', ')}"
+        must = f"must be one of {context['expected'].replace(' or ', ', ')}"
     elif rule == "float_type" and isinstance(value, str):
         must = "must be a number, not text (YAML takes 1e4 for text; write 1.0e+4)"
     elif rule in _MUST:
         must = _MUST[rule]
-    elif "class_name" in fault.get("ctx", {}):  # of a tuple of records
-        must = f"must be a {fault['ctx']['class_name']}"
+    elif "class_name" in context:  # of a tuple of records
+        must = f"must be a {context['class_name']}"
     else:
-        ends = {
-            key: end for limit in limits for key in _ENDS if (end := getattr(limit, key, None)) is not None
-        }
+        found = ((key, getattr(limit, key, None)) for limit in limits for key in ("gt", "ge", "le"))
+        ends = {key: end for key, end in found if end is not None}
         low, high = ends.get("gt", ends.get("ge", -math.inf)), ends.get("le", math.inf)
         if not below and isinstance(value, float):
             return OutOfRange(name, value, low, high, "gt" in ends)

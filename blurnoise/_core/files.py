@@ -22,7 +22,6 @@ import yaml
 LARGEST_TEXT_BYTES = 64 << 20
 """Of a table as CSV: a day of readings at 20 Hz, or an hour at 500 Hz."""
 _LARGEST_BYTES = 1 << 20  # of a document: YAML is read at 50 kB a second
-_MOST_ALIASES = 16  # each may hold two of another, and so on
 
 
 def check_regular(path: Path) -> None:
@@ -115,7 +114,7 @@ def _take_place(unfinished: Path, path: Path, over: bool) -> None:
 
 
 def _sync(place: Path) -> None:
-    """Have a file's content, or a folder's names where its file system can do so, on disk."""
+    """Write a file's content to disk, or a folder's names where its file system can do so."""
     handle = os.open(place, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -165,17 +164,7 @@ def yaml_of(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses many aliases (*name) and merges (<<), with which a short text holds a billion values, and a key that
-    stands twice, of which one would be lost. 1:30 is text, not 90 as in YAML 1.1's base of sixty."""
-
-    aliases = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            self.aliases += 1
-            if self.aliases > _MOST_ALIASES:
-                raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
-        return super().compose_node(parent, index)
+    """Refuses a key that stands twice, of which one would be lost. 1:30 is text, not 90 as in YAML 1.1."""
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)
@@ -212,9 +201,9 @@ def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[fl
             samples.append((float(row[0]), float(row[column])))
         except (ValueError, IndexError):
             if samples or number > 1:
+                expected = f"{position} and a number in column {column}"
                 raise ValueError(
-                    f"{path}, line {number}: expected {position} and a number in column "
-                    f"{column}, got {','.join(row)!r}"
+                    f"{path}, line {number}: expected {expected}, got {','.join(row)!r}"
                 ) from None
     if len(samples) < 2:
         raise ValueError(f"{path}: holds {len(samples)} samples; a curve needs at least 2")

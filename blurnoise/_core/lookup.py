@@ -20,11 +20,10 @@ def look_up(table: Tensor, dn: Tensor) -> Tensor:
 
     dn: integers or floats without NaN, which no integer stands for.
     """
-    last = len(table) - 1
+    last, dn = len(table) - 1, dn.detach()
     if dn.device.type != "cpu":
-        wide = dn.detach() if dn.is_floating_point() else dn.detach().long()
-        return table[wide.clamp(0, last).int()]
-    numbers, values = dn.detach().reshape(-1).numpy(), table.numpy()
+        return table[(dn if dn.is_floating_point() else dn.long()).clamp(0, last).int()]
+    numbers, values = dn.reshape(-1).numpy(), table.numpy()
     out = np.empty(len(numbers), values.dtype)
     highest = last if dn.is_floating_point() else min(last, np.iinfo(numbers.dtype).max)
 

@@ -11,12 +11,11 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import shown
-from blurnoise._core.threads import WORTH_IT, side_by_side
+from blurnoise._core.checks import integer, shown
+from blurnoise._core.threads import side_by_side, threads_for
 
 Randomness = torch.Generator | Sequence[int] | int | None
 """A generator to draw one seed per item from, the seeds themselves, one item's seed, or torch's default."""
@@ -34,8 +33,8 @@ _MOST_COUNTS = 1e15  # beyond any well; the sampler counts in 64 bits
 def item_seeds(randomness: Randomness, batch: int) -> list[int]:
     """One seed per item of a batch.
 
-    A generator (None: torch's default one) is advanced by ``batch`` draws. A sequence must hold ``batch``
-    integers, an integer serves a batch of one. Raises ``TypeError`` or ``ValueError`` for anything else.
+    A generator (None: torch's default one) is advanced by ``batch`` draws. A sequence holds ``batch`` integers, an
+    integer serves a batch of one. Raises ``TypeError`` or ``ValueError``.
     """
     if randomness is None or isinstance(randomness, torch.Generator):
         device = "cpu" if randomness is None else randomness.device
@@ -43,13 +42,13 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
         return [int(seed) for seed in drawn.tolist()]
     seeds: Any = randomness.tolist() if isinstance(randomness, Tensor) else randomness
     seeds = list(seeds) if isinstance(seeds, Iterable) else [seeds]
-    if not all(_is_seed(seed) for seed in seeds):
-        raise TypeError(
-            f"generator = {shown(randomness)}: must be a torch.Generator or integers in [0, 2**63)"
-        )
     if len(seeds) != batch:
         raise ValueError(f"generator: got {len(seeds)} seeds for a batch of {batch}; must be one per item")
-    return [int(seed) for seed in seeds]
+    try:
+        return [integer("generator", seed, 0, LAST_SEED) for seed in seeds]
+    except (TypeError, ValueError):
+        must = "must be a torch.Generator or integers in [0, 2**63)"
+        raise TypeError(f"generator = {shown(randomness)}: {must}") from None
 
 
 def derived(seed: int, stream: str) -> int:
@@ -69,21 +68,16 @@ def standard_normal(seeds: Sequence[int], like: Tensor, stream: str = "frame") -
         item, seed = job
         item.normal_(generator=_generator(seed, stream, like.device))
 
-    # torch draws on one core; items do not share a generator
-    on_cpu = like.device.type == "cpu" and field.numel() >= WORTH_IT
-    side_by_side(fill, zip(field, seeds, strict=True), torch.get_num_threads() if on_cpu else 1)
+    on_cpu = like.device.type == "cpu"  # torch draws on one core there; items do not share a generator
+    side_by_side(fill, zip(field, seeds, strict=True), threads_for(field) if on_cpu else 1)
     return field
 
 
 def poisson(mean: Tensor, seeds: Sequence[int], stream: str = "counts") -> Tensor:
     """Exact Poisson counts of the given mean (B, ...), item i drawn from seeds[i]. No gradient passes."""
-    mean = mean.detach().clamp(max=_MOST_COUNTS)
-    return torch.stack(
-        [
-            torch.poisson(item, generator=_generator(seed, stream, mean.device))
-            for item, seed in zip(mean, seeds, strict=True)
-        ]
-    )
+    items = zip(mean.detach().clamp(max=_MOST_COUNTS), seeds, strict=True)
+    drawn = [torch.poisson(item, generator=_generator(seed, stream, mean.device)) for item, seed in items]
+    return torch.stack(drawn)
 
 
 def poisson_of_normal(mean: Tensor, normal: Tensor) -> Tensor:
@@ -142,11 +136,6 @@ def _summed(mean: Tensor, normal: Tensor) -> Tensor:
         counts.add_(beyond)
         reached.add_(chance.mul_(mean).div_(k))
     return counts
-
-
-def _is_seed(value: object) -> bool:
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    return whole and 0 <= int(value) <= LAST_SEED  # type: ignore[call-overload]
 
 
 def _generator(seed: int, stream: str, device: torch.device) -> torch.Generator:

@@ -21,14 +21,12 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import (
-    LIMITS,
     an_instance,
     image_batch,
     limited,
     limited_motion,
     one_of,
     real_tensor,
-    shown,
 )
 from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur import fourier
@@ -166,10 +164,7 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     vectors = real_tensor(name, value)
     if vectors.shape not in {(2,), (1, 2), (len(image), 2)}:
         raise ValueError(f"{name}: shape must be (2,) or ({len(image)}, 2), got {tuple(vectors.shape)}")
-    low, high, _ = LIMITS[name]
-    seen = vectors.detach()
-    if not bool(torch.isfinite(seen).all()) or bool((seen.abs() > high * (1 + 1e-6)).any()):
-        raise ValueError(f"{name} = {shown(vectors)}: must be finite and >= {low:g} and <= {high:g}")
+    limited_motion(name, vectors)
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 

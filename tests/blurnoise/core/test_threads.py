@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,9 +51,9 @@ def test_the_first_error_is_raised_after_all_have_ended() -> None:
 def test_threads_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[int] = []
 
-    def executor(count: int) -> ThreadPoolExecutor:
+    def executor(count: int, **options: Any) -> ThreadPoolExecutor:
         made.append(count)
-        return ThreadPoolExecutor(count)
+        return ThreadPoolExecutor(count, **options)
 
     monkeypatch.setattr(threads, "ThreadPoolExecutor", executor)
     monkeypatch.setattr(threads, "_pools", {})
