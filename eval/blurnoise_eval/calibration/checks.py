@@ -12,16 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurnoise.metrics.estimate import Estimate
+from blurnoise_eval.calibration import levels
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
-from blurnoise_eval.calibration.levels import (
-    Floats,
-    Level,
-    Pattern,
-    columns,
-    noise_of_mean,
-    outlying,
-    without_shading,
-)
+from blurnoise_eval.calibration.levels import Floats, Level, Pattern, columns
 from blurnoise_eval.calibration.transfer import SURELY, Transfer, drift, straight
 
 Z = 1.959964  # of a normal number, two-sided 95 %
@@ -256,9 +249,9 @@ def stray_light(
         again += between * by
         beneath += between * share
     signal = float((light - beneath).mean())
-    noise = noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
-    grown, seen = (without_shading(each) for each in (growth, (light - beneath) / signal))
-    kept = ~(outlying(grown) | outlying(seen))
+    noise = levels.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
+    grown, seen = (levels.without_shading(each) for each in (growth, (light - beneath) / signal))
+    kept = ~(levels.outlying(grown) | levels.outlying(seen))
     grown, seen = grown[kept], seen[kept]
     power = float(seen @ seen)
     found, error = float(grown @ seen) / power, float(grown.std()) / math.sqrt(power)

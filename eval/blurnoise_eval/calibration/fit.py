@@ -11,18 +11,10 @@ import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.estimate import Estimate
-from blurnoise_eval.calibration import checks
+from blurnoise_eval.calibration import checks, levels
 from blurnoise_eval.calibration.checks import Doubt, Linearity, Z
 from blurnoise_eval.calibration.frames import Folder, Size
-from blurnoise_eval.calibration.levels import (
-    Floats,
-    Level,
-    columns,
-    dark_pattern,
-    level_of,
-    noise_of_mean,
-    response_pattern,
-)
+from blurnoise_eval.calibration.levels import Floats, Level, columns, level_of
 from blurnoise_eval.calibration.transfer import TWO_NUMBERS_DN, Transfer, dark_line, fit
 
 _DEPTHS = (8, 10, 12, 14, 16)
@@ -84,7 +76,7 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     used = [flat[place] for place in usable]
     checks.check_noise(used)
 
-    pattern = dark_pattern(dark_mean, dark)
+    pattern = levels.dark_pattern(dark_mean, dark)
     found = fit(dark, used, pattern)
     exposure, mean_dn = columns(flat, "exposure_s", "mean_dn")
     signal = mean_dn - found.dark.at(exposure)
@@ -103,7 +95,9 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     for place in chosen:
         light += lit(place)[1]
     light /= len(chosen)
-    response = response_pattern(light - dark_mean, noise_of_mean(bright) + noise_of_mean(dark))
+    response = levels.response_pattern(
+        light - dark_mean, levels.noise_of_mean(bright) + levels.noise_of_mean(dark)
+    )
     power = float(signal[chosen].mean()) ** 2
     estimates["prnu"] = _root(response.fixed_dn2 / power, response.error_dn2 / power)
     first = checks.warming(dark, found) or checks.tone_curve(dark, used, found)

@@ -88,20 +88,17 @@ class Folder:
 
     def _surveyed(self) -> tuple[Size, int]:
         """Size and step of all frames."""
-        taken: list[tuple[str, int]] = []
+        before: dict[str, str] = {}
         held = np.zeros(1 << 16, bool)
         for frame in [frame for frames in [*self.dark, *self.flat] for frame in frames]:
             plane = read_plane(frame.path, self._raw_size_px)
             held[plane] = True
-            size, bits = "{1} x {0}".format(*plane.shape), 8 * plane.itemsize
-            first_size, first_bits = taken[0] if taken else (size, bits)
-            taken.append((size, bits))
-            if size != first_size:
-                raise ValueError(f"{frame.path}: mixed sizes, {size} px; the frames before it: {first_size}")
-            if bits != first_bits:
-                raise ValueError(
-                    f"{frame.path}: mixed depths, {bits} bits; the frames before it: {first_bits}"
-                )
+            size, bits = "{1} x {0} px".format(*plane.shape), f"{8 * plane.itemsize} bits"
+            for what, taken in (("sizes", size), ("depths", bits)):
+                if before.setdefault(what, taken) != taken:
+                    raise ValueError(
+                        f"{frame.path}: mixed {what}, {taken}; the frames before it: {before[what]}"
+                    )
         return (plane.shape[1], plane.shape[0]), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
 
     def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
