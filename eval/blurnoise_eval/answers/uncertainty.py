@@ -116,8 +116,12 @@ def of_level(mean: ArrayLike, influence: ArrayLike, most: ArrayLike = 1.0, sigma
     predicted, beside what clusters differ by; the squares of half-widths add.
     """
     middle, half = np.asarray(mean, float), NORMAL * np.asarray(sigma, float)
+    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0))
+    if not known.any():
+        nowhere = np.full(np.broadcast(middle, known).shape, np.nan)
+        return Ends(nowhere, nowhere)
     top = np.where(np.isinf(most), _greatest(mean, influence), most)
-    low, high = _where_enough(bounded(mean, influence, (0.0, top)), influence)
+    low, high = (np.where(known, end, np.nan) for end in bounded(mean, influence, (0.0, top)))
     if half.any():
         low, high = middle - np.hypot(middle - low, half), middle + np.hypot(high - middle, half)
     return Ends(low.clip(0.0, most), high.clip(0.0, most))

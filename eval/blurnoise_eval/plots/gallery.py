@@ -108,7 +108,7 @@ def tiles(
     generator = torch.Generator().manual_seed(seed)
     drawn = ranges.conditions(torch.rand(count, ranges.draws, generator=generator))
     cameras = [ranges.cameras[index] for index in drawn["camera_index"].tolist()]
-    planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
+    planes = planes_of(coded)
     seeds = rng.item_seeds(generator, count)
     drawn["noise_seed"] = torch.tensor(seeds)
     pictures = []
@@ -120,6 +120,11 @@ def tiles(
     rows = zip(*(drawn[name].tolist() for name in columns), strict=True)
     made = [Tile(*each, *row) for *each, row in zip(pictures, cameras, rows, strict=True)]
     return sorted(made, key=lambda tile: -tile.white_electrons / tile.camera.saturation_e)
+
+
+def planes_of(coded: NDArray[np.float32]) -> Tensor:
+    """A picture (H, W) or (H, W, C) as (1, C, H, W)."""
+    return torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
 
 
 def as_shown(exposed: Tensor, ndim: int) -> NDArray[np.uint8]:

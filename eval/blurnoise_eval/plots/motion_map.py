@@ -1,7 +1,7 @@
 """Map of the longest exposure that keeps motion blur within a limit, for every pixel of a camera on a vehicle.
 
-A map is of a scene: the road with the sky above it, or those behind a frontal plane. What is said of it as a whole is
-said of the plane alone, where there is one. Exposures in s, inf where nothing moves, NaN beyond what the lens sees.
+A map is of a scene: the road with the sky above it, or those behind a frontal plane; its figures are then of the
+plane alone. Exposures in s, inf where nothing moves, NaN beyond what the lens sees.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics.spectra import Floats
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, tidy
 from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
-from blurnoise_eval.system.tables import csv_lines
+from blurnoise_eval.system.tables import csv_lines, finite
 from blurnoise_eval.system.terminal import plain
 
 COLUMNS = (
@@ -42,7 +42,7 @@ _ROAD_M = (3, 5, 10, 20, 50, 100)
 class ExposureMap(NamedTuple):
     """A scene, and what its pixels (2, H, W) see: ranges, m, flow (2, H, W), px/s, longest exposures, s.
 
-    told: (H, W), the pixels that are the scene's own.
+    own: (H, W), the pixels that count in shares of the scene.
     """
 
     scene: str
@@ -50,16 +50,16 @@ class ExposureMap(NamedTuple):
     range_m: Floats
     flow_px_s: Floats
     longest_s: Floats
-    told: NDArray[np.bool_]
+    own: NDArray[np.bool_]
 
     def at_share_s(self, share: float) -> float:
         """The exposure up to which this share of the scene keeps within the limit; inf where none of it is seen."""
-        seen = np.sort(self.longest_s[self.told])[::-1]
+        seen = np.sort(self.longest_s[self.own])[::-1]
         return float(seen[max(0, math.ceil(share * seen.size) - 1)]) if seen.size else math.inf
 
     def share(self, exposure_s: float) -> float:
         """The share of the scene that keeps within the limit at an exposure."""
-        return float((self.longest_s[self.told] >= exposure_s).mean()) if self.told.any() else 1.0
+        return float((self.longest_s[self.own] >= exposure_s).mean()) if self.own.any() else 1.0
 
 
 def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
@@ -78,25 +78,24 @@ def maps_of(
     Raises ``ValueError`` for a picture of less than 2 x 2 px.
     """
     if min(view.width_px, view.height_px) < 2:
-        raise ValueError(
-            f"width_px, height_px = {view.width_px}, {view.height_px}: a map needs 2 px each way"
-        )
+        size = f"{view.width_px}, {view.height_px}"
+        raise ValueError(f"width_px, height_px = {size}: a map needs 2 px each way")
     pixels = view.pixels(most)
     rays = view.rays(pixels)
     road_m = mount.road_m(rays)
     found = []
     for plane_m in (None, *planes_m):
-        scene, range_m, told = ROAD, road_m, np.isfinite(rays[0])
+        scene, range_m, own = ROAD, road_m, np.isfinite(rays[0])
         if plane_m is not None:
             away_m = range_of_depth_m(rays, limited("planes_m", plane_m, "depth_m"))
-            scene, range_m, told = f"plane at {plane_m:g} m", np.minimum(road_m, away_m), away_m < road_m
+            scene, range_m, own = f"plane at {plane_m:g} m", np.minimum(road_m, away_m), away_m < road_m
         flow = view.flow_px_s(pixels, range_m, motion)
-        found.append(ExposureMap(scene, pixels, range_m, flow, longest_exposure_s(flow, blur_px), told))
+        found.append(ExposureMap(scene, pixels, range_m, flow, longest_exposure_s(flow, blur_px), own))
     return found
 
 
 def bottom_edge_s(found: ExposureMap) -> float:
-    """The longest exposure for what is at the bottom edge, the shortest along it."""
+    """The longest exposure at the bottom edge, the shortest along it."""
     return float(np.nanmin(found.longest_s[-1], initial=math.inf))
 
 
@@ -108,29 +107,25 @@ def horizon_s(found: ExposureMap) -> float | None:
 
 
 def facts(found: ExposureMap, exposure_s: float | None = None) -> dict[str, str | float | None]:
-    """What a map says: exposures, ms, that hold for all of the scene, for half of it and at places of the picture.
+    """A map in numbers: exposures, ms, that hold for all of the scene, for half of it and at places of the picture.
 
     None: any exposure does, or there is no such place. With an exposure, the share of the scene that it serves.
     """
-    told = {"all_ms": found.at_share_s(1.0), "half_ms": found.at_share_s(0.5)}
+    limits: dict[str, float | None] = {"all_ms": found.at_share_s(1.0), "half_ms": found.at_share_s(0.5)}
     if found.scene == ROAD:
-        horizon = horizon_s(found)
-        told |= {
-            "bottom_edge_ms": bottom_edge_s(found),
-            "horizon_ms": math.inf if horizon is None else horizon,
-        }
+        limits |= {"bottom_edge_ms": bottom_edge_s(found), "horizon_ms": horizon_s(found)}
     share = {} if exposure_s is None else {"share": found.share(exposure_s)}
-    return {"scene": found.scene, **{name: _finite(1e3 * value) for name, value in told.items()}, **share}
+    numbers = {name: None if limit is None else finite(1e3 * limit) for name, limit in limits.items()}
+    return {"scene": found.scene, **numbers, **share}
 
 
 def sentences(maps: Sequence[ExposureMap], blur_px: float, exposure_s: float | None = None) -> Iterator[str]:
     """What the maps answer, one for each; with an exposure, how much of the scene it serves."""
     limit = f"{blur_px:g} px"
     for found in maps:
-        served = ""
+        half = f"keeps below {limit} up to {_ms(found.at_share_s(0.5))}"
         if exposure_s is not None:
-            served = f"; {100 * found.share(exposure_s):.0f} % of it at {_ms(exposure_s)}"
-        half = f"keeps below {limit} up to {_ms(found.at_share_s(0.5))}{served}"
+            half += f"; {100 * found.share(exposure_s):.0f} % of it at {_ms(exposure_s)}"
         if found.scene != ROAD:
             yield f"{limit}, {found.scene}: {_ms(found.at_share_s(1.0))} for all of it; half of it {half}"
             continue
@@ -139,32 +134,36 @@ def sentences(maps: Sequence[ExposureMap], blur_px: float, exposure_s: float | N
         yield f"{limit}: {_ms(bottom_edge_s(found))} at the bottom edge{there}; half of the picture {half}"
 
 
-def csv_rows(maps: Sequence[ExposureMap]) -> Iterator[dict[str, object]]:
-    """A row for each point of maps, in the order of ``COLUMNS``; empty where there is no limit."""
-    for found in maps:
-        columns = (*found.pixels, found.range_m, *found.flow_px_s, 1e3 * found.longest_s)
-        for values in zip(*(np.ravel(column).tolist() for column in columns), strict=True):
-            numbers = (f"{value:.6g}" if math.isfinite(value) else "" for value in values)
-            yield dict(zip(COLUMNS, (found.scene, *numbers), strict=True))
+def _ms(time_s: float) -> str:
+    return f"{1e3 * time_s:.3g} ms" if math.isfinite(time_s) else "no limit"
 
 
 def write_values(
     path: Path, view: View, mount: Vehicle, motion: EgoMotion, planes_m: Sequence[float], blur_px: float
 ) -> None:
-    """Write maps as CSV, 33 points along a side, or as .npy, (scenes, H, W) ms, float32, every pixel.
+    """Write maps as CSV, 33 points along a side, empty where there is no limit; or as .npy, (scenes, H, W) ms,
+    float32, every pixel.
 
     Raises ``OSError``, ``ValueError`` for another ending.
     """
-    if path.suffix == ".csv":
-        maps = maps_of(view, mount, motion, planes_m, blur_px=blur_px, most=_LISTED)
-        write_whole(path, (line.encode() for line in csv_lines(COLUMNS, csv_rows(maps))))
-        return
-    if path.suffix != ".npy":
+    if path.suffix not in (".csv", ".npy"):
         raise ValueError(f"values = {str(path)!r}: must end in .csv or .npy")
-    maps = maps_of(view, mount, motion, planes_m, blur_px=blur_px, most=None)
+    most = _LISTED if path.suffix == ".csv" else None
+    maps = maps_of(view, mount, motion, planes_m, blur_px=blur_px, most=most)
+    if path.suffix == ".csv":
+        write_whole(path, (line.encode() for line in csv_lines(COLUMNS, _csv_rows(maps))))
+        return
     data = io.BytesIO()
     np.save(data, np.stack([1e3 * found.longest_s for found in maps]).astype(np.float32))
     write_whole(path, data.getvalue())
+
+
+def _csv_rows(maps: Sequence[ExposureMap]) -> Iterator[dict[str, object]]:
+    for found in maps:
+        columns = (*found.pixels, found.range_m, *found.flow_px_s, 1e3 * found.longest_s)
+        for values in zip(*(np.ravel(column).tolist() for column in columns), strict=True):
+            numbers = (f"{value:.6g}" if math.isfinite(value) else "" for value in values)
+            yield dict(zip(COLUMNS, (found.scene, *numbers), strict=True))
 
 
 def write(
@@ -179,8 +178,7 @@ def draw(maps: Sequence[ExposureMap], view: View, mount: Vehicle, blur_px: float
     """Contours of the longest exposure on the picture plane, a panel for each map, and the shares within."""
     levels_ms = _levels(maps)
     columns = min(2, len(maps))
-    cells = len(maps) + 1  # the last for the shares
-    rows = math.ceil(cells / columns)
+    rows = math.ceil((len(maps) + 1) / columns)  # the last panel for the shares
     tall = min(6.0, 7.6 / columns * view.height_px / view.width_px) + 0.55
     figure = Figure(figsize=(9.2, max(2.6, tall) * rows + 0.5), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
@@ -191,8 +189,8 @@ def draw(maps: Sequence[ExposureMap], view: View, mount: Vehicle, blur_px: float
     bar.ax.set_yticklabels([f"{level:g}" for level in levels_ms])
     bar.set_label(f"Longest exposure for {blur_px:g} px of motion blur / ms", fontsize=9)
     bar.ax.tick_params(labelsize=8)
-    last = divmod(len(maps), columns)
-    _shares(figure.add_subplot(grid[last[0], last[1] :]), maps, blur_px)
+    row, column = divmod(len(maps), columns)
+    _shares(figure.add_subplot(grid[row, column:]), maps, blur_px)
     figure.suptitle(plain(title), fontsize=10, parse_math=False)
     return figure
 
@@ -201,8 +199,7 @@ def _panel(
     axes: Axes, found: ExposureMap, mount: Vehicle, view: View, levels_ms: Sequence[float]
 ) -> ContourSet:
     x, y = found.pixels
-    within = np.clip(1e3 * found.longest_s, 0.999 * levels_ms[0], 1.001 * levels_ms[-1])
-    shown = np.ma.masked_invalid(within)
+    shown = np.ma.masked_invalid(np.clip(1e3 * found.longest_s, 0.999 * levels_ms[0], 1.001 * levels_ms[-1]))
     norm = BoundaryNorm(levels_ms, 256, extend="both")
     drawn = axes.contourf(x, y, shown, levels_ms, cmap=colormaps["viridis"], norm=norm, extend="both")
     crossed = [level for level in levels_ms if shown.min() < level < shown.max()]
@@ -215,10 +212,7 @@ def _panel(
         axes.contour(x, y, sky, [0.5], colors="w", linewidths=1.2, linestyles="--")
         left = sky[:, 0]
         if left.any() and not left.all():
-            row = y[int(left.sum()) - 1, 0]
-            axes.annotate(
-                "horizon", (0, row), xytext=(4, 3), textcoords="offset points", color="w", fontsize=7.5
-            )
+            _note(axes, "horizon", (0, y[int(left.sum()) - 1, 0]), (4, 3))
     axes.set_xlim(-0.5, view.width_px - 0.5)
     axes.set_ylim(view.height_px - 0.5, -0.5)
     axes.set_aspect("equal")
@@ -243,11 +237,14 @@ def _mark_distances(axes: Axes, found: ExposureMap, road_m: Floats, mount: Vehic
         row = float(np.interp(-distance_m, -level_m, y))
         if last - row > 0.03 * road_m.shape[0] * (y[-1] - y[0]) / len(y):
             axes.plot(x[0], row, "_", color="w", ms=9)
-            axes.annotate(
-                f"{distance_m} m", (x[0], row), xytext=(6, 0), textcoords="offset points", va="center",
-                color="w", fontsize=7.5,
-            )  # fmt: skip
+            _note(axes, f"{distance_m} m", (x[0], row), (6, 0), "center")
             last = row
+
+
+def _note(
+    axes: Axes, text: str, at: tuple[float, float], offset_pt: tuple[float, float], va: str = "baseline"
+) -> None:
+    axes.annotate(text, at, xytext=offset_pt, textcoords="offset points", va=va, color="w", fontsize=7.5)
 
 
 def _shares(axes: Axes, maps: Sequence[ExposureMap], blur_px: float) -> None:
@@ -256,9 +253,8 @@ def _shares(axes: Axes, maps: Sequence[ExposureMap], blur_px: float) -> None:
     for number, found in enumerate(maps):
         times = np.array([found.at_share_s(share) for share in shares])
         shown = np.isfinite(times)
-        axes.plot(
-            1e3 * times[shown], 100 * shares[shown], color=COLOURS[number % len(COLOURS)], label=found.scene
-        )
+        colour = COLOURS[number % len(COLOURS)]
+        axes.plot(1e3 * times[shown], 100 * shares[shown], color=colour, label=found.scene)
         if shown.any():
             axes.set_xscale("log")
     axes.axhline(50, color="0.7", lw=0.8, ls=":")
@@ -274,16 +270,8 @@ def _levels(maps: Sequence[ExposureMap]) -> list[float]:
     if not times.size:
         return [1.0, 2.0]
     least, most = float(times.min()), float(np.quantile(times, 0.98))
-    powers = range(math.floor(math.log10(least)), math.floor(math.log10(least)) + 6)
-    nice = [digit * 10.0**power for power in powers for digit in (1, 2, 5)]
+    first_power = math.floor(math.log10(least))
+    nice = [digit * 10.0**power for power in range(first_power, first_power + 6) for digit in (1, 2, 5)]
     first = max(0, sum(level <= least for level in nice) - 1)
     levels = [level for level in nice[first : first + _MOST_LEVELS] if level / 2.5 < most]
     return levels if len(levels) > 1 else nice[first : first + 2]
-
-
-def _ms(time_s: float) -> str:
-    return f"{1e3 * time_s:.3g} ms" if math.isfinite(time_s) else "no limit"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

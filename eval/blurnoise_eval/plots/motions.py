@@ -22,7 +22,7 @@ from blurnoise.scene.cutting import Matte
 from blurnoise.scene.scene import simulate
 from blurnoise.training.augmentation import expose_pictures
 from blurnoise_eval.datasets import segmentation
-from blurnoise_eval.plots.gallery import Tile, as_shown
+from blurnoise_eval.plots.gallery import Tile, as_shown, planes_of
 from blurnoise_eval.plots.speed_bumps import speed_bump
 
 READOUT_S = 0.03
@@ -77,57 +77,45 @@ def tiles(
 ) -> list[Tile]:
     """A tile for each of ``KINDS``; paths are as long as what moves at ``speed_px_s`` is, but for bump and road.
 
-    progress is told of each.
+    progress is called for each.
     """
-    planes = torch.from_numpy(coded if coded.ndim == 3 else coded[..., None]).permute(2, 0, 1)[None]
+    planes, longest_px = planes_of(coded), speed_px_s * exposure_s
     size = (planes.shape[-2], planes.shape[-1])
-    stands = replace(camera, row_time_s=0.0, shutter="global")
+    still = replace(camera, row_time_s=0.0, shutter="global")
     rolls = replace(camera, row_time_s=READOUT_S / camera.height_px, shutter="rolling")
-    view = View(size[1], size[0], _HFOV_DEG)
+    focal_px, duration_s = View(size[1], size[0], _HFOV_DEG).focal_px, path_duration_s(still, exposure_s)
+    bump = _BUMP_M, _BUMP_LENGTH_M, _BUMP_KM_H / 3.6
     paths = {
-        "sine": Trajectory.sinusoid(
-            speed_px_s * exposure_s / 2,
-            _VIBRATION_HZ,
-            path_duration_s(stands, exposure_s),
-            direction_deg=90.0,
-        ),
-        "shake": shake(seed, speed_px_s * exposure_s, exposure_s),
-        "bump": speed_bump(
-            _BUMP_M, _BUMP_LENGTH_M, _BUMP_KM_H / 3.6, focal_px=view.focal_px, duration_s=2 * exposure_s
-        ),
+        "sine": Trajectory.sinusoid(longest_px / 2, _VIBRATION_HZ, duration_s, direction_deg=90.0),
+        "shake": shake(seed, longest_px, exposure_s),
+        "bump": speed_bump(*bump, focal_px=focal_px, duration_s=2 * exposure_s),
     }
-    own: list[dict[str, Any]] = [
-        {"camera": rolls if kind.rolls else stands, "path": paths.get(kind.path or "")} for kind in KINDS
-    ]
-    speeds = [kind.share * speed_px_s for kind in KINDS]
     light: dict[str, Any] = {
         "exposure_s": exposure_s,
         "illuminance_lux": illuminance_lux,
         "generator": [seed],
     }
     made = []
-    for kind, each, speed in zip(KINDS, own, speeds, strict=True):
+    for kind in KINDS:
+        speed, path, own = kind.share * speed_px_s, paths.get(kind.path or ""), rolls if kind.rolls else still
         if kind.path == "road":
-            flow_px_s = _VEHICLE.flow_px_s(stands, size, _ROAD_KM_H / 3.6)
-            dn = simulate(planes, stands, velocity_px_s=flow_px_s, **light)
-            exposed = in_channels(develop(dn, stands), planes.shape[1])
+            flow_px_s = _VEHICLE.flow_px_s(still, size, _ROAD_KM_H / 3.6)
+            dn = simulate(planes, still, velocity_px_s=flow_px_s, **light)
+            exposed, note = in_channels(develop(dn, still), planes.shape[1]), kind.name
         else:
             exposed = expose_pictures(
                 planes,
-                each["camera"],
+                own,
                 speed_px_s=speed,
                 direction_deg=kind.direction_deg,
                 masks=torch.from_numpy(matte).expand(1, 1, *size),
                 moves=kind.moves,
-                trajectory=each["path"],
+                trajectory=path,
                 **light,
             )
+            box = path.seen(exposure_s).box if path else (0.0, 0.0, speed * exposure_s, 0.0)
+            note = f"{kind.name}: {math.dist(box[:2], box[2:]):.3g} px"
         seen = as_shown(exposed, coded.ndim)
-        path = each["path"].seen(exposure_s).box if each["path"] else None
-        goes = f"{math.dist(path[:2], path[2:]):.3g} px" if path else f"{speed * exposure_s:.3g} px"
-        note = kind.name if kind.path == "road" else f"{kind.name}: {goes}"
-        made.append(
-            Tile(seen, each["camera"], exposure_s, illuminance_lux, speed, kind.direction_deg, motion=note)
-        )
+        made.append(Tile(seen, own, exposure_s, illuminance_lux, speed, kind.direction_deg, motion=note))
         progress(1)
     return made

@@ -88,7 +88,7 @@ def unclipped(camera: Camera, photo_e: Floats) -> NDArray[np.bool_]:
 
 
 def fitted(camera: Camera, points: PhotonTransfer) -> tuple[float, float]:
-    """Gain in DN/e- and read noise in e- that ``points`` tell, as EMVA 1288 reads them off.
+    """Gain in DN/e- and read noise in e- by ``points``, as EMVA 1288 reads them off.
 
     The gain is the slope of the variance up to 70 % of saturation, each level weighted by its precision,
     and NaN where fewer than two such levels are free of clipping; so is the read noise.
@@ -104,27 +104,27 @@ def fitted(camera: Camera, points: PhotonTransfer) -> tuple[float, float]:
 
 def draw(camera: Camera) -> Figure:
     """The photon-transfer plot, variance over mean, beside the SNR over photo-electrons; both measured."""
-    points = measured(camera)
-    line = expected(camera, np.geomspace(points.photo_e[1] / 1.5, camera.saturation_e, 200))
+    points, full_e = measured(camera), camera.saturation_e
+    line = expected(camera, np.geomspace(points.photo_e[1] / 1.5, full_e, 200))
     figure = Figure(figsize=(11.4, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    whole = unclipped(camera, points.photo_e)
-    for axes, model, seen in (
-        (left, (line.signal_dn, line.variance_dn2), (points.signal_dn, points.variance_dn2)),
-        (right, (line.photo_e, line.snr), (points.photo_e, points.snr)),
-    ):
-        _draw_points(axes, *seen, whole)
-        axes.loglog(*model, color=_MODEL, lw=1.3, zorder=3, label="linear model of EMVA 1288")
+    _points(left, points.signal_dn, points.variance_dn2, unclipped(camera, points.photo_e))
+    _points(right, points.photo_e, points.snr, unclipped(camera, points.photo_e))
+    left.loglog(line.signal_dn, line.variance_dn2, **_LINE)
+    right.loglog(line.photo_e, line.snr, **_LINE)
     tidy(left, x="Mean above the dark / DN", y="Temporal variance / DN²")
     tidy(right, x="Photo-electrons N", y="Temporal SNR")
     _explain_transfer(left, camera, line, fitted(camera, points))
     _explain_snr(right, camera, line)
-    for axes in (left, right):
+    for axes, at in ((left, float(line.signal_dn[-1])), (right, full_e)):
+        axes.axvline(at, color=_MARK, lw=1)
+        axes.annotate(
+            f"saturation, {full_e:.0f} e⁻", (at, 0.5), xycoords=("data", "axes fraction"), xytext=(5, 0),
+            textcoords="offset points", rotation=90, ha="left", va="center", color=_MARK, fontsize=8.5,
+        )  # fmt: skip
         axes.legend(loc="upper left", fontsize=8.5, frameon=False)
-    figure.suptitle(
-        f"{plain(camera.name)}: photon transfer, from pairs of simulated flat fields at {LEVELS} levels",
-        fontsize=11, parse_math=False,
-    )  # fmt: skip
+    title = f"{plain(camera.name)}: photon transfer, from pairs of simulated flat fields at {LEVELS} levels"
+    figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 
 
@@ -134,7 +134,10 @@ def write(camera: Camera, path: Path) -> None:
     write_figure(path, draw(camera), dpi=150)
 
 
-def _draw_points(axes: Axes, x: Floats, y: Floats, whole: NDArray[np.bool_]) -> None:
+_LINE = {"color": _MODEL, "lw": 1.3, "zorder": 3, "label": "linear model of EMVA 1288"}
+
+
+def _points(axes: Axes, x: Floats, y: Floats, whole: NDArray[np.bool_]) -> None:
     """The measured points that logarithmic axes have a place for, those of clipped levels apart."""
     shown = (x > 0) & (y > 0) & np.isfinite(y)
     for kept, colour, label in (
@@ -146,37 +149,32 @@ def _draw_points(axes: Axes, x: Floats, y: Floats, whole: NDArray[np.bool_]) -> 
 
 def _explain_transfer(axes: Axes, camera: Camera, line: PhotonTransfer, fit: tuple[float, float]) -> None:
     gain, dark_dn2 = camera.system_gain_dn_per_e, float(expected(camera, np.zeros(1)).variance_dn2[0])
-    left, right = float(line.signal_dn[0]), float(line.signal_dn[-1])
-    axes.loglog(
-        line.signal_dn, gain * line.signal_dn, color=GREY, lw=1, ls=(0, (5, 3)), label="shot noise alone"
-    )
+    right = float(line.signal_dn[-1])
+    shot = gain * line.signal_dn
+    axes.loglog(line.signal_dn, shot, color=GREY, lw=1, ls=(0, (5, 3)), label="shot noise alone")
     axes.axhline(dark_dn2, color=GREY, lw=1, ls=(0, (1, 2)), label="in the dark")
-    axes.set_xlim(left, 2.5 * right)
+    axes.set_xlim(float(line.signal_dn[0]), 2.5 * right)
     axes.set_ylim(dark_dn2 / 5, 8 * float(line.variance_dn2[-1]))
-    middle = float(np.sqrt(dark_dn2 / gain * right))
+    middle = gain * float(np.sqrt(dark_dn2 / gain * right))
     note = "" if unclipped(camera, np.zeros(1))[0] else ", since the dark clips"
-    slope = f"K = {gain:.4g} DN/e⁻\nmeasured {fit[0]:.4g}"
+    _say(axes, (right, middle), (-10, -8), f"K = {gain:.4g} DN/e⁻\nmeasured {fit[0]:.4g}", "right")
     floor = f"read noise {camera.read_noise_e:.3g} e⁻\nmeasured {fit[1]:.3g}{note}"
-    _say(axes, (right, gain * middle), (-10, -8), slope, "right")
     _say(axes, (right, dark_dn2), (-10, -6), floor, "right")
-    _mark_saturation(axes, right, f"saturation, {camera.saturation_e:.0f} e⁻")
 
 
 def _explain_snr(axes: Axes, camera: Camera, line: PhotonTransfer) -> None:
-    first, full = float(line.photo_e[0]), camera.saturation_e
+    first, full, low = float(line.photo_e[0]), camera.saturation_e, camera.threshold_e
+    bottom = float(line.snr[0]) / 4
     axes.loglog(line.photo_e, np.sqrt(line.photo_e), color=GREY, lw=1, ls=(0, (5, 3)), label="ideal, √N")
-    axes.set_xlim(first, 2.5 * full)
-    bottom, top = float(line.snr[0]) / 4, 3 * full**0.5
-    axes.set_ylim(bottom, top)
-    low = camera.threshold_e
     axes.plot([first, low, low], [1, 1, bottom], color=GREY, lw=1, ls=(0, (1, 2)))
+    axes.set_xlim(first, 2.5 * full)
+    axes.set_ylim(bottom, 3 * full**0.5)
     height = bottom * 1.7
     axes.annotate("", (low, height), (full, height), arrowprops={"arrowstyle": "<->", "color": GREY, "lw": 1})
     reach = f"{camera.dynamic_range_db:.1f} dB dynamic range"
     _say(axes, (float(np.sqrt(low * full)), height), (0, 4), reach, "center", "bottom")
     _say(axes, (low, 1), (8, -3), f"SNR 1 at {low:.3g} e⁻")
     _say(axes, (full, full**0.5), (-10, 8), f"SNR max {camera.snr_max_db:.1f} dB", "right", "bottom")
-    _mark_saturation(axes, full, f"saturation, {full:.0f} e⁻")
 
 
 def _say(
@@ -185,12 +183,4 @@ def _say(
 ) -> None:  # fmt: skip
     axes.annotate(
         text, at, xytext=offset_pt, textcoords="offset points", ha=ha, va=va, fontsize=8.5, color="0.2",
-    )  # fmt: skip
-
-
-def _mark_saturation(axes: Axes, at: float, text: str) -> None:
-    axes.axvline(at, color=_MARK, lw=1)
-    axes.annotate(
-        text, (at, 0.5), xycoords=("data", "axes fraction"), xytext=(5, 0), textcoords="offset points",
-        rotation=90, ha="left", va="center", color=_MARK, fontsize=8.5,
     )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.reflectance import reflectance_text
@@ -169,6 +170,22 @@ def shown(value: Any) -> str:
         count = f" … ({len(value)} entries)"
         return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + count
     return "not stated" if value is None else str(value)
+
+
+def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """What computed the run, with ``computed_by`` of its cells; of several the versions of each."""
+    every: dict[str, dict[str, str]] = manifest.get("software") or {"": manifest.get("versions", {})}
+    facts = {"computed_by": ", ".join(every)} if any(every) else {}
+    for key, own in every.items():
+        lead = f"{key}: " if len(every) > 1 else ""
+        facts |= {f"{lead}{name}": version for name, version in own.items()}
+    return facts
+
+
+def model_facts(model: Mapping[str, Any]) -> dict[str, str]:
+    """Which model it is, and what its graph limits."""
+    facts = {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
+    return facts | ({"limits": baked_text(model["baked"])} if model.get("baked") else {})
 
 
 def run_facts(data: RunData) -> dict[str, str]:

@@ -22,7 +22,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
-from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.grid.axes import BLUR, EXPOSURE, MOVES, SPEED, velocity_text
 from blurnoise_eval.plots import annotate as pictures
 from blurnoise_eval.report import figures, findings, interactive, tables, words
@@ -88,62 +87,39 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
 
 
 def _page(data: RunData, folder: Path) -> dict[str, Any]:
-    manifest, camera, names = data.manifest, data.manifest["camera"], data.model_names
-    groups = data.largest_groups(MAX_GROUPS)
-    shown = opening(data)
+    """What the template shows: the run, what is computed of it here, and the modules that it asks for the rest."""
+    groups, first = data.largest_groups(MAX_GROUPS), opening(data)
     varied = [axis for axis in data.settings.axes if len(data.settings.values(axis)) > 1]
     return {
-        "title": manifest["title"],
-        "cluster": manifest.get("cluster"),
-        "models": names,
-        "side_by_side": 1 < len(names) <= MAX_SIDE_BY_SIDE,
-        "camera_name": camera.get("name", "camera"),
+        "data": data,
+        "findings": findings,
+        "tables": tables,
+        "words": words,
+        "asked": data.criterion,
+        "models": data.model_names,
+        "side_by_side": 1 < len(data.model_names) <= MAX_SIDE_BY_SIDE,
         "groups": groups,
         "views": [word(EXPOSURE), word(BLUR), word(SPEED), *map(word, varied)],
         "setting_head": "Setting" if data.settings.further else "Light",
         "velocities": [velocity_text(velocity) for velocity in data.velocities_px_s],
-        "answers": tables.model_answers(data, groups),
-        "words": words,
         "exposure_text": EXPOSURE.text,
-        "model_rows": tables.model_rows(data),
-        "failures": tables.failures(data, groups),
-        "opening": shown,
-        "asked": data.criterion,
-        "shown": words.title_text(data.criterion),
-        "found_from": data.found_from,
-        "searched": data.searched,
-        "swept": findings.swept(data),
-        "n_hidden_groups": len({answer["group"] for answer in data.answers}) - len(groups),
-        "n_settings": len(tables.shown_settings(data)),
-        "n_hidden_settings": len(data.settings.every) - len(tables.shown_settings(data)),
-        "alarms": findings.alarms(data),
-        "warnings": findings.warnings(data),
-        "assumptions": findings.assumptions(data),
+        "opening": first,
         "numbers": interactive.numbers(data, groups),
-        "kept_curve": None if shown.model is None else interactive.kept_curve(data, shown.model),
+        "kept_curve": None if first.model is None else interactive.kept_curve(data, first.model),
         "examples": _examples(data, folder),
         "trades": [
             (title, _base64(_png(figures.latency_robustness(data, [name]), 120)))
             for name, title in figures.comparable(data).items()
         ],
-        "tables": list(TABLES),
-        "n_examples": len(data.examples),
+        "files": TABLES,
         "other_score": pictures.OTHER_SCORE,
-        "run": findings.run_facts(data),
-        "contracts": [
-            {"facts": _facts(model), "fields": findings.sourced(model["contract"])}
-            for model in manifest["models"]
-        ],
-        "camera": findings.sourced(camera),
-        "versions": _versions(manifest),
-        "hardware": {name: findings.shown(value) for name, value in manifest.get("hardware", {}).items()},
         "plotly_packed": _plotly(),
     }
 
 
 @cache
 def _plotly() -> str:
-    return _base64(gzip.compress(get_plotlyjs().encode(), 9))
+    return _base64(gzip.compress(get_plotlyjs().encode(), 9, mtime=0))
 
 
 def _base64(data: bytes) -> str:
@@ -156,21 +132,6 @@ def _png(figure: Figure, dpi: int) -> bytes:
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
         figure.savefig(drawing, format="png", dpi=dpi, pil_kwargs={"compress_level": 1})
     return drawing.getvalue()
-
-
-def _versions(manifest: dict[str, Any]) -> dict[str, str]:
-    """What computed the run, with ``computed_by`` of its cells; of several the versions of each."""
-    every: dict[str, dict[str, str]] = manifest.get("software") or {"": manifest.get("versions", {})}
-    facts = {"computed_by": ", ".join(every)} if any(every) else {}
-    for key, versions in every.items():
-        lead = f"{key}: " if len(every) > 1 else ""
-        facts |= {f"{lead}{name}": findings.shown(version) for name, version in versions.items()}
-    return facts
-
-
-def _facts(model: dict[str, Any]) -> dict[str, str]:
-    facts = {key: findings.shown(model[key]) for key in ("name", "kind", "file", "sha256") if key in model}
-    return facts | ({"limits": baked_text(model["baked"])} if model.get("baked") else {})
 
 
 def _examples(data: RunData, folder: Path) -> list[dict[str, Any]]:

@@ -56,7 +56,7 @@ def test_shares() -> None:
     """Half of the plane at 10 m is within the median of its pixels; the scene behind it is not counted."""
     _, plane = maps(yaw_deg_s=10.0)
     own = np.isclose(plane.range_m, 10 / VIEW.rays(plane.pixels)[2])
-    assert (own == plane.told).all()
+    assert (own == plane.own).all()
     assert 0.4 < own.mean() < 0.9
     assert plane.at_share_s(0.5) == pytest.approx(np.median(plane.longest_s[own]), rel=1e-3)
     assert plane.share(plane.at_share_s(0.3)) == pytest.approx(0.3, abs=1e-4)
