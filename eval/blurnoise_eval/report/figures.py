@@ -64,6 +64,7 @@ _OF_PICTURES = {
     "saturated": "Share of saturated pixels",
 }
 Key = tuple[str, str, Setting]  # model, group, setting
+Style = tuple[Any, str, str]  # of a line: the value that its points share, label, colour
 
 
 def confidence_exposure(data: RunData) -> Figure:
@@ -73,19 +74,22 @@ def confidence_exposure(data: RunData) -> Figure:
     intervals of its ends, with a tick at the recommended exposure; the shaded range is surely in the window of every
     velocity tested there.
     """
-    panels = _panels(data, data.settings)
     measured = {point.velocity_px_s for point in data.points}
     velocities = [velocity for velocity in data.velocities_px_s if velocity in measured]
-    shown = spread(velocities, MAX_LINES)
-    for key, axes in panels:
+    shown = _styles(velocities, velocity_text, "viridis")
+    panels = _panels(data, data.settings)
+    for key, axes, points in panels.with_points(data, lambda point: point[:3]):
         answers = [a for a in data.answers if (a["model"], a["group"], data.settings.of(a)) == key]
-        for low, high in common_windows([answer["sure_windows_s"] for answer in answers]):
-            axes.axvspan(1e3 * low, 1e3 * high, color="0.5", alpha=0.13, lw=0)
-        colours = line_colours("viridis", len(shown))
-        for row, (velocity, colour) in enumerate(zip(shown, colours, strict=True)):
-            line = [p for p in data.points if p[:4] == (*key, velocity)]
-            _draw_line(data, axes, [1e3 * p.exposure_s for p in line], line, colour, velocity_text(velocity))
-            _draw_bounds(axes, [1e3 * p.exposure_s for p in line], line, colour)
+        for first, last in common_windows([answer["sure_windows_s"] for answer in answers]):
+            axes.axvspan(1e3 * first, 1e3 * last, color="0.5", alpha=0.13, lw=0)
+        lines = _draw_lines(
+            data, axes, points, shown, attrgetter("velocity_px_s"), lambda p: 1e3 * p.exposure_s
+        )
+        for row, (line, (velocity, _, colour)) in enumerate(zip(lines, shown, strict=True)):
+            bounds = [(1e3 * p.exposure_s, p.low, p.high) for p in line if None not in (p.low, p.high)]
+            if bounds:
+                x, low, high = zip(*bounds, strict=True)
+                axes.fill_between(x, low, high, color=colour, alpha=0.16, lw=0)
             for answer in (a for a in answers if velocity_of(a) == velocity):
                 _draw_window(axes, answer, -_BAR - _BAR_STEP * row, colour)
         axes.set_ylim(-0.07 - _BAR_STEP * len(shown), 1.03 * data.highest)
@@ -104,13 +108,13 @@ def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
     One panel per model, group and setting, but for the axis that is drawn against; lines only where no two
     directions share a speed.
     """
-    settings, measured, notes, label = data.settings, data.points, list[str](), axis_label(x)
+    settings, points, notes, label = data.settings, data.points, list[str](), axis_label(x)
     at: Callable[[Point], float] = attrgetter(x.name)
     place: int | None = None
     if isinstance(x, Axis):
         place, settings = data.settings.axes.index(x), data.settings.without(x)
         velocity = data.velocities_px_s[len(data.velocities_px_s) // 2]
-        measured = [point for point in data.points if point.velocity_px_s == velocity]
+        points = [point for point in points if point.velocity_px_s == velocity]
         at = lambda point: x.shown(point.setting[place])  # noqa: E731
         if len(data.velocities_px_s) > 1:
             notes.append(f"At {velocity_text(velocity)}, one of {len(data.velocities_px_s)} velocities.")
@@ -120,24 +124,17 @@ def confidence_over(data: RunData, x: Axis | Coordinate) -> Figure:
             "Along a line only the speed changes; from one line to the next the light per picture changes too."
         )
     panels = _panels(data, settings)
-    exposures = sorted({point.exposure_s for point in measured}.intersection(data.exposures_s))
-    shown = spread(exposures, MAX_LINES)
+    exposures = sorted({point.exposure_s for point in points}.intersection(data.exposures_s))
+    shown = _styles(exposures, EXPOSURE.text, "plasma")
     joined = place is not None or data.one_velocity_per_speed
-    for (model, group, setting), axes in panels:
-        own = [
-            point
-            for point in measured
-            if (point.model, point.group, _without(point.setting, place)) == (model, group, setting)
-        ]
-        for exposure_s, colour in zip(shown, line_colours("plasma", len(shown)), strict=True):
-            line = sorted((point for point in own if point.exposure_s == exposure_s), key=at)
-            _draw_line(data, axes, list(map(at, line)), line, colour, EXPOSURE.text(exposure_s), joined)
+    values = [x.shown(value) for value in data.settings.values(x)] if isinstance(x, Axis) else []
+    for _, axes, own in panels.with_points(data, lambda p: (*p[:2], _without(p.setting, place)), points):
+        _draw_lines(data, axes, own, shown, attrgetter("exposure_s"), at, joined)
         if x is BLUR:
             axes.set_xscale("symlog", linthresh=1)
             plain_numbers(axes.xaxis)
             axes.set_xlim(left=-0.08)
         elif isinstance(x, Axis):
-            values = [x.shown(value) for value in data.settings.values(x)]
             if x.logarithmic and values[0] > 0:
                 axes.set_xscale("log")
             plain_numbers(axes.xaxis)
@@ -153,23 +150,18 @@ def score_moves(data: RunData) -> Figure:
     every = tuple((*others.every[-1], exposure_s) for exposure_s in exposures)
     panels = _panels(data, Settings((*others.axes, EXPOSURE), every, others.held), MOST_OF_MOVES)
     apart = _APART * max(point.speed_px_s for point in data.points)
+    at: Callable[[Point], float] = lambda p: p.speed_px_s + apart * (p.setting[place] - 1)  # noqa: E731
+    shown = [(value, *MOVES_AS[int(value)]) for value in data.settings.values(MOVES)]
     highest = data.highest
-    for (model, group, (*setting, exposure_s)), axes in panels:
-        for value in data.settings.values(MOVES):
-            line = [
-                point
-                for point in data.points
-                if (point.model, point.group, point.exposure_s) == (model, group, exposure_s)
-                and point.setting[place] == value
-                and _without(point.setting, place) == tuple(setting)
-            ]
-            line.sort(key=lambda point: point.speed_px_s)
-            label, colour = MOVES_AS[int(value)]
-            x = [point.speed_px_s + apart * (value - 1) for point in line]
-            _draw_line(data, axes, x, line, colour, label, data.one_velocity_per_speed)
-            for at, point in zip(x, line, strict=True):
+    for _, axes, points in panels.with_points(
+        data, lambda p: (*p[:2], (*_without(p.setting, place), p.exposure_s))
+    ):
+        by: Callable[[Point], float] = lambda p: p.setting[place]  # noqa: E731
+        lines = _draw_lines(data, axes, points, shown, by, at, data.one_velocity_per_speed)
+        for line, (_, _, colour) in zip(lines, shown, strict=True):
+            for point in line:
                 if point.low is not None and point.high is not None:
-                    axes.plot([at, at], [point.low, point.high], color=colour, lw=2.4, alpha=0.35)
+                    axes.plot([at(point)] * 2, [point.low, point.high], color=colour, lw=2.4, alpha=0.35)
                     highest = max(highest, min(_HIGHEST, point.high))
         axes.set_ylim(-0.03, 1.03 * highest)
         axes.yaxis.set_major_locator(MultipleLocator(0.2))
@@ -191,19 +183,28 @@ def _without(setting: Setting, place: int | None) -> Setting:
     return setting if place is None else setting[:place] + setting[place + 1 :]
 
 
-def _draw_line(
-    data: RunData, axes: Axes, x: list[float], line: list[Point], colour: str, label: str, joined: bool = True
-) -> None:
-    """A line with a marker where something was measured; where answers are predicted, nothing was."""
+def _styles(values: Sequence[Any], text: Callable[[Any], str], colours: str) -> list[Style]:
+    """At most ``MAX_LINES`` lines."""
+    shown = spread(values, MAX_LINES)
+    return list(zip(shown, map(text, shown), line_colours(colours, len(shown)), strict=True))
+
+
+def _draw_lines(
+    data: RunData,
+    axes: Axes,
+    points: Sequence[Point],
+    shown: Sequence[Style],
+    by: Callable[[Point], Any],
+    at: Callable[[Point], float],
+    joined: bool = True,
+) -> list[list[Point]]:
+    """The points of each line, with a marker where something was measured: nowhere, where answers are predicted."""
     style = "o" if not joined else "-" if data.searched else "o-"
-    axes.plot(x, [p.confidence for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
-
-
-def _draw_bounds(axes: Axes, x: list[float], line: list[Point], colour: str) -> None:
-    bounded = [(at, p.low, p.high) for at, p in zip(x, line, strict=True) if None not in (p.low, p.high)]
-    if bounded:
-        at, low, high = zip(*bounded, strict=True)
-        axes.fill_between(at, low, high, color=colour, alpha=0.16, lw=0)
+    lines = [sorted((point for point in points if by(point) == value), key=at) for value, _, _ in shown]
+    for line, (_, label, colour) in zip(lines, shown, strict=True):
+        y = [point.confidence for point in line]
+        axes.plot(list(map(at, line)), y, style, color=colour, ms=3.2, lw=1.4, label=label)
+    return lines
 
 
 def _draw_window(axes: Axes, answer: dict[str, Any], y: float, colour: str) -> None:
@@ -243,8 +244,14 @@ class _Panels:
     notes: list[str]
     shown: str
 
-    def __iter__(self) -> Iterator[tuple[Key, Axes]]:
-        return iter(self.axes.items())
+    def with_points(
+        self, data: RunData, key_of: Callable[[Point], Key], points: Sequence[Point] | None = None
+    ) -> Iterator[tuple[Key, Axes, list[Point]]]:
+        """Each panel with its points, of all by default."""
+        own: dict[Key, list[Point]] = {}
+        for point in data.points if points is None else points:
+            own.setdefault(key_of(point), []).append(point)
+        return ((key, axes, own.get(key, [])) for key, axes in self.axes.items())
 
     def finish(
         self, x_label: str, legend_title: str, notes: Sequence[str], entries: Sequence[Patch] = ()
@@ -297,7 +304,7 @@ def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panel
     if any(data.unseen_below(model, group) is not None for model, group, _ in keys):
         notes.append("Grey: below the lowest score that leaves the graph.")
     found = _Panels(figure, dict(zip(keys, grid, strict=False)), notes, title_text(data.criterion))
-    for (model, group, at), axes in found:
+    for (model, group, at), axes in found.axes.items():
         between = "\n" if settings.further else ", "
         title = f"{short_text(group, 24)}{between}{settings.text(at)} (n = {sizes[model, group]})"
         tidy(axes, title=title if len(models) == 1 else f"{short_text(model, 36)}\n{title}")
