@@ -98,9 +98,8 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
     elif dn.is_floating_point() or dn.is_complex() or dn.dtype == torch.bool:
         raise TypeError(f"dn: must be integers, float32 or float64, got {dn.dtype}")
     if camera.cfa not in colour.PLANES and (dn.ndim != 4 or dn.shape[1] != 1 or min(dn.shape[-2:]) < 2):
-        raise ValueError(
-            f"dn: shape is {tuple(dn.shape)}; cfa = {camera.cfa!r} needs (B, 1, H, W), H and W at least 2"
-        )
+        needs = "needs (B, 1, H, W), H and W at least 2"
+        raise ValueError(f"dn: shape is {tuple(dn.shape)}; cfa = {camera.cfa!r} {needs}")
     return kind, steps.active(camera)
 
 

@@ -54,9 +54,7 @@ def cut_out(
         counts = f"{len(light)} pictures, {len(mattes)} mattes, {len(velocities_px_s)} velocities"
         raise ValueError(f"light: {counts}; must be one picture, and as many velocities as mattes")
     if plate is not None and image_batch("plate", plate).shape != light.shape:
-        raise ValueError(
-            f"plate: shape must be the picture's, {tuple(light.shape)}, got {tuple(plate.shape)}"
-        )
+        raise ValueError(f"plate: shape is {tuple(plate.shape)}; must be the picture's, {tuple(light.shape)}")
     covered = np.zeros(size, bool)
     for matte in mattes:
         an_instance("matte", matte, np.ndarray)
@@ -72,9 +70,7 @@ def cut_out(
         return Cut(plate, layers, np.zeros(size, bool))
     hole = hole_of(covered)
     if hole.all():
-        raise ValueError(
-            "matte: leaves nothing of the picture from which to invent what is behind; give a plate"
-        )
+        raise ValueError("matte: leaves nothing of the picture to fill the hole from; there must be a plate")
     return Cut(filled(light, hole), layers, hole)
 
 

@@ -65,10 +65,8 @@ class Exposure:
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
         an_instance("vehicle", self.vehicle, Vehicle)
         if self.drives and (any(self.velocity_px_s) or self.moves != "all"):
-            raise ValueError(
-                f"ego_speed_m_s = {self.ego_speed_m_s!r}: a camera that drives moves each place in its own way; "
-                "velocity_px_s must be (0, 0) and moves 'all'"
-            )
+            given = f"ego_speed_m_s = {self.ego_speed_m_s!r}, or a vehicle that turns"
+            raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves 'all'")
 
     @property
     def drives(self) -> bool:

@@ -64,9 +64,7 @@ def captured(
     times = windows(captures, limited("exposure_s", exposure_s))
     limited("illuminance_lux", illuminance_lux)
     if options.get("trajectory") is not None and len(times) > 1:
-        raise ValueError(
-            f"trajectory: goes with one capture, not {len(times)}, which move uniformly from one to the next"
-        )
+        raise ValueError(f"trajectory: goes with one capture, not {len(times)}, which move uniformly")
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, light)
     seeds = rng.item_seeds(generator, len(light))

@@ -112,14 +112,11 @@ class AutoExposure:
         check_fields(self)
         if self.mains_hz not in (0.0, 50.0, 60.0):
             raise ValueError(f"mains_hz = {self.mains_hz!r}: must be 0, 50 or 60")
-        if 1 / self.frame_rate_hz <= self.readout_s:
-            raise ValueError(
-                f"readout_s = {self.readout_s!r}: must be < 1 / frame_rate_hz, {1 / self.frame_rate_hz:g} s"
-            )
+        if (frame_s := 1 / self.frame_rate_hz) <= self.readout_s:
+            raise ValueError(f"readout_s = {self.readout_s!r}: must be < 1 / frame_rate_hz, {frame_s:g} s")
         if self.row_time_s > self.limit_s:
-            raise ValueError(
-                f"row_time_s = {self.row_time_s!r}: must be <= the longest exposure, {self.limit_s:g} s"
-            )
+            most = f"<= the longest exposure, {self.limit_s:g} s"
+            raise ValueError(f"row_time_s = {self.row_time_s!r}: must be {most}")
 
     @property
     def limit_s(self) -> float:

@@ -131,11 +131,13 @@ def _plan(
     }
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
     stay = {each.name for each in every if each.essential}
-    left_out, rounding_dn2 = _left_out(at, bounds, stay, tolerance_dn**2, of_sensor)
+    spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
+    dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
+    left_out, rounding_dn2 = _left_out(camera, bounds, (stay, spreading, dithers), tolerance_dn**2)
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
     if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:
         left_out.discard(read)  # it shares shot noise's draw and costs nothing
-    spread_dn = math.hypot(*(bounds[name] for name in _spreading(of_sensor) if name in left_out))
+    spread_dn = math.hypot(*(bounds[name] for name in bounds if name in spreading & left_out))
     rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
     reduced = _without(camera, figures)
@@ -151,33 +153,23 @@ def _plan(
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
 
 
-def _spreading(of_sensor: tuple[SensorStage, ...]) -> list[str]:
-    """The stages that spread values."""
-    return [stage.name for stage in of_sensor if stage.spreads or stage.draws]
-
-
 def _left_out(
-    at: Conditions[float],
-    bounds: Mapping[str, float],
-    stay: set[str],
-    budget_dn2: float,
-    of_sensor: tuple[SensorStage, ...],
+    camera: Camera, bounds: Mapping[str, float], parts: tuple[set[str], ...], budget_dn2: float
 ) -> tuple[set[str], float]:
     """The parts to leave out, and the DN^2 that rounding adds to their error."""
-    spreading = _spreading(of_sensor)
-    dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
+    stay, spreading, dithers = parts
     for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
         if kept != stay and budget_dn2 > _ROUNDING_DN2:
             continue
         left_out, spent_dn2, spread_dn2, rounding_dn2 = set[str](), 0.0, 0.0, 0.0
         for name, bound in sorted(bounds.items(), key=lambda item: item[1]):
             spread = spread_dn2 + (bound**2 if name in spreading else 0.0)
-            rounding = _rounding_dn2(at.camera, math.sqrt(spread)) if charged else 0.0
+            rounding = _rounding_dn2(camera, math.sqrt(spread)) if charged else 0.0
             if spent_dn2 + bound**2 + rounding > budget_dn2 or (name in kept and bound > 0):
                 continue
             spent_dn2, spread_dn2, rounding_dn2 = spent_dn2 + bound**2, spread, rounding
             left_out.add(name)
-        if dithers - left_out or not _rounding_dn2(at.camera, math.sqrt(spread_dn2)):
+        if dithers - left_out or not _rounding_dn2(camera, math.sqrt(spread_dn2)):
             return left_out, 0.0
     return left_out, rounding_dn2
 

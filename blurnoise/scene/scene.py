@@ -212,9 +212,7 @@ class ExposedScene:
     def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
         """Velocity of the picture, or the flow of its pixels, and the layers before it, under an exposure."""
         if exposure.moves != "all":
-            raise ValueError(
-                f"moves = {exposure.moves!r}: must be 'all' of a scene from which nothing is cut out"
-            )
+            raise ValueError(f"moves = {exposure.moves!r}: must be 'all' of a scene without cut-out parts")
         objects = self._layers[0] if self._layers else ()
         if not exposure.drives:
             return exposure.velocity_px_s, objects

@@ -104,10 +104,7 @@ def expose_pictures(
     ego = None if ego_kmh is None else limited_per_image("ego_kmh", ego_kmh, batch, scene)
     check_vehicle(vehicle, drives=ego is not None)
     if ego is not None and (bool(speed.detach().any()) or "targets" in names):
-        raise ValueError(
-            "ego_kmh: a camera that drives moves each place in its own way; speed_px_s must be 0 and moves 'all' or "
-            "'background'"
-        )
+        raise ValueError("ego_kmh: goes with speed_px_s = 0 and moves = 'all' or 'background' alone")
     still = speed == 0 if ego is None else (ego == 0) & (not vehicle.turns)
     exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
@@ -248,10 +245,8 @@ def _clamped(image: Tensor) -> Tensor:
     image_batch("image", image)
     low, high = extremes(image)
     if low < -1.0 or high > 2.0:
-        raise ValueError(
-            f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]: divide 8-bit values by 255, and "
-            "normalise after this augmentation"
-        )
+        must = "must lie within [0, 1]: divide 8-bit values by 255, and normalise after this augmentation"
+        raise ValueError(f"image: values span [{low:g}, {high:g}]; {must}")
     return image.clamp(0.0, 1.0) if low < 0.0 or high > 1.0 else image
 
 

@@ -142,21 +142,16 @@ class ExposureRanges(Draws):
         check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
         warn_of_milliseconds(*checked["exposure_s"])
         if self.ego_kmh is not None and self.blur_px is not None:
-            raise ValueError(
-                f"blur_px = {self.blur_px!r}: with ego_kmh each place has a blur of its own; must be None"
-            )
+            raise ValueError(f"blur_px = {self.blur_px!r}: must be None with ego_kmh, by which places differ")
         if self.ego_kmh is not None and "targets" in self.moves:
-            raise ValueError(
-                f"moves = {self.moves!r}: with ego_kmh objects drive along; must be 'all' or 'background'"
-            )
+            raise ValueError(f"moves = {self.moves!r}: must be 'all' or 'background' with ego_kmh")
         for reached in self._reached():
             limited(*reached)
         shortest, _ = checked["exposure_s"]
         for camera in cameras if "shake_px" in self._drawn else ():
             if path_duration_s(camera, shortest) > LONGEST_SHAKE * shortest:
-                raise ValueError(
-                    f"exposure_s = {shortest:g}: too short for a shake over the readout of {camera.name!r}"
-                )
+                readout = f"a shake over the readout of {camera.name!r}"
+                raise ValueError(f"exposure_s = {shortest:g}: too short for {readout}")
 
     def _reached(self) -> Iterator[tuple[str, float, str]]:
         """Quantities that follow from several ranges: name, largest value, and the name of the limit."""

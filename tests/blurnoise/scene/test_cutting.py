@@ -85,7 +85,7 @@ def test_what_cannot_be_cut_out() -> None:
         (np.zeros(SIZE, np.float32), "is empty"),
         (matte[1:], "must be the picture's"),
         (matte * np.float32(np.nan), "contains NaN or Inf"),
-        (np.ones(SIZE, np.float32), "give a plate"),
+        (np.ones(SIZE, np.float32), "there must be a plate"),
     ):
         with pytest.raises(ValueError, match=message):
             cutting.cut_out(light, [wrong], [(0.0, 0.0)])
