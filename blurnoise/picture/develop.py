@@ -50,7 +50,7 @@ def develop(
     """
     at = Development(camera, gain_db, encoding, illuminant)
     kind, active = _checked(dn, camera)
-    if differentiable(dn) or (dn.is_floating_point() and not torch.equal(dn, dn.trunc())):
+    if differentiable(dn) or (dn.is_floating_point() and not _whole(dn)):
         return _developed(dn.to(kind), at, active)
     first = _first_steps(dn, at, active)
     return _developed(_looked_up(dn, at, first, kind), at, active[len(first) :])
@@ -103,6 +103,14 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
     return kind, steps.active(camera)
 
 
+def _whole(dn: Tensor) -> bool:
+    """Whether floats are whole numbers; on the CPU in pieces that stay in its cache."""
+    if dn.device.type != "cpu":
+        return torch.equal(dn, dn.trunc())
+    pieces = torch.split(dn.detach().flatten(), 1 << 16)
+    return all(np.array_equal(each, np.trunc(each)) for each in map(Tensor.numpy, pieces))
+
+
 def _first_steps(dn: Tensor, at: Development, active: tuple[PictureStep, ...]) -> tuple[PictureStep, ...]:
     """The leading steps of a table: a mosaic's where 16 bits serve, and the pointwise ones that follow."""
     count = 0
@@ -146,8 +154,8 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
     camera = at.camera
     gains = np.array(steps.site_gains(camera, at.illuminant)).reshape(2, 2)
     gains = gains / (camera.full_scale_dn - camera.black_level_dn)
-    columns = (width + 5) // 2  # with its margin
-    by_rows = np.tile(gains, (1, columns))[None].astype(np.float32)
+    tiles = np.tile(gains.astype(np.float32), ((height + 5) // 2, (width + 5) // 2))
+    by_site = tiles[: height + 4, : width + 4]  # with the margin
     rows = np.array(steps.matrix(camera, at.illuminant), np.float32)
     coloured, highest = steps.COLOUR_MATRIX in first, np.float32(steps.highest(camera))
     frames = dn.detach().reshape(batch, height, width).numpy()
@@ -157,14 +165,9 @@ def _in_16_bits(dn: Tensor, at: Development, first: tuple[PictureStep, ...], tab
         numbers = np.subtract(frames[place], camera.black_level_dn, dtype=np.float32)
         np.clip(numbers, -camera.black_level_dn, camera.full_scale_dn - camera.black_level_dn, out=numbers)
         light = padded(numbers)
-        if height % 2:
-            light = np.concatenate([light, light[-1:]])
-        pairs = light.reshape(len(light) // 2, 2, -1)
-        np.multiply(pairs, by_rows[..., : light.shape[1]], out=pairs)
+        np.multiply(light, by_site, out=light)
         np.minimum(light, highest, out=light)
-        codes = cv2.addWeighted(
-            light[: height + 4], SCALE, light[: height + 4], 0.0, OFFSET, dtype=cv2.CV_16U
-        )
+        codes = cv2.addWeighted(light, SCALE, light, 0.0, OFFSET, dtype=cv2.CV_16U)
         colours = by_opencv(codes, camera.cfa, camera.demosaic)
         if coloured:
             colours = cv2.transform(colours, rows)

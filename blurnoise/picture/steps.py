@@ -52,10 +52,6 @@ class Development:
         check_illuminant(self.illuminant)
 
 
-def _always(camera: Camera) -> bool:
-    return True
-
-
 def _of_mosaic(camera: Camera) -> bool:
     return camera.cfa not in colour.PLANES
 
@@ -70,7 +66,7 @@ class PictureStep:
 
     name: str
     apply: Callable[[Tensor, Development], Tensor]
-    active: Callable[[Camera], bool] = _always
+    active: Callable[[Camera], bool] = lambda camera: True
     pointwise: bool = True
 
 

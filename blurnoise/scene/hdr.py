@@ -174,9 +174,8 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
 
 def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **beside: Any) -> float:
     """20 log10 of so many electrons over :func:`noise_e`: it falls by 10 log10 R and dark noise at each switch."""
-    return 20 * math.log10(
-        in_range("electrons", electrons, 0.0, above=True) / noise_e(camera, captures, electrons, **beside)
-    )
+    signal = in_range("electrons", electrons, 0.0, above=True)
+    return 20 * math.log10(signal / noise_e(camera, captures, electrons, **beside))
 
 
 def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
@@ -186,10 +185,7 @@ def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
 
 def saturations_e(camera: Camera, captures: Sequence[Capture]) -> list[float]:
     """Saturation of each capture in electrons of the first, never falling."""
-    return _saturations_e(_readers(camera, captures), captures)
-
-
-def _saturations_e(readers: Sequence[Camera], captures: Sequence[Capture]) -> list[float]:
+    readers = _readers(camera, captures)
     return [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
 
 
@@ -203,7 +199,8 @@ def _readers(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
         in_range("captures: gain_db", capture.gain_db, 0.0, camera.analogue_gain_max_db)
     alone = replace(camera, captures=()) if camera.captures else camera
     readers = [alone.at_gain(capture.gain_db).camera for capture in captures]
-    for place, (end, following) in enumerate(pairwise(_saturations_e(readers, captures)), 2):
+    ends = [reader.saturation_e * by for reader, by in zip(readers, factors(captures), strict=True)]
+    for place, (end, following) in enumerate(pairwise(ends), 2):
         if following < end * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {place} saturates at {following:.4g} e- of the first, the one before it at "

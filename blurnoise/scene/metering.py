@@ -36,13 +36,11 @@ class GreyAnchor:
         if word == "mean":
             return cls()
         with suppress(ValueError):
-            if word.startswith("p"):
-                if 0 < (percentile := float(word[1:])) <= 100:
-                    return cls(percentile=percentile)
-            else:
-                x0, y0, x1, y1 = (int(part) for part in word.split(","))
-                if 0 <= x0 < x1 and 0 <= y0 < y1:
-                    return cls(region_px=(x0, y0, x1, y1))
+            if word.startswith("p") and 0 < (percentile := float(word[1:])) <= 100:
+                return cls(percentile=percentile)
+            x0, y0, x1, y1 = (int(part) for part in word.split(","))
+            if 0 <= x0 < x1 and 0 <= y0 < y1:
+                return cls(region_px=(x0, y0, x1, y1))
         raise ValueError(f"grey_anchor = {shown(text)}: {_ALLOWED}")
 
     def __str__(self) -> str:
@@ -115,8 +113,7 @@ class AutoExposure:
         if (frame_s := 1 / self.frame_rate_hz) <= self.readout_s:
             raise ValueError(f"readout_s = {self.readout_s!r}: must be < 1 / frame_rate_hz, {frame_s:g} s")
         if self.row_time_s > self.limit_s:
-            most = f"<= the longest exposure, {self.limit_s:g} s"
-            raise ValueError(f"row_time_s = {self.row_time_s!r}: must be {most}")
+            raise ValueError(f"row_time_s = {self.row_time_s!r}: must be <= limit_s, {self.limit_s:g} s")
 
     @property
     def limit_s(self) -> float:

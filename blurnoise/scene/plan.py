@@ -106,9 +106,8 @@ def plan(
         raise TypeError(f"objects = {shown(objects)}: must be a tuple of blurnoise.blur.layers.ObjectMotion")
     size = None if size is None else picture_size("size", size)
     one = float(exposure_s), temperature, white_e, (x, y)
-    return plan_at(
-        Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies), tolerance_dn
-    )
+    at = Conditions(camera, *one, illuminant, size, paths, objects, variation_px=varies)
+    return plan_at(at, tolerance_dn)
 
 
 def plan_at(at: Conditions[float], tolerance_dn: float = TOLERANCE_DN) -> Plan:

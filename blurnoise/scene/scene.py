@@ -8,7 +8,7 @@ from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -30,7 +30,6 @@ from blurnoise.optics.colour import Encoding, linear_from_srgb
 from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.steps import magnification
-from blurnoise.scene.exposure import MOVES as MOVES
 from blurnoise.scene.exposure import Exposure as Exposure
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.plan import TOLERANCE_DN, Plan, plan_at
@@ -80,9 +79,7 @@ class ExposedScene:
         self._field = lru_cache(_FIELDS)(self._noise_field)
 
     @classmethod
-    def of_picture(
-        cls, picture: NDArray[Any], grey_anchor: str | None = None, **options: Any
-    ) -> ExposedScene:
+    def of_picture(cls, picture: NDArray[Any], grey_anchor: str | None = None, **options: Any) -> Self:
         """The scene of an 8- or 16-bit sRGB-coded picture (H, W, C); the further options are the constructor's.
 
         grey_anchor: what is 18 % reflectance, see :class:`.metering.GreyAnchor`; None: its brightness is reflectance.
@@ -190,11 +187,9 @@ class ExposedScene:
         """Light on the sensor, of one picture, under conditions that share all that ``alike`` has."""
         count, (_, planes, height, width) = len(points), sensed.shape
         camera, colours = alike.needs.camera, self.light.shape[1]
-        exposure_s, temperature_c, white_e = (
-            torch.cat([getattr(each, name) for each in points])
-            for name in ("exposure_s", "temperature_c", "white_e")
-        )
-        at = Conditions(camera, exposure_s, temperature_c, white_e)
+        numbers = ("exposure_s", "temperature_c", "white_e")
+        joined: Any = {name: torch.cat([getattr(each, name) for each in points]) for name in numbers}
+        at = Conditions(camera, **joined)
         options = replace(self._readout(alike.needs, [alike.seed] * count), draw=self._normal)
         expanded = sensed.expand(count, -1, -1, -1)
         if tabulated(alike.delivering):

@@ -37,9 +37,9 @@ from blurnoise.optics.camera import Amplified, Camera
 from blurnoise.optics.colour import Encoding
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
-from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.exposure import MOVES, Exposure
 from blurnoise.scene.metering import AutoExposure, mean_luma
-from blurnoise.scene.scene import MOVES, extremes, scene_reflectance, simulate
+from blurnoise.scene.scene import extremes, scene_reflectance, simulate
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, cameras_of, check_vehicle
 from blurnoise.training.table import ExposureTable
@@ -282,19 +282,15 @@ class OverConditions:
         augmentation.ranges = table
         return augmentation
 
-    def _drawn(
-        self, count: int, device: torch.device | None = None, dtype: torch.dtype = torch.float32
-    ) -> Params:
+    def _drawn(self, count: int, dtype: torch.dtype, device: torch.device | None = None) -> Params:
         """Conditions and noise seeds of so many pictures, (count,) each, by torch's global generator."""
         drawn = self.ranges.conditions(torch.rand(count, self.ranges.draws, device=device, dtype=dtype))
         return {**drawn, "noise_seed": torch.randint(2**63 - 1, (count,), device=device)}
 
-    def _exposed(
-        self, pictures: Tensor, params: Params, of: list[int], seeds: list[int], flags: Any
-    ) -> Tensor:
+    def _exposed(self, seen: Tensor, params: Params, of: list[int], seeds: list[int], flags: Any) -> Tensor:
         """Pictures exposed under the conditions of these places in ``params``; flags: encoding and fidelity."""
         how = {name: flags[name] for name in ("encoding", "fidelity")}
-        return expose_pictures(pictures, **self.ranges.arguments(params, of), generator=seeds, **how)
+        return expose_pictures(seen, **self.ranges.arguments(params, of), generator=seeds, **how)
 
     def _moves_boxes(self, grow: bool) -> bool:
         return grow or any(map(effects.displace, self.ranges.cameras))
@@ -350,7 +346,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         batch = batch_shape[0]
         # half precision has too few exposures and directions
         dtype = torch.promote_types(self.dtype, torch.float32)
-        drawn = self._drawn(min(batch, 1) if self.same_on_batch else batch, self.device, dtype)
+        drawn = self._drawn(min(batch, 1) if self.same_on_batch else batch, dtype, self.device)
         return {name: value.expand(batch).clone() for name, value in drawn.items()}
 
     def forward(
@@ -386,15 +382,14 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         self, input: Boxes, params: Params, flags: dict[str, Any], transform: Tensor | None = None
     ) -> Boxes:
         """The boxes at mid-exposure, grown by what the motion sweeps where ``grow_boxes`` asks for it."""
-        if not self._moves_boxes(flags["grow_boxes"]):
+        grow = flags["grow_boxes"]
+        if not self._moves_boxes(grow):
             return input
         corners = input.data if input.data.ndim == 4 else input.data[None]  # (B, N, 4, 2) or (N, 4, 2)
         low, high = corners.double().amin(-2, keepdim=True), corners.double().amax(-2, keepdim=True)
         edges = torch.cat([low, high + 1], -1)[..., 0, :]  # the last pixel's outer edge
         height, width = params["forward_input_shape"][-2:].tolist()
-        moved = boxes_after(edges, params, self.ranges, (height, width), grow=flags["grow_boxes"])[
-            ..., None, :
-        ]
+        moved = boxes_after(edges, params, self.ranges, (height, width), grow=grow)[..., None, :]
         share = (corners - low) / (high - low)
         share = torch.where(high > low, share, corners.new_tensor(_FAR))  # of boxes of one pixel
         out = input.clone()

@@ -57,7 +57,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         """Conditions and noise seed, (1,) each, whether they apply, and the masks, if parts are to move."""
-        drawn = {**self._drawn(1), "applies": bool(torch.rand(()) < self.p)}
+        drawn = {**self._drawn(1, torch.float32), "applies": bool(torch.rand(()) < self.p)}
         found = [each for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
         if found and self.ranges.moves != ("all",):
             masks = [each.as_subclass(Tensor).reshape(-1, *each.shape[-2:]) for each in found]

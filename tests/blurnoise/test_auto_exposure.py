@@ -85,7 +85,7 @@ def test_without_noise_the_picture_does_not_depend_on_the_light() -> None:
         ({"target": 0.0}, "target"),
         ({"mains_hz": 55.0}, "mains_hz = 55.0: must be 0, 50 or 60"),
         ({"frame_rate_hz": 30.0, "readout_s": 0.04}, "readout_s = 0.04: must be < 1 / frame_rate_hz"),
-        ({"row_time_s": 0.5}, "row_time_s = 0.5: must be <= the longest exposure"),
+        ({"row_time_s": 0.5}, "row_time_s = 0.5: must be <= limit_s"),
         ({"gain_max_db": math.inf}, "gain_max_db"),
     ],
 )

@@ -11,7 +11,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 
 from blurnoise import Camera, Exposure
 from blurnoise._core.checks import LIMITS
-from blurnoise.scene.scene import MOVES
+from blurnoise.scene.exposure import MOVES
 
 IMX250 = Camera.preset("imx250")
 
