@@ -352,7 +352,7 @@ def test_workers_draw_their_own_and_replay_elsewhere(start: str, workers: int) -
         ({"temperature_c": (25.0, 400.0)}, ValueError, "temperature_c.*300"),
         ({"temperature_c": "warm"}, TypeError, "temperature_c.*number"),
         ({"temperature_c": None}, TypeError, "temperature_c.*number"),
-        ({"camera": "imx999"}, ValueError, "imx999.*must be one of"),
+        ({"camera": "imx999"}, ValueError, "imx999"),
         ({"camera": ()}, ValueError, "camera"),
         ({"camera": (3,)}, TypeError, "camera.*int"),
         ({"encoding": "rgb"}, ValueError, "encoding.*srgb"),
