@@ -160,6 +160,8 @@ def picture_size(name: str, value: object) -> tuple[int, int]:
     except (TypeError, ValueError):
         must = "must be (height, width), two integers from 1 to 1048576"
         raise ValueError(f"{name} = {shown(value)}: {must}") from None
+    if height * width > LARGEST_PICTURE:
+        raise ValueError(f"{name} = {shown(value)}: must be at most {LARGEST_PICTURE} pixels")
     return height, width
 
 
@@ -275,7 +277,14 @@ def shown(value: object) -> str:
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
-_SHORT = reprlib.Repr()  # cuts what is large before it is written
+class _Short(reprlib.Repr):
+    """Cuts what is large before it is written: Python refuses to write integers of 4300 digits."""
+
+    def repr_int(self, value: int, level: int) -> str:
+        return repr(value) if value.bit_length() <= 128 else f"<integer of {value.bit_length()} bits>"
+
+
+_SHORT = _Short()
 _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 3, 100, 100
 
 # Fields of dataclasses. An annotation has limits by annotated_types (``Ge(0)``) and, where a message is of the whole
