@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.maps.nodes import Nodes, nodes_at
-from blurnoise_eval.maps.scores import NodeScores
+from blurnoise_eval.maps.nodes import Nodes, NodeScores, nodes_at
 from made_tables import table
 from numpy.typing import NDArray
 from plans import IMX250, OWN

@@ -18,10 +18,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
-from blurnoise_eval.deciding.kriging import Kriging
+from blurnoise_eval.deciding.kriging import USUAL, Kriging
 from blurnoise_eval.deciding.lines import Line
 from blurnoise_eval.deciding.search import Search
-from blurnoise_eval.deciding.trend import USUAL
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store

@@ -26,10 +26,10 @@ from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.deciding.decision import Decision, answering, answers_of, note_question
+from blurnoise_eval.deciding.kriging import Trend
 from blurnoise_eval.deciding.lines import conditions_at, direction_of_all, lattice
 from blurnoise_eval.deciding.question import Question, what_breaks
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
-from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import engine_facts, evaluate, progress_bar, tell_of
 from blurnoise_eval.grid.axes import EGO

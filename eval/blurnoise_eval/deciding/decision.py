@@ -14,9 +14,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.deciding.kriging import Trend
 from blurnoise_eval.deciding.predicted import predicted_table
 from blurnoise_eval.deciding.question import Question
-from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted

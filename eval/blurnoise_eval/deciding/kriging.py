@@ -1,8 +1,9 @@
 """Kriging: a surface through scattered nodes of the plane, with what it does not know between them.
 
 Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`, in stops; values in any unit, sigma in the same.
-Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a
-:class:`~blurnoise_eval.deciding.trend.Trend`, with a Matern 5/2 covariance, one length per axis, and a nugget.
+Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a :class:`Trend`, with a Matern
+5/2 covariance, one length per axis, and a nugget. The trend is a logistic curve of signal to noise, motion and
+saturation, as high as the highest score seen: it guides a surface between few nodes and need not be right.
 Lengths and nugget are the most probable ones: restricted likelihood, lengths log-normal about ``USUAL_LENGTH``.
 A prediction is a weighted sum of the nodes' values. The weights of a fitted surface depend on places alone, so
 every picture's own surface has those of the mean's.
@@ -10,15 +11,18 @@ every picture's own surface has those of the mean's.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise_eval.deciding.lines import spread
-from blurnoise_eval.deciding.trend import USUAL, Fitted, Trend
 
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm
@@ -29,7 +33,91 @@ _GRID = (5, 5, 4)  # of their logarithms, from end to end
 _HALVINGS = 4  # of the grid's step, about the best so far
 _MOST_FITTED = 120  # nodes that they are chosen by
 _FLAT = 0.02  # share of its top below which the range of a trend counts as none
+_CONTRAST, _GREY = 0.62, 0.3  # of a target, and its mean reflectance
+_MOTION_PX, _MOST_MOTION = 16.0, 8.0
+_PENALTY = 0.002 * np.array([0.1, 1, 1, 1, 1, 1, 1])  # on squares of the coefficients: a cliff may be steep
+_STEPS = 40  # of Newton's method, at most
+_MOST_LOGIT = 30.0
 Array = NDArray[np.float64]
+
+
+class Trend(NamedTuple):
+    """Figures of a camera: electrons per lux s of a white pixel, the noise in the dark, e-, and the light at which
+    white saturates, lux s."""
+
+    electrons_per_lux_s: float = 7000.0
+    noise_e: float = 2.5
+    full_lux_s: float = 1.5
+
+    @classmethod
+    def of(cls, camera: Camera) -> Trend:
+        """That of a camera at its base gain."""
+        per_lux_s = electrons_per_lux_s(camera)
+        noise_e = math.sqrt(camera.dark_variance_dn2()) / camera.system_gain_dn_per_e
+        return cls(per_lux_s, noise_e, camera.saturation_e / per_lux_s)
+
+    def features(self, places: Array) -> Array:
+        """(N, 7): 1, s, s^2, L, L^2, log (1 + L^2), o; s: signal to noise, L: motion, o: beyond saturation."""
+        light = 2.0 ** places[:, 0]
+        electrons = self.electrons_per_lux_s * light
+        signal = np.log2(_CONTRAST * electrons / np.sqrt(_GREY * electrons + self.noise_e**2)) / 4
+        motion = np.minimum(2.0 ** places[:, 1] / _MOTION_PX, _MOST_MOTION)
+        over = np.log2(1 + (light / self.full_lux_s) ** 2) / 4
+        blur = np.log2(1 + 4.0 ** places[:, 1]) / 4
+        return np.stack([np.ones(len(places)), signal, signal**2, motion, motion**2, blur, over], axis=1)
+
+    def fitted(self, places: Array, values: Array) -> Fitted:
+        """The trend of values (N,), not below 0, at places (N, 2)."""
+        top = max(float(values.max(initial=0.0)), 1e-9) * 1.02
+        shares = np.clip(values / top, 0.0, 1.0)
+        return Fitted(self, top, fractional_logistic(self.features(places), shares, _PENALTY))
+
+
+USUAL = Trend()
+"""Of a machine-vision camera at f/1.4: where the camera is not known."""
+
+
+class Fitted(NamedTuple):
+    """A trend with its coefficients (7,); top: the highest it can be."""
+
+    trend: Trend
+    top: float
+    coefficients: Array
+
+    def __call__(self, places: Array) -> Array:
+        """Its values at places (N, 2), (N,)."""
+        return self.top * logistic(self.trend.features(places) @ self.coefficients)
+
+
+def logistic(logits: Array) -> Array:
+    """1 / (1 + exp(-x))."""
+    return np.asarray(1 / (1 + np.exp(-np.clip(logits, -_MOST_LOGIT, _MOST_LOGIT))))
+
+
+def fractional_logistic(features: Array, shares: Array, penalty: Array) -> Array:
+    """Coefficients (K,) of a logistic regression of shares (N,) on features (N, K), by Newton's method.
+
+    penalty: (K,) on half the squares of the coefficients.
+    """
+
+    def loss(at: Array) -> float:
+        logits = features @ at
+        return float((np.logaddexp(0, logits) - shares * logits).sum() + penalty @ at**2 / 2)
+
+    found = np.zeros(features.shape[1])
+    here = loss(found)
+    for _ in range(_STEPS):
+        rate = logistic(features @ found)
+        slope = features.T @ (rate - shares) + penalty * found
+        bend = (features * (rate * (1 - rate))[:, None]).T @ features + np.diag(penalty)
+        step = np.linalg.solve(bend, slope)
+        while np.abs(step).max() > 1e-6 and loss(found - step) > here:
+            step = step / 2
+        found = found - step
+        here = loss(found)
+        if np.abs(step).max() <= 1e-6:
+            break
+    return np.asarray(found)
 
 
 @dataclass(frozen=True, eq=False)

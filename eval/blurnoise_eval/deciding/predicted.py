@@ -15,10 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.kriging import Kriging
+from blurnoise_eval.deciding.kriging import USUAL, Kriging, Trend
 from blurnoise_eval.deciding.lines import STEP, exposures_on
 from blurnoise_eval.deciding.question import Question
-from blurnoise_eval.deciding.trend import USUAL, Trend
 
 CAUTION = 1.5
 """Inflation of the kriging sigma, calibrated by ``python -m blurnoise_eval.bench decide``."""

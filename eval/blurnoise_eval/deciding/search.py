@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.deciding.kriging import Kriging
+from blurnoise_eval.deciding.kriging import USUAL, Kriging, Trend
 from blurnoise_eval.deciding.lines import Line, Range, lattice, spread
 from blurnoise_eval.deciding.predicted import CAUTION
-from blurnoise_eval.deciding.trend import USUAL, Trend
 
 FIRST = 16
 """Nodes of the first batch, spread over the lattice."""

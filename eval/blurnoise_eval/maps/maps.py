@@ -18,10 +18,9 @@ import numpy as np
 from rich.table import Table
 
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.maps.nodes import Array, Nodes
+from blurnoise_eval.maps.nodes import Array, Nodes, NodeScores, Progress, scores_of
 from blurnoise_eval.maps.predictor import FEATURES, predictor_of
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, best, most_flattered, ranked
-from blurnoise_eval.maps.scores import NodeScores, Progress, scores_of
 from blurnoise_eval.quality.measure import METRICS, measure
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import write_whole

@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.deciding.trend import fractional_logistic, logistic
-from blurnoise_eval.maps.nodes import Array, Nodes
+from blurnoise_eval.deciding.kriging import fractional_logistic, logistic
+from blurnoise_eval.maps.nodes import Array, Nodes, NodeScores
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Mask, auc, blocks, explained, held_out
-from blurnoise_eval.maps.scores import NodeScores
 
 FEATURES = {
     "1": "1",

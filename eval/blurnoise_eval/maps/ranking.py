@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers.uncertainty import interval_of
-from blurnoise_eval.maps.nodes import Array, Nodes
-from blurnoise_eval.maps.scores import NodeScores
+from blurnoise_eval.maps.nodes import Array, Nodes, NodeScores
 from blurnoise_eval.scoring.estimates import left_out
 
 FEWEST_NODES = 20

@@ -10,10 +10,10 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.decision import on_lines, question_of
+from blurnoise_eval.deciding.kriging import Trend
 from blurnoise_eval.deciding.lines import Line
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.question import what_breaks
-from blurnoise_eval.deciding.trend import Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, FURTHER, axis
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.limits import Metering, mean_light

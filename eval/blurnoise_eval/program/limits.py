@@ -18,7 +18,7 @@ import numpy as np
 
 from blurnoise._core.checks import in_range
 from blurnoise.optics.camera import Camera
-from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise.scene.metering import USUAL, AutoExposure, Setting
 
 LED_S = 1 / 90
 PREGIUS_LEAST_S = 20e-6
@@ -135,22 +135,22 @@ class Metering:
     mean_light: float
     temperature_c: float = 25.0
 
+    def _setting(self, rule: AutoExposure, lux: float, exposure_s: float | None = None) -> Setting:
+        return rule.setting(
+            self.camera,
+            mean_light=self.mean_light,
+            illuminance_lux=lux,
+            exposure_s=exposure_s,
+            temperature_c=self.temperature_c,
+        )
+
     def total_s(self, illuminance_lux: float) -> float:
         """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""
-        light, temperature_c = self.mean_light, self.temperature_c
-        return _UNHURRIED.setting(
-            self.camera, mean_light=light, illuminance_lux=illuminance_lux, temperature_c=temperature_c
-        ).exposure_s
+        return self._setting(_UNHURRIED, illuminance_lux).exposure_s
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """As the camera sets it, from 0 dB to its most."""
-        return USUAL.setting(
-            self.camera,
-            mean_light=self.mean_light,
-            illuminance_lux=illuminance_lux,
-            exposure_s=exposure_s,
-            temperature_c=self.temperature_c,
-        ).gain_db
+        return self._setting(USUAL, illuminance_lux, exposure_s).gain_db
 
     def lacks_gain(self, illuminance_lux: float, exposure_s: float) -> bool:
         """Whether the picture is darker than the meter asks for, at the camera's most gain."""

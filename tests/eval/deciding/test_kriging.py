@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.deciding.kriging import Kriging, correlation
+from blurnoise_eval.deciding.kriging import Kriging, Trend, correlation
 from blurnoise_eval.deciding.lines import Line, lattice, spread
-from blurnoise_eval.deciding.trend import Trend
 from numpy.typing import NDArray
 
 from blurnoise import Camera

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.maps.nodes import nodes_at
-from blurnoise_eval.maps.scores import at_nodes
+from blurnoise_eval.maps.nodes import at_nodes, nodes_at
 from made_maps import KEEP, row
 from made_tables import table
 from plans import IMX250
