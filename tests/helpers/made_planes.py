@@ -9,6 +9,7 @@ from blurnoise_eval.program.inputs import Inputs
 from blurnoise_eval.program.limits import Limits, Metering
 from blurnoise_eval.program.problem import Problem
 from blurnoise_eval.program.scenario import Scenario, half_stops
+from made_tables import on_plane
 
 from blurnoise.optics.camera import PRESETS
 
@@ -22,14 +23,14 @@ def made_planes(pictures: int = PICTURES) -> dict[str, Predicted]:
     """Nodes a stop apart from 2^-11 to 2^3 lux s and from 0.5 to 64 px; each picture is lost elsewhere."""
     generator = np.random.default_rng(5)
     places = np.array([(u, w) for u in np.arange(-11.0, 4) for w in np.arange(-1.0, 7)])
-    clusters = tuple(f"{place}.png" for place in range(pictures))
     references = generator.gamma(3, 1, (pictures, 1))
     found = {}
     for name, dark, blur in (("large", -7.0, 4.0), ("small", -6.0, 3.0)):
         at_dark = generator.normal(dark, 0.6, (pictures, 1))
         at_blur = generator.normal(blur, 0.5, (pictures, 1))
         kept = 1 / (1 + np.exp(-1.2 * (places[:, 0] - at_dark))) / (1 + 4.0 ** (places[:, 1] - at_blur))
-        found[name] = Predicted(places, clusters, kept * references, np.repeat(references, len(places), 1))
+        plane = on_plane(places, kept * references, np.repeat(references, len(places), 1))
+        found[name] = Predicted(plane)
     return found
 
 

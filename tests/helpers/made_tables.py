@@ -122,3 +122,13 @@ def endurances(*of: Any) -> Iterator[Named]:
 def endurances_across(*of: Any) -> Iterator[Named]:
     """The curves of a table over further axes."""
     return map(Named, curves.endurances_across(*of))
+
+
+def on_plane(places: Array, sums: Array, counts: ArrayLike = 1.0, **fields: Any) -> ScoreTable:
+    """A plane of sums and counts (C, N) at places (N, 2)."""
+    each = np.broadcast_to(np.asarray(counts, float), sums.shape)
+    made = table(sums[..., None], np.ones(len(places)), counts=each[..., None], **fields)
+    made.conditions["illuminance_lux"][:] = 2.0 ** places[:, 0]
+    made.conditions["velocity_x_px_s"][:] = 2.0 ** places[:, 1]
+    (plane,) = made.on_plane()
+    return plane

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.kriging import USUAL, Kriging, Trend
 from blurnoise_eval.deciding.lines import STEP, exposures_on
@@ -35,35 +34,16 @@ class At(NamedTuple):
 
 
 class Predicted:
-    """The surfaces of C clusters through N nodes.
+    """The surfaces of the clusters of a plane, as :meth:`ScoreTable.on_plane` has it, through its nodes.
 
-    places: (N, 2). sums, counts: (C, N); where a cluster was not observed both are 0, or NaN. Nodes at one place
-    count as one. trend: what the surface is guided by. most: the greatest value there can be.
+    trend: what the surface is guided by.
     """
 
-    def __init__(
-        self,
-        places: ArrayLike,
-        clusters: tuple[str, ...],
-        sums: ArrayLike,
-        counts: ArrayLike,
-        trend: Trend | None = USUAL,
-        most: float = 1.0,
-    ) -> None:
-        at = np.asarray(places, float).reshape(-1, 2)
-        total, count = np.nan_to_num(np.asarray(sums, float)), np.nan_to_num(np.asarray(counts, float))
-        different, which = same_places(at)
-        own = np.eye(len(different))[which]
-        total, count = total @ own, count @ own
-        seen = (count > 0).any(axis=0)
-        self.clusters, self.most, self._trend = clusters, most, trend
-        self.places, self._sums, self._counts = different[seen], total[:, seen], count[:, seen]
-        self._mean = self._sums.sum(axis=0) / self._counts.sum(axis=0)
-
-    @classmethod
-    def of(cls, seen: ScoreTable, trend: Trend) -> Predicted:
-        """Of one plane."""
-        return cls(seen.places, seen.clusters, seen.sums, seen.counts, trend, seen.most)
+    def __init__(self, seen: ScoreTable, trend: Trend | None = USUAL) -> None:
+        known = seen.measured
+        self.clusters, self.most, self._trend = seen.clusters, seen.most, trend
+        self.places, self._sums, self._counts = seen.places[known], seen.sums[:, known], seen.counts[:, known]
+        self._mean = seen.mean[known]
 
     @cached_property
     def surface(self) -> Kriging:
@@ -117,7 +97,7 @@ def predicted_table(seen: ScoreTable, question: Question, trend: Trend) -> Score
     for name in lines[0].axes:
         conditions[name] = np.repeat([line.axes[name] for line in lines], len(exposures))
     places = np.concatenate([line.places(exposures) for line in lines])
-    plane = Predicted.of(seen, trend)
+    plane = Predicted(seen, trend)
     at = plane.on(places)
     return replace(
         seen,

@@ -105,7 +105,7 @@ def inputs_of(
     return Inputs(
         model=seen[0].model,
         criterion=criterion,
-        planes={each.group: Predicted.of(each, trend) for each in seen},
+        planes={each.group: Predicted(each, trend) for each in seen},
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         lights_lux=(min(lights), max(lights)),
         exposures_s=exposures_s,

@@ -7,6 +7,7 @@ from blurnoise_eval.answers.plane import same_places
 from blurnoise_eval.deciding.lines import FLOOR, Line, lattice
 from blurnoise_eval.deciding.predicted import Predicted
 from blurnoise_eval.deciding.search import CAUTION, CHECKED, FIRST, Search
+from made_tables import on_plane
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ def search(
 def predicted(found: Search, rates: made.Rates, references: Array = made.REFERENCES) -> Predicted:
     nodes = found.nodes
     counts = np.repeat(references[:, None], len(nodes), axis=1)
-    return Predicted(nodes, tuple(map(str, range(len(references)))), rates(nodes) * counts, counts)
+    return Predicted(on_plane(nodes, rates(nodes) * counts, counts))
 
 
 def wrong_by(

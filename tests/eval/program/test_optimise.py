@@ -16,6 +16,7 @@ from blurnoise_eval.program.optimise import ENOUGH, Program, interval_of, optimi
 from blurnoise_eval.program.scenario import Scenario
 from blurnoise_eval.program.view import sentence
 from made_planes import METERING, made_planes, made_problem
+from made_tables import on_plane
 
 LIMITS = Limits(readout_s=0.003)
 
@@ -143,7 +144,7 @@ def test_the_interval_stays_within_what_can_be_kept() -> None:
     problem = made_problem(lights_lux=(30.0, 100.0))
     counts = {name: np.ones((24, len(plane.places))) for name, plane in problem.inputs.planes.items()}
     planes = {
-        name: Predicted(plane.places, plane.clusters, counts[name], counts[name])
+        name: Predicted(on_plane(plane.places, counts[name], counts[name]))
         for name, plane in problem.inputs.planes.items()
     }
     problem = replace(problem, inputs=replace(problem.inputs, planes=planes))
