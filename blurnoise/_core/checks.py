@@ -196,20 +196,20 @@ def known(what: str, name: object, names: Collection[str]) -> None:
         raise ValueError(f"{what} {shown(name)} is unknown; {hint}Known are {', '.join(names)}")
 
 
-def image_batch(name: str, value: Tensor) -> Tensor:
-    """``value``, float32 or float64 (B, C, H, W) without NaN or infinity. Raises ``TypeError`` or ``ValueError``."""
-    return finite(name, batch_shaped(name, value))
+def image_batch(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:
+    """``value``, float32 or float64 of this shape without NaN or infinity. Raises ``TypeError`` or ``ValueError``."""
+    return finite(name, batch_shaped(name, value, shape))
 
 
-def batch_shaped(name: str, value: Tensor) -> Tensor:
+def batch_shaped(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tensor:
     """:func:`image_batch` without a check of the values."""
     if not isinstance(value, Tensor):
-        raise TypeError(f"{name}: must be a torch.Tensor of shape (B, C, H, W), got {type(value).__name__}")
+        raise TypeError(f"{name}: must be a torch.Tensor of shape {shape}, got {type(value).__name__}")
     if value.dtype not in (torch.float32, torch.float64):
         must = "must be float32 or float64 (integers over full scale; half precision holds no full well's electrons)"
         raise TypeError(f"{name}: {must}, got {value.dtype}")
-    if value.ndim != 4 or 0 in value.shape:
-        raise ValueError(f"{name}: shape must be (B, C, H, W), none of them 0, got {tuple(value.shape)}")
+    if value.ndim != shape.count(",") + 1 or 0 in value.shape:
+        raise ValueError(f"{name}: shape must be {shape}, none of them 0, got {tuple(value.shape)}")
     return value
 
 

@@ -1,17 +1,14 @@
 """Layered exposures: objects with a matte, each in a motion of its own, before a background that moves otherwise.
 
 Domain: linear light, white is 1; px, x right, y down; at mid-exposure everything is where the picture at rest has it,
-unless the camera shakes or reads row by row. Layers come back to front: the last is in front.
-
-One object of light F and matte alpha before a background B makes, the exposure being T,
+unless the camera shakes or reads row by row. Layers come back to front: the last is in front. One object of light F
+and matte alpha before a background B makes, the exposure being T,
 
     I = h_F * (alpha F) + 1/T integral of (1 - alpha(p - d_F(t))) B(p - d_B(t)) dt.
 
-The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever matte or background does not vary in
-time, as where either of them is still (Giusti & Caglioti 2007, inria-00264748). Where both move, and where objects
-overlap that move differently, it is a mean of sub-exposures (:mod:`.sub_exposures`) in a window around what
-the objects pass; the rest of the picture knows the background alone, and what of that is uncovered there is as
-exact as in the rest. Never blend a blurred picture by a blurred matte: that leaves the object sharp in its own place.
+The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever either of the two is still (Giusti &
+Caglioti 2007, inria-00264748). Where both move, and where objects overlap that move differently, it is a mean of
+sub-exposures (:mod:`.sub_exposures`) in a window around what the objects pass, for what varies together alone.
 
 Where a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
@@ -32,7 +29,6 @@ from blurnoise._core.checks import (
     LIMITS,
     Numbers,
     an_instance,
-    finite,
     image_batch,
     in_range,
     integer,
@@ -44,7 +40,7 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
-from blurnoise.blur.displacement import STILL_PX, TAIL_PX, Displacement, Readout
+from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import SPACING_PX, Sheet
 from blurnoise.optics.transfer import SHARP
 
@@ -66,15 +62,8 @@ class Layer:
     place_px: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
-        for name, dims, must in (("light", 3, "(C, h, w)"), ("alpha", 2, "(h, w)")):
-            value = getattr(self, name)
-            an_instance(f"layer: {name}", value, Tensor)
-            if value.dtype not in (torch.float32, torch.float64):
-                raise TypeError(f"layer: {name}: must be float32 or float64, got {value.dtype}")
-            if value.ndim != dims or 0 in value.shape:
-                shape = tuple(value.shape)
-                raise ValueError(f"layer: {name}: shape must be {must}, none of them 0, got {shape}")
-            finite(f"layer: {name}", value)
+        image_batch("layer: light", self.light, "(C, h, w)")
+        image_batch("layer: alpha", self.alpha, "(h, w)")
         size, own = tuple(self.alpha.shape), tuple(self.light.shape[1:])
         if own != size:
             raise ValueError(f"layer: alpha is {size}, light {own}; must be equal")
@@ -99,10 +88,15 @@ class Layer:
         return velocity.to(device=exposure_s.device, dtype=exposure_s.dtype) * exposure_s
 
     @property
+    def window(self) -> Window:
+        """The pixels of the picture that the matte covers at rest, those beyond its border included."""
+        left, top = self.place_px
+        return Window(top, left, *self.alpha.shape)
+
+    @property
     def requires_grad(self) -> bool:
         """Whether any part of it needs gradients."""
-        parts = self.light, self.alpha, torch.as_tensor(self.velocity_px_s)
-        return any(part.requires_grad for part in parts)
+        return any(part.requires_grad for part in (self.light, self.alpha, torch.as_tensor(self.velocity_px_s)))
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
@@ -161,21 +155,12 @@ def expose_layers(
     return seen[0] if len(seen) == 1 else torch.cat(seen)
 
 
-def at_rest(background: Tensor, layers: Sequence[Layer]) -> Tensor:
-    """A picture (1, C, H, W) with its layers before it, nothing moving."""
-    still = Displacement(
-        background.new_zeros(2), background.new_zeros(()), Readout(background.shape[-2], 0.0, 0.0)
-    )
-    return exposed(background, layers, still)
-
-
 def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     """Mean of a picture (1, C, H, W) over an exposure, normalised for rows that are exposed longer."""
     if moves.still:
         return picture
     if moves.way == "sub-exposures":
-        whole = Window(0, 0, picture.shape[-2], picture.shape[-1])
-        return sub_exposures.exposed(Sheet(picture[0], moves, border=border), whole)[None]
+        return sub_exposures.exposed(Sheet(picture[0], moves, border=border))[None]
     if moves.way == "rows" and moves.each_row_differs:
         return rows.exposed(picture, moves, border)
     if moves.way == "rows":
@@ -194,66 +179,57 @@ def exposed(
 ) -> Tensor:
     """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
     size = (background.shape[-2], background.shape[-1])
-    everything = Window(0, 0, *size)
-    placed_layers = []
+    groups: list[_Alike] = []
     for layer in map(trimmed, layers):
         displacement = layer.displacement_px(moves.exposure_s).to(background)
         limited_motion("displacement_px: a layer's velocity times exposure", displacement)
         own = replace(moves, even_px=displacement)
-        window = everything if border == "circular" else own.passed(window_at_rest(layer)).clipped(size)
+        window = Window(0, 0, *size) if border == "circular" else own.passed(layer.window).clipped(size)
         if window.height > 0 and window.width > 0:
-            placed_layers.append(_PlacedLayers((layer,), own, window))
+            groups.append(_Alike((layer,), own, window))
     ground = background
-    while placed_layers and placed_layers[0].moves.moves_like(moves):  # it is part of the background
-        first = placed_layers.pop(0)
-        rest = first.window if border == "circular" else window_at_rest(first.layers[0]).clipped(size)
+    while groups and groups[0].moves.moves_like(moves):  # it is part of the background
+        (layer,), _, window = groups.pop(0)
+        rest = window if border == "circular" else layer.window.clipped(size)
         if rest.height > 0 and rest.width > 0:
             ground = background.clone() if ground is background else ground
-            plane = first.plane(rest, background, border)
+            plane = plane_of([layer], rest, background, border)
             behind = ground[..., *rest.within].clone()
             ground[..., *rest.within] = plane[:, :-1] + (1 - plane[:, -1:]) * behind
     blurred = moved(ground, moves, border)
-    if not placed_layers:
+    if not groups:
         return blurred
     follows = differentiable(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
     out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and follows) else blurred
-    for window, members in meeting([each.window for each in placed_layers]):
-        group: list[_PlacedLayers] = []
-        for each in (placed_layers[place] for place in members):
-            if group and group[-1].moves.moves_like(each.moves):
-                last = group.pop()
-                each = _PlacedLayers((*last.layers, *each.layers), last.moves, window)
-            group.append(each)
-        if len(group) > 1 or not (moves.still or group[0].moves.still):
-            seen = _sub_exposed(group, window, ground, blurred, moves, border, step_px)
+    for window, members in meeting([each.window for each in groups]):
+        near: list[_Alike] = []
+        for each in (groups[place] for place in members):
+            if near and near[-1].moves.moves_like(each.moves):
+                last = near.pop()
+                each = _Alike((*last.layers, *each.layers), last.moves, window)
+            near.append(each)
+        if len(near) > 1 or not (moves.still or near[0].moves.still):
+            seen = _sub_exposed(near, window, ground, blurred, moves, border, step_px)
         else:
-            colour, share = _blurred(group[0], window, background, border)
+            colour, share = _blurred(near[0], window, background, border)
             seen = colour + (1 - share) * blurred[..., *window.within]
         out[..., *window.within] = seen
     return out
 
 
-class _PlacedLayers(NamedTuple):
+class _Alike(NamedTuple):
     """Layers that move alike, back to front, how they move, and the pixels of the picture that they may cover."""
 
     layers: tuple[Layer, ...]
     moves: Displacement
     window: Window
 
-    def plane(self, work: Window, like: Tensor, border: Border) -> Tensor:
-        """:func:`plane_of` all as one."""
-        plane = plane_of(self.layers[0], work, like, border)
-        for layer in self.layers[1:]:
-            before = plane_of(layer, work, like, border)
-            plane = before + (1 - before[:, -1:]) * plane
-        return plane
 
-
-def _blurred(own: _PlacedLayers, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
+def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple[Tensor, Tensor]:
     """The blurred light times matte, (1, C, h, w), and the blurred matte, (1, 1, h, w), in the window."""
     moves = own.moves
     work = _work(window, [moves])
-    plane = own.plane(work, like, border)
+    plane = plane_of(own.layers, work, like, border)
     if moves.each_row_differs and not moves.still:
         seen = sub_exposures.exposed(Sheet(plane[0], moves, work.top, work.left), window)[None]
     elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
@@ -267,7 +243,7 @@ def _blurred(own: _PlacedLayers, window: Window, like: Tensor, border: Border) -
 
 
 def _sub_exposed(
-    group: Sequence[_PlacedLayers],
+    group: Sequence[_Alike],
     window: Window,
     ground: Tensor,
     blurred: Tensor,
@@ -287,7 +263,7 @@ def _sub_exposed(
     sheets = [Sheet(continued_in(ground, work, border)[0], moves, work.top, work.left, "replicate")]
     front = group[-1]
     for each in group:
-        plane = each.plane(work, ground, border)[0]
+        plane = plane_of(each.layers, work, ground, border)[0]
         if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
         sheets.append(Sheet(plane, each.moves, work.top, work.left))
@@ -330,16 +306,10 @@ def flattened(layers: Sequence[Layer]) -> Layer:
     """Layers that move as the first does, back to front, as one layer."""
     if len(layers) == 1:
         return layers[0]
-    windows = [window_at_rest(layer) for layer in layers]
-    window = reduce(Window.joined, windows)
-    like = layers[0].light[None]
-    whole = like.new_zeros(1, like.shape[1] + 1, window.height, window.width)
-    for layer, own in zip(layers, windows, strict=True):
-        part = cut(whole, window, own)
-        plane = torch.cat([layer.light * layer.alpha, layer.alpha[None]])
-        part[:] = plane + (1 - layer.alpha) * part
-    alpha = whole[0, -1]
-    light = torch.where(alpha > 0, whole[0, :-1] / alpha.clamp_min(torch.finfo(alpha.dtype).tiny), 0.0)
+    window = reduce(Window.joined, (layer.window for layer in layers))
+    plane = plane_of(layers, window, layers[0].light[None], "constant")[0]
+    alpha = plane[-1]
+    light = torch.where(alpha > 0, plane[:-1] / alpha.clamp_min(torch.finfo(alpha.dtype).tiny), 0.0)
     return Layer(light, alpha.clamp(0, 1), layers[0].velocity_px_s, (window.left, window.top))
 
 
@@ -361,12 +331,6 @@ def trimmed(layer: Layer) -> Layer:
     return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(x + left, y + top))
 
 
-def window_at_rest(layer: Layer) -> Window:
-    """The window of the matte, pixels beyond the picture's border included."""
-    left, top = layer.place_px
-    return Window(top, left, *layer.alpha.shape)
-
-
 def seen_behind(
     layer: Layer, movers: Sequence[tuple[Layer, Iterable[float]]], size: tuple[int, int]
 ) -> float:
@@ -382,7 +346,7 @@ def seen_behind(
         return placed(of.alpha.detach().double()[None, None], of.place_px, window, size, "reflect")
 
     layer = trimmed(layer)
-    rest = window_at_rest(layer).clipped(size)
+    rest = layer.window.clipped(size)
     if rest.height <= 0 or rest.width <= 0:
         return 0.0
     alpha = matte(layer, rest)
@@ -391,7 +355,7 @@ def seen_behind(
         motion = real_tensor("displacement_px", moved).detach().double()
         down, across = (reach_px(along) for along in motion.tolist()[::-1])
         work = rest.grown(down, across)
-        if window_at_rest(each).meets(work):
+        if each.window.meets(work):
             covered = convolution.motion_blur(matte(each, work), motion, border="constant")
             clear = clear * (1 - cut(covered, work, rest).clamp(0, 1))
     total = float(alpha.sum())
@@ -408,18 +372,22 @@ class ObjectMotion(NamedTuple):
 def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
     """Motion of a layer, and the share of a picture (H, W) that it may cover."""
     x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
-    window = window_at_rest(layer).grown(reach_px(y), reach_px(x)).clipped(size)
+    window = layer.window.grown(reach_px(y), reach_px(x)).clipped(size)
     return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
 
 
 def reach_px(along_px: float) -> int:
     """Spread of a motion blur to each side, the tail of the band-limited line included."""
-    return math.ceil(abs(along_px) / 2) + TAIL_PX if abs(along_px) >= STILL_PX else 0
+    return spread_px(abs(along_px) / 2)
 
 
-def plane_of(layer: Layer, work: Window, like: Tensor, border: Border) -> Tensor:
-    """Light times matte, and the matte, (1, C + 1, h, w) in ``work`` of a picture such as ``like``."""
-    alpha = layer.alpha.to(like)[None]
-    light = layer.light.to(like).expand(like.shape[1], -1, -1)
-    size = (like.shape[-2], like.shape[-1])
-    return placed(torch.cat([light * alpha, alpha])[None], layer.place_px, work, size, border)
+def plane_of(layers: Sequence[Layer], work: Window, like: Tensor, border: Border) -> Tensor:
+    """Light times matte, and the matte, (1, C + 1, h, w) in ``work`` of a picture such as ``like``; of several as
+    one."""
+    planes = []
+    for layer in layers:
+        alpha = layer.alpha.to(like)[None]
+        light = layer.light.to(like).expand(like.shape[1], -1, -1)
+        size = (like.shape[-2], like.shape[-1])
+        planes.append(placed(torch.cat([light * alpha, alpha])[None], layer.place_px, work, size, border))
+    return reduce(lambda behind, before: before + (1 - before[:, -1:]) * behind, planes)

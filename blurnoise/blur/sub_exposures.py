@@ -72,14 +72,14 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     sheets = _flowing(image, displacement_px, border)
     if all(sheet.moves.still for sheet in sheets):
         return image
-    return torch.stack([exposed(sheet, _whole(sheet)) for sheet in sheets])
+    return torch.stack([exposed(sheet) for sheet in sheets])
 
 
 def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
     """Pictures (B, C, H, W) that show at p what was at p - d(p), d as :func:`flow_blur` takes it; differentiable."""
-    at_the_end = [(slice(0, image.shape[-2]), [1.0])]
-    sheets = _flowing(image, displacement_px, border)
-    return torch.stack([_means([sheet], _whole(sheet), at_the_end, fine=False)[0] for sheet in sheets])
+    sheets, (height, width) = _flowing(image, displacement_px, border), image.shape[-2:]
+    window, at_the_end = Window(0, 0, height, width), [(slice(0, height), [1.0])]
+    return torch.stack([_means([sheet], window, at_the_end, fine=False)[0] for sheet in sheets])
 
 
 def _flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[Sheet]:
@@ -106,13 +106,9 @@ def flows(name: str, value: object, image: Tensor) -> Tensor:
     return tensor.expand(batch, 2, height, width)
 
 
-def _whole(sheet: Sheet) -> Window:
-    return Window(0, 0, sheet.planes.shape[-2], sheet.planes.shape[-1])
-
-
-def exposed(sheet: Sheet, window: Window) -> Tensor:
-    """Mean (C, h, w) of a sheet over an exposure, normalised for rows that are exposed longer."""
-    moves = sheet.moves
+def exposed(sheet: Sheet, window: Window | None = None) -> Tensor:
+    """Mean (C, h, w) of a sheet, of all of it or in a window, over an exposure; no brighter where rows are longer."""
+    moves, window = sheet.moves, window or Window(0, 0, *sheet.planes.shape[-2:])
     fine = moves.path is not None or moves.readout.row_s != 0
     bands = _bands([moves], window, _FINE_PX if fine else SPACING_PX)
     return _means([sheet], window, bands, fine=fine)[0]

@@ -314,7 +314,7 @@ def displaced(layer: Layer, shift_px: Tensor) -> Layer:
 
 def _distorted(layer: Layer, like: Tensor, at: Conditions[Tensor], border: Border) -> Layer:
     """The layer as the lens shows it, in a window as large as the picture."""
-    plane = plane_of(layer, Window(0, 0, like.shape[-2], like.shape[-1]), like, "constant")
+    plane = plane_of([layer], Window(0, 0, like.shape[-2], like.shape[-1]), like, "constant")
     light, alpha = _coloured(DISTORTION.apply(plane, at, border)[0])
     return replace(layer, light=light, alpha=alpha, place_px=(0, 0))
 

@@ -9,7 +9,7 @@ import torch
 from layered_scenes import BACKGROUND, MATTE, OBJECT, SIZE, STILL, Motion, close, seen
 
 from blurnoise import Layer, expose_layers, motion_blur
-from blurnoise.blur.layers import at_rest, seen_behind
+from blurnoise.blur.layers import seen_behind
 
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "circular"])
@@ -31,7 +31,7 @@ def test_an_object_that_is_nowhere_leaves_the_background() -> None:
 def test_at_rest_it_is_the_composite() -> None:
     composite = (OBJECT * MATTE + (1 - MATTE) * BACKGROUND)[None]
     close(seen(STILL, STILL), composite)
-    close(at_rest(BACKGROUND[None], [Layer(OBJECT, MATTE, (500.0, 0.0))]), composite)
+    close(expose_layers(BACKGROUND[None], [Layer(OBJECT, MATTE, (500.0, 0.0))], exposure_s=0.0), composite)
 
 
 @pytest.mark.parametrize("moved", [(12.0, 0.0), (7.0, -9.0)])

@@ -8,7 +8,7 @@ from itertools import groupby
 
 from torch import Tensor
 
-from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind, window_at_rest
+from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
 from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
@@ -39,7 +39,7 @@ class CutScene(ExposedScene):
         self._joined: list[tuple[Layer, _Motion]] = []  # those that move alike and are near each other as one
         for motion, alike in groupby(self._each, key=lambda each: each[1]):
             layers = [layer for layer, _ in alike]
-            near = meeting([window_at_rest(layer).grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
+            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
             self._joined += [(flattened([layers[place] for place in places]), motion) for _, places in near]
         super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined))
         self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}

@@ -7,7 +7,7 @@ import pytest
 import torch
 from blurnoise_eval.datasets import segmentation
 
-from blurnoise.blur.layers import at_rest
+from blurnoise import expose_layers
 from blurnoise.scene import cutting
 
 SIZE = (61, 84)
@@ -54,7 +54,7 @@ def test_what_is_behind_is_invented_there_alone() -> None:
 def test_together_again_they_are_the_picture() -> None:
     light, matte = box_of_light(soft=False)
     cut = cutting.cut_out(light, [matte], [(0.0, 0.0)])
-    seen = at_rest(cut.background, cut.layers)
+    seen = expose_layers(cut.background, cut.layers, exposure_s=0.0)
     around = np.zeros(SIZE, bool)
     around[18:38, 28:52] = True
     around[20:36, 30:50] = False
