@@ -131,8 +131,10 @@ class Displacement:
 
     @property
     def polyline(self) -> Polyline | None:
-        """The path and the uniform motion within an exposure of all rows together; None without a path."""
-        return None if self.path is None else self.path.seen(self.readout.exposure_s, self.velocity_px_s)
+        """The path and the uniform motion within an exposure of all rows together; None where there is none."""
+        if self.path is None or self.each_row_differs or self.flows:
+            return None
+        return self.path.seen(self.readout.exposure_s, self.velocity_px_s)
 
     @cached_property
     def track(self) -> tuple[Floats, Floats]:

@@ -96,7 +96,9 @@ class Layer:
     @property
     def requires_grad(self) -> bool:
         """Whether any part of it needs gradients."""
-        return any(part.requires_grad for part in (self.light, self.alpha, torch.as_tensor(self.velocity_px_s)))
+        return any(
+            part.requires_grad for part in (self.light, self.alpha, torch.as_tensor(self.velocity_px_s))
+        )
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
@@ -164,7 +166,7 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
     if moves.way == "rows" and moves.each_row_differs:
         return rows.exposed(picture, moves, border)
     if moves.way == "rows":
-        return rows.rolled(picture, moves.even_px, moves.exposure_s, moves.readout.row_s, border)
+        return rows.rolled(picture, moves, border)
     if (path := moves.polyline) is not None:
         return convolution.exposure_blur(picture, moves.even_px, SHARP, (path,), border=border)
     return convolution.motion_blur(picture, moves.even_px[None], border=border)

@@ -1,11 +1,9 @@
 """Rows moved by numbers of pixels of their own, along and across, in pictures (B, C, H, W) of linear light.
 
 Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
-twelve taps. A picture in uniform motion v is first blurred, as if all rows were exposed together, and then
-:func:`warped`. (Warped first, it would have to be blurred by v T / (1 - v_y row_s).) The blur of a picture that ends
-at its border is not quite what is seen there: :func:`rolled` continues it before. Rows that see parts of a path are
-blurred along and across by these, each in its own window: exact but for what the path does along both at once, hence
-in as many parts of the windows as leave little of that.
+twelve taps. Uniform motion v is blurred as if all rows were exposed together, and then :func:`warped`: warped first,
+the blur would have to be that of v T / (1 - v_y row_s). Rows that see parts of a path are blurred along and across by
+these: exact but for what a path does along both at once, hence in as many parts of windows as leave little of that.
 """
 
 from __future__ import annotations
@@ -30,6 +28,8 @@ from blurnoise.motion.trajectory import sums
 from blurnoise.optics.transfer import SHARP
 
 Band = tuple[slice, slice, NDArray[Any]]
+Taps = tuple[Tensor, Tensor]
+Sides = tuple[int, int]
 LOBES = 6  # of Lanczos's window: 12 taps, which keep 0.99 of 0.4 cycles/px
 _MARGIN_PX = 64  # of a displaced row's tail, which falls as one over the distance
 _CLOSING_PX = 32  # of the margin, at its end
@@ -60,57 +60,44 @@ def exposed(light: Tensor, moves: Displacement, border: Border) -> Tensor:
     return seen / parts if parts > 1 else seen
 
 
-def rolled(
-    light: Tensor, displacement_px: Tensor, exposure_s: Tensor, row_s: float, border: Border
-) -> Tensor:
-    """Pictures in uniform motion, (2,) px in an exposure (), whose rows are read every ``row_s``; differentiable.
+def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
+    """Pictures in uniform motion whose rows are read one after another; differentiable.
 
-    Motion along rows is one transform of rows; motion down them a mean of rows, which Lanczos's window resamples and
-    averages at once. Raises as :func:`.displacement.stretch` does, and where the continued picture would be
-    too large.
+    Motion along rows is one transform of rows, motion down them a mean of rows. Otherwise the picture is continued
+    before its blur. Raises as :func:`.displacement.stretch` does, and where the continued picture would be too large.
     """
     from scipy.fft import next_fast_len
 
-    height, width = light.shape[-2:]
-    velocity = displacement_px / exposure_s
+    (height, width), row_s, moved = light.shape[-2:], moves.readout.row_s, moves.even_px
+    velocity = moved / moves.exposure_s
     stretch(float(velocity[1].detach()), row_s)
     tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
-    skew_px = (velocity.detach() * row_s).abs() * (height - 1) / 2
-    across, down = (skew_px + displacement_px.detach().abs() / 2).tolist()
-    on_numpy = plain(light, displacement_px, exposure_s)
+    across, down = ((velocity.detach() * row_s).abs() * (height - 1) / 2 + moved.detach().abs() / 2).tolist()
+    places, shift_px = -velocity[1] * tau, velocity[0] * tau
+    on_numpy = plain(light, moved, moves.exposure_s)
     if on_numpy and down <= STILL_PX:
-        return shifted_rows(light, velocity[0] * tau, border, float(displacement_px[0]))
-    if on_numpy and across <= STILL_PX and float(displacement_px[1].abs()) <= _LONGEST_TAPS_PX:
-        middle, half_s = tau.numpy(), abs(float(exposure_s)) / 2
-        time = np.array([-1.0, 1.0]) * (float(tau.abs().max()) + half_s)
-        taps = _window_taps(time, float(velocity[1]) * time, (middle - half_s, middle + half_s))
-        return mixed(light, *taps, border)
+        return shifted_rows(light, shift_px, border, float(moved[0]))
+    if on_numpy and across <= STILL_PX and float(moved[1].abs()) <= _LONGEST_TAPS_PX:
+        return exposed(light, moves, border)
     before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
-    high, wide = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
-    if high * wide > fourier.LARGEST_PLANE:
+    spans = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
+    if math.prod(spans) > fourier.LARGEST_PLANE:
         raise ValueError(
-            f"displacement_px = {displacement_px.tolist()}: rows that are read one after another need a plane of "
-            f"{high}x{wide} pixels; at most {fourier.LARGEST_PLANE} are allowed"
+            f"displacement_px = {moved.tolist()}: rows that are read one after another need a plane of "
+            f"{spans[0]}x{spans[1]} pixels; at most {fourier.LARGEST_PLANE} are allowed"
         )
-    places, shift_px = before[0] - velocity[1] * tau, velocity[0] * tau
+    taps = _lanczos_taps(before[0] + places)
     if on_numpy:
-        return _at_once(light, displacement_px, places, shift_px, before, (high, wide), border)
-    plane = extended(light, before, (high, wide), border)
-    plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
-    moved = displacement_px[None].expand(len(light), 2)
-    plane = convolution.motion_blur(plane, moved, method="transfer", border="circular")
-    plane = shifted_rows(mixed(plane, *_lanczos_taps(places), "replicate"), shift_px, "circular", wraps=True)
+        return _at_once(light, moved, taps, shift_px, before, spans, border)
+    plane = _closed(extended(light, before, spans, border))
+    by = moved[None].expand(len(light), 2)
+    plane = convolution.motion_blur(plane, by, method="transfer", border="circular")
+    plane = shifted_rows(mixed(plane, *taps, "replicate"), shift_px, "circular", wraps=True)
     return plane[..., before[1] : before[1] + width].contiguous()
 
 
 def _at_once(
-    light: Tensor,
-    displacement_px: Tensor,
-    places: Tensor,
-    shift_px: Tensor,
-    before: tuple[int, int],
-    spans: tuple[int, int],
-    border: Border,
+    light: Tensor, moved: Tensor, taps: Taps, shift_px: Tensor, before: Sides, spans: Sides, border: Border
 ) -> Tensor:
     """The same between two transforms of rows: blurred there, and resampled and displaced while they are spectra.
 
@@ -122,19 +109,16 @@ def _at_once(
     (height, width), (high, wide) = light.shape[-2:], spans
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
     sources, targets = light.detach().flatten(0, 1).numpy(), out.flatten(0, 1).numpy()
-    kind = sources.dtype
-    x, y = displacement_px.tolist()
+    kind, (x, y) = sources.dtype, moved.tolist()
     response = fourier.motion_response((x, y), spans, kind)
     wave = np.complex64 if kind == np.float32 else np.complex128
     phases = _row_phases(shift_px.numpy(), wide, wave) / wave(wide)
-    first, weights = _lanczos_taps(places)
-    bands = _bands(first.numpy(), weights.numpy(), kind)
+    bands = _bands(taps[0].numpy(), taps[1].numpy(), kind)
 
     def see(place: int) -> None:
         with borrowed([(high, wide), (high, wide + 2), (height, wide + 2)], kind) as (plane, waves, seen):
             continued(sources[place], plane, before, border)
-            plane[:, -_CLOSING_PX:] = _closing(plane)
-            cv2.dft(plane, waves[:, 1:-1], cv2.DFT_ROWS)
+            cv2.dft(_closed(plane), waves[:, 1:-1], cv2.DFT_ROWS)
             waves[:, 0] = waves[:, 1]
             waves[:, [1, -1]] = 0
             spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
@@ -171,11 +155,10 @@ def warped(
     height = light.shape[-2]
     still = (height - 1) / 2 if middle is None else middle
     tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
-    follows = differentiable(velocity)
-    readout_s = float(tau.abs().max())
-    if follows or abs(float(velocity[1].detach())) * readout_s > STILL_PX:
+    x, y = (velocity.detach().abs() * float(tau.abs().max())).tolist()
+    if differentiable(velocity) or y > STILL_PX:
         light = mixed(light, *_lanczos_taps(-velocity[1] * tau), border)
-    if follows or abs(float(velocity[0].detach())) * readout_s > STILL_PX:
+    if differentiable(velocity) or x > STILL_PX:
         light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
     return light
 
@@ -206,8 +189,7 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
     height, width = light.shape[-2:]
     if isinstance(factors, Tensor):
         kind = torch.complex64 if light.dtype == torch.float32 else torch.complex128
-        plane = extended(light, (0, margin), (height, length), border)
-        plane = torch.cat([plane[..., :-_CLOSING_PX], _closing(plane)], -1)
+        plane = _closed(extended(light, (0, margin), (height, length), border))
         rows: Tensor = torch.fft.irfft(torch.fft.rfft(plane) * factors.to(kind), n=length)
         return rows[..., margin : margin + width].contiguous()
     out = torch.empty_like(light, memory_format=torch.contiguous_format)
@@ -219,8 +201,7 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
         source, target = sources[place, top : top + strip], targets[place, top : top + strip]
         with borrowed([(len(source), length)] * 2, factors.dtype) as (plane, spectrum):
             continued(source, plane, (0, margin), border)
-            plane[:, -_CLOSING_PX:] = _closing(plane)
-            cv2.dft(plane, spectrum, cv2.DFT_ROWS)
+            cv2.dft(_closed(plane), spectrum, cv2.DFT_ROWS)
             cv2.mulSpectrums(spectrum, factors[top : top + strip], cv2.DFT_ROWS, spectrum)
             cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
             target[:] = plane[:, margin : margin + width]
@@ -230,13 +211,15 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
     return out
 
 
-def _closing(plane: Any) -> Any:
-    """Blend the end of rows into their start: a step where a row wraps round would ring into the picture."""
+def _closed(plane: Any) -> Any:
+    """Rows whose end is led to their start: a step where a row wraps round would ring. Arrays are written to."""
     share = (1 - np.cos(np.pi * (np.arange(_CLOSING_PX) + 0.5) / _CLOSING_PX)) / 2
     last, first = plane[..., -_CLOSING_PX:], plane[..., :1]
     if isinstance(plane, Tensor):
-        return last + (first - last) * torch.from_numpy(share).to(plane)
-    return last + (first - last) * share.astype(plane.dtype)
+        led = last + (first - last) * torch.from_numpy(share).to(plane)
+        return torch.cat([plane[..., :-_CLOSING_PX], led], -1)
+    last += (first - last) * share.astype(plane.dtype)
+    return plane
 
 
 @lru_cache(maxsize=4)
@@ -405,18 +388,18 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
         return light
     seen = []
     for picture, (x, y) in zip(torch.split(light, 1), shifts, strict=True):
-        size, whole = picture.shape[-2:], (round(y), round(x))
-        rest = [along - steps for along, steps in zip((y, x), whole, strict=True)]
-        margins = [_MARGIN_PX if abs(part) >= STILL_PX else 0 for part in rest]
-        before = [max(0, steps) + margin for steps, margin in zip(whole, margins, strict=True)]
-        spans = [n + abs(steps) + 2 * margin for n, steps, margin in zip(size, whole, margins, strict=True)]
-        plane = extended(picture, (before[0], before[1]), (spans[0], spans[1]), border)
-        for dim, part, margin in zip((-2, -1), rest, margins, strict=True):
-            if margin:
-                turns = part * torch.fft.rfftfreq(spans[dim], dtype=light.dtype, device=light.device)
-                phases = torch.polar(torch.ones_like(turns), -2 * torch.pi * turns)
-                spectrum = torch.fft.rfft(plane, dim=dim) * (phases[:, None] if dim == -2 else phases)
-                plane = torch.fft.irfft(spectrum, n=spans[dim], dim=dim)
-        top, left = (first - steps for first, steps in zip(before, whole, strict=True))
-        seen.append(plane[..., top : top + size[0], left : left + size[1]])
+        seen.append(_along_rows(_along_rows(picture.mT, y, border).mT, x, border))
     return torch.cat(seen)
+
+
+def _along_rows(light: Tensor, shift_px: float, border: Border) -> Tensor:
+    (height, width), whole = light.shape[-2:], round(shift_px)
+    rest = shift_px - whole
+    before = max(0, whole) + (_MARGIN_PX if abs(rest) >= STILL_PX else 0)
+    length = width + abs(whole) + 2 * (before - max(0, whole))
+    plane = extended(light, (0, before), (height, length), border)
+    if abs(rest) >= STILL_PX:
+        turns = rest * torch.fft.rfftfreq(length, dtype=light.dtype, device=light.device)
+        phases = torch.polar(torch.ones_like(turns), -2 * torch.pi * turns)
+        plane = torch.fft.irfft(torch.fft.rfft(plane) * phases, n=length)
+    return plane[..., before - whole : before - whole + width]

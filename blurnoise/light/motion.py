@@ -3,10 +3,9 @@
 All are of one :class:`.displacement.Displacement`, which says how it is computed. A transfer function is shared with
 the lens, as their order does not matter. A picture of other rows than the sensor's is read in as long.
 
-With objects, the motion of everything happens in their effect, the background's included: what covers what changes
-during the exposure. So it stands before the lens, which sees what all of them make together, but behind the
-distortion, in whose px motion is. So do shake and readout, which hence come before the lens instead of behind it:
-that differs by how far rows are displaced against each other within the lens's blur.
+With objects, the motion of everything, the background's included, is in their effect: what covers what changes during
+the exposure. It comes before the lens, and so do shake and readout then, but after the distortion, in whose px
+motion is.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ from blurnoise.blur.sub_exposures import SPACING_PX
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DISTORTION
-from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics import transfer
 
 _MARGIN_PX = 8  # of what a fraction of a pixel makes of an edge
@@ -68,18 +66,12 @@ def exposed(
     for picture, own, moves in zip(torch.split(light, 1), objects, displacements(at, size), strict=True):
         picture = layers.exposed(picture, own, moves, border)
         if moves.readout.reset:
-            picture = picture * _light_of_rows(moves).to(picture)[:, None]
+            light_of_rows = torch.from_numpy(moves.readout.light)
+            if differentiable(moves.exposure_s):
+                light_of_rows = 1 + (light_of_rows - 1) * moves.readout.exposure_s / moves.exposure_s
+            picture = picture * light_of_rows.to(picture)[:, None]
         seen.append(picture)
     return seen[0] if len(seen) == 1 else torch.cat(seen)
-
-
-def _light_of_rows(moves: Displacement) -> Tensor:
-    """Exposure of each row relative to the nominal exposure, with its gradient."""
-    light = torch.from_numpy(moves.readout.light)
-    if not differentiable(moves.exposure_s):
-        return light
-    later_s = (light - 1) * moves.readout.exposure_s
-    return 1 + later_s / moves.exposure_s
 
 
 class _Moving(LightEffect):
@@ -141,9 +133,10 @@ class Motion(LightEffect):
 
     def bound(self, at: Conditions[float]) -> float:
         """:func:`blurnoise.optics.transfer.motion_error`, or :attr:`blurnoise.motion.trajectory.Polyline.error`."""
-        if (along := _path(at)) is not None:
-            return along.error
-        return 0.0 if _row_by_row(at) else transfer.motion_error(*at.displacement_px)
+        moves = displacement(at)
+        if moves.polyline is not None:
+            return moves.polyline.error
+        return 0.0 if moves.each_row_differs else transfer.motion_error(*at.displacement_px)
 
     def blur(self, at: Conditions[Tensor]) -> Blur:
         if at.objects or at.flow_px is not None:
@@ -153,7 +146,7 @@ class Motion(LightEffect):
             return Blur(displacement_px=moved)
         each = list(displacements(at, at.size or at.camera.field.size))
         elsewhere = torch.tensor([one.way != "transfer" for one in each], device=moved.device)
-        paths = tuple(one.polyline if one.way == "transfer" else None for one in each)
+        paths = tuple(one.polyline for one in each)
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=paths)
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
@@ -164,9 +157,9 @@ class Motion(LightEffect):
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
         if at.camera.row_time_s:
             return boxes_xyxy
-        if (along := _path(at)) is not None:
+        if (along := displacement(at).polyline) is not None:
             return boxes_xyxy + boxes_xyxy.new_tensor(along.box)
-        half = swept_half_px(boxes_xyxy.new_tensor(at.displacement_px))
+        half = boxes_xyxy.new_tensor(at.displacement_px).abs() / 2
         return boxes_xyxy + torch.cat([-half, half])
 
     def how(self, at: Conditions[float]) -> str:
@@ -177,7 +170,7 @@ class Motion(LightEffect):
         apart = camera.defocus_counts_pixel or lens.field_curvature_px
         shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
         together = ", with the lens's" if shares else ""
-        if (along := _path(at)) is not None:
+        if (along := displacement(at).polyline) is not None:
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
             return f"transfer function of {len(along.shares)} segments over {extent}{together}"
@@ -200,7 +193,6 @@ class MotionVariation(_Moving):
         return transfer.motion_variation_error(float(at.variation_px))
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """The identity where there is no flow, or objects or rows include it; else None, see :meth:`apply`."""
         return Blur() if at.flow_px is None or at.objects or at.camera.row_time_s else None
 
     def how(self, at: Conditions[float]) -> str:
@@ -221,12 +213,12 @@ class RollingShutter(_Moving):
         """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
-        readout = readout_of(at, at.camera.field.size)
+        readout, by_row = readout_of(at, at.camera.field.size), displacement(at).each_row_differs
         farthest_px = math.hypot(*at.displacement_px) + float(at.variation_px)
         farthest_px = max(farthest_px, *(math.hypot(*each.displacement_px) for each in _objects(at)), 0.0)
         fastest = farthest_px / at.exposure_s if at.exposure_s else 0.0
         apart_s = abs(readout.row_s) * (readout.rows - 1) / 2
-        farthest = fastest * (max(map(abs, readout.span_s)) if _row_by_row(at) else apart_s)
+        farthest = fastest * (max(map(abs, readout.span_s)) if by_row else apart_s)
         if at.trajectory is not None:
             x, y = at.trajectory.origin_px(at.exposure_s)
             knots, _ = at.trajectory.window(*readout.span_s)
@@ -234,7 +226,6 @@ class RollingShutter(_Moving):
         return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
-        """The identity where rows are exposed together, or with the objects; else None, see :meth:`apply`."""
         return None if at.camera.row_time_s and not at.objects else Blur()
 
     def how(self, at: Conditions[float]) -> str:
@@ -244,9 +235,10 @@ class RollingShutter(_Moving):
         if at.size is not None:
             rows, row_s = at.size[0], row_s / at.camera.field.per_sensor_px(at.size)
         took = f"{1e3 * row_s * rows:.3g} ms from first row to last"
-        if _row_by_row(at):
+        moves = displacement(at)
+        if moves.each_row_differs:
             return f"{took}: every row in its own window"
-        x, y = (along * row_s for along in displacement(at).velocity_px_s)
+        x, y = (along * row_s for along in moves.velocity_px_s)
         return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
 
     def key(self, at: Conditions[float]) -> Hashable:
@@ -282,21 +274,6 @@ def _objects(at: Conditions[float]) -> tuple[ObjectMotion, ...]:
 def _between_centres(boxes_xyxy: Tensor) -> Floats:
     """Boxes from between the pixels' edges to between their centres."""
     return boxes_xyxy.detach().cpu().double().numpy() - 0.5
-
-
-def _row_by_row(at: Conditions[float]) -> bool:
-    """Whether each row sees another part of the motion."""
-    return at.camera.row_time_s > 0 and (at.trajectory is not None or at.camera.shutter == "global-reset")
-
-
-def _path(at: Conditions[float]) -> Polyline | None:
-    """Trajectory and uniform motion within the exposure, where they are a transfer function."""
-    return None if at.trajectory is None or _row_by_row(at) else displacement(at).polyline
-
-
-def swept_half_px(displacement_px: Tensor) -> Tensor:
-    """Half-width (..., 2), >= 0, that displacements (..., 2) sweep to each side of mid-exposure, px."""
-    return displacement_px.abs() / 2
 
 
 def displaced(layer: Layer, shift_px: Tensor) -> Layer:

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, boxes, integer, limited, one_of, picture_size, shown
-from blurnoise.light import effects, motion
+from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions, of_one_exposure
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
@@ -124,7 +124,7 @@ class Exposure:
         places = torch.stack(nine, -1).view(-1, 2)
         moved = self.displacements_px(places, size)
         if self.trajectory is None and not self.camera.row_time_s:  # all at once, behind the distortion
-            half = motion.swept_half_px(moved) * swept
+            half = moved.abs() / 2 * swept
             each = effects.moved_boxes(places.repeat(1, 2), at, swept=swept) + torch.cat([-half, half], 1)
         else:
             own = zip(places.repeat(1, 2)[:, None], moved.tolist(), strict=True)

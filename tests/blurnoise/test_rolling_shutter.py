@@ -13,10 +13,9 @@ from path_oracle import vibration
 
 from blurnoise import Trajectory
 from blurnoise._core.borders import extended
-from blurnoise.blur import convolution
+from blurnoise.blur import convolution, rows
 from blurnoise.blur.displacement import Displacement, Readout, stretch
 from blurnoise.blur.layers import moved
-from blurnoise.blur.rows import rolled as rolled_at_once
 from blurnoise.blur.rows import shifted_rows, warped
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
@@ -33,6 +32,13 @@ def of_rows(light: torch.Tensor, path: Trajectory, readout: Readout, border: Any
     still, exposure = light.new_zeros(2), light.new_tensor(readout.exposure_s)
     seen = moved(light, Displacement(still, exposure, readout, path), border)
     return seen * torch.from_numpy(readout.light).to(light)[:, None]
+
+
+def rolled_at_once(
+    light: torch.Tensor, moved: torch.Tensor, exposure: torch.Tensor, row_s: float, border: Any
+) -> torch.Tensor:
+    readout = Readout(light.shape[-2], row_s, float(exposure.detach()))
+    return rows.rolled(light, Displacement(moved, exposure, readout), border)
 
 
 def in_uniform_motion(
@@ -53,9 +59,9 @@ def test_motion_along_rows_at_once(velocity_x: float, kind: torch.dtype) -> None
     light, moved = picture().to(kind), torch.tensor([velocity_x * EXPOSURE_S, 0.0], dtype=kind)
     exposure = torch.tensor(EXPOSURE_S, dtype=kind)
     for border in ("reflect", "circular"):  # black beyond the border, the blur alone would be cut off at it
-        seen = rolled_at_once(light, moved, exposure, ROW_S, border)  # type: ignore[arg-type]
+        seen = rolled_at_once(light, moved, exposure, ROW_S, border)
         asked = moved.clone().requires_grad_()
-        follows = rolled_at_once(light, asked, exposure, ROW_S, border)  # type: ignore[arg-type]
+        follows = rolled_at_once(light, asked, exposure, ROW_S, border)
         assert float((seen - follows.detach()).abs().max()) < 2e-4
         follows.square().mean().backward()
         assert asked.grad is not None
@@ -120,8 +126,8 @@ def test_at_once_is_one_after_the_other(velocity: tuple[float, float], kind: tor
     moved, exposure = torch.tensor(velocity, dtype=kind) * EXPOSURE_S, torch.tensor(EXPOSURE_S, dtype=kind)
     asked = moved.clone().requires_grad_(), exposure.clone().requires_grad_()
     for border in ("reflect", "replicate", "circular"):
-        seen = rolled_at_once(light, moved, exposure, ROW_S, border)  # type: ignore[arg-type]
-        follows = rolled_at_once(light, *asked, ROW_S, border)  # type: ignore[arg-type]
+        seen = rolled_at_once(light, moved, exposure, ROW_S, border)
+        follows = rolled_at_once(light, *asked, ROW_S, border)
         assert 255 * float((seen - follows.detach()).abs().max()) < (0.25 if velocity[0] == 0 else 0.02)
         follows.square().mean().backward()
     for each in asked:
