@@ -218,12 +218,6 @@ class Displacement:
         least, largest = self.extremes_px(window)
         return least.min(1), largest.max(1)
 
-    def reach_px(self, window: Window) -> tuple[int, int]:
-        """Margin (down, across) of a window that its blur draws from, tails of the blur included."""
-        low, high = self.range_px(window)
-        across, down = (spread_px(far) for far in np.maximum(-low, high))
-        return down, across
-
     def passed(self, rest: Window) -> Window:
         """The pixels that an object may cover whose window at rest is ``rest``."""
         if self.flows:

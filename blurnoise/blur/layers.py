@@ -19,8 +19,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -110,20 +112,18 @@ def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer,
     must = f"layers: must be layers, or a sequence of them for each of {len(background)} pictures"
     if not isinstance(layers, (tuple, list)):
         raise TypeError(must)
-    given = list(layers)
-    if any(not isinstance(each, Layer) for each in given):
-        if len(given) != len(background) or not all(isinstance(each, (tuple, list)) for each in given):
-            raise ValueError(must)
-        found = tuple(tuple(cast(Sequence[Layer], each)) for each in given)
-    else:
-        found = (tuple(cast(list[Layer], given)),) * len(background)
+    found: Any = layers
+    if all(isinstance(each, Layer) for each in layers):
+        found = (layers,) * len(background)
+    if len(found) != len(background) or not all(isinstance(each, (tuple, list)) for each in found):
+        raise ValueError(must)
     for layer in (layer for some in found for layer in some):
         an_instance("layers", layer, Layer)
         if len(layer.light) not in (1, background.shape[1]):
             raise ValueError(
                 f"layers: one has {len(layer.light)} channels; must be 1 or the background's {background.shape[1]}"
             )
-    return found
+    return tuple(map(tuple, found))
 
 
 def expose_layers(
@@ -279,7 +279,8 @@ def _sub_exposed(
 
 def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     """The window enlarged by all motion through it, and further to lengths with fast transforms."""
-    down, across = (max(reach) for reach in zip(*(each.reach_px(window) for each in moves), strict=True))
+    farthest = np.max([np.abs(each.range_px(window)).max(0) for each in moves], 0)
+    across, down = map(spread_px, farthest.tolist())
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
@@ -320,17 +321,11 @@ def trimmed(layer: Layer) -> Layer:
 
     A layer whose matte needs gradients keeps its margins, and so does an empty one.
     """
-    alpha = layer.alpha.detach()
-    if layer.alpha.requires_grad or not bool(alpha.any()):
+    x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
+    if layer.alpha.requires_grad or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer
-    (top, bottom), (left, right) = (
-        torch.nonzero(alpha.any(dim)).flatten()[[0, -1]].tolist() for dim in (1, 0)
-    )
-    if (bottom - top + 1, right - left + 1) == tuple(alpha.shape):
-        return layer
-    own = (slice(top, bottom + 1), slice(left, right + 1))
-    x, y = layer.place_px
-    return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(x + left, y + top))
+    own, (left, top) = (slice(y, y + height), slice(x, x + width)), layer.place_px
+    return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(left + x, top + y))
 
 
 def seen_behind(

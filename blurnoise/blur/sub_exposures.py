@@ -8,8 +8,9 @@ nearer side takes from the farther one and the reverse.
 
 Sub-exposures are as many in each band of rows as its longest way needs, their times spread a little so that their
 variance is that of an even exposure. They are seen by linear interpolation of the picture at twice its samples
-(:mod:`.finer`), which is a blur of its own: it counts as part of the motion's, and paths are shorter for it. Where
-rows see other parts of a motion, the samples are three times as many, and what a mean still loses is given back.
+(by Lanczos's window of 12 taps), which is a blur of its own: it counts as part of the motion's, and paths are shorter
+for it. Where rows see other parts of a motion, the samples are three times as many, and what a mean still loses along
+an axis is given back. One loop serves two ways to the same values: OpenCV's, and PyTorch's, with gradients.
 """
 
 from __future__ import annotations
@@ -27,11 +28,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from blurnoise._core.borders import BORDERS, OPENCV, Border, Window
+from blurnoise._core.borders import BORDERS, OPENCV, Border, Window, extended, folded
 from blurnoise._core.checks import finite, image_batch, limited_motion, one_of, real_tensor
 from blurnoise._core.threads import borrowed, differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
-from blurnoise.blur.finer import MARGIN, finer, finer_torch, seen_torch, whole, with_margin
 
 SPACING_PX = 2.0
 _FINE_PX = 0.5  # spacing where rows or paths are seen
@@ -39,6 +39,10 @@ _ALL_PLACES_PX = 0.5  # of motion along an axis, which passes all positions betw
 _BAND, _BAND_VALUES = 16, 1 << 14  # rows at least, values at most
 _STEPS = 128  # of a table of paths, to each finer value
 _LONGEST = 24  # finer values: beyond, linear interpolation widens a path by less than 0.2 %
+_MARGIN = 9  # px, for the kernels of finer values
+_LOBES = 6
+_LOST = (-0.053220, 0.026210, -0.008303)  # by a mean of linear interpolations at three times the samples
+_GIVEN_BACK = np.array([*_LOST[::-1], 1 - 2 * sum(_LOST), *_LOST])  # to 1 % up to 0.4 cycles/px
 
 Band = tuple[slice, list[float]]
 """Rows of a window, and the times of their sub-exposures, the exposure being from -1/2 to 1/2."""
@@ -204,11 +208,11 @@ def _by_opencv(sheet: Sheet, window: Window, factor: int, memory: ExitStack, *, 
         top = max(0, math.floor(window.top - sheet.top - high[1]) - 3)
         bottom = min(height, math.ceil(window.top - sheet.top + window.height - low[1]) + 3)
         top, bottom = (top, bottom) if top < bottom else (0, height)
-    wide = with_margin(sheet.planes.detach(), sheet.border).numpy()[:, top : bottom + 2 * MARGIN]
+    wide = _with_margin(sheet.planes.detach(), sheet.border).numpy()[:, top : bottom + 2 * _MARGIN]
     size = factor * height, factor * width, count if count == 1 else max(4, count)
     (values,) = memory.enter_context(borrowed([size], np.float32))
-    finer(wide, values[factor * top : factor * bottom], factor, _lossy(sheet, window, factor))
-    values = values[: whole(height, sheet.border, factor), : whole(width, sheet.border, factor)]
+    _finer(wide, values[factor * top : factor * bottom], factor, _lossy(sheet, window, factor))
+    values = values[: _whole(height, sheet.border, factor), : _whole(width, sheet.border, factor)]
     if covers:
         np.clip(values[..., count - 1], 0, 1, out=values[..., count - 1])
 
@@ -223,11 +227,11 @@ def _by_opencv(sheet: Sheet, window: Window, factor: int, memory: ExitStack, *, 
 
 def _by_torch(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
     """As :func:`_by_opencv`, by ``grid_sample``: on any device, with gradients."""
-    wide = with_margin(sheet.planes, sheet.border)
-    values = finer_torch(wide, sheet.border, factor, _lossy(sheet, window, factor))
+    wide = _with_margin(sheet.planes, sheet.border)
+    values = _finer_torch(wide, sheet.border, factor, _lossy(sheet, window, factor))
     if covers:
         values = torch.cat([values[:, :-1], values[:, -1:].clamp(0, 1)], 1)
-    return lambda at: seen_torch(values, at[0], at[1], sheet.border)
+    return lambda at: _seen_torch(values, at[0], at[1], sheet.border)
 
 
 def _led(sheet: Sheet) -> Sheet:
@@ -289,3 +293,68 @@ def _paths(count: int) -> NDArray[np.float64]:
     whole, rest = np.divmod(np.abs(np.outer(path, times)), 1)
     variance = (whole**2 + (2 * whole + 1) * rest).mean(1)  # linear between the squares of whole places
     return np.interp(np.arange(_LONGEST * _STEPS + 1) / _STEPS, np.sqrt(12 * variance), path)
+
+
+def _with_margin(planes: Tensor, border: Border) -> Tensor:
+    """NDArray[np.float32]s (C, H, W) continued as far as the kernels reach."""
+    height, width = (side + 2 * _MARGIN for side in planes.shape[-2:])
+    return extended(planes[None], (_MARGIN, _MARGIN), (height, width), border)[0]
+
+
+def _finer(
+    planes: NDArray[np.float32], into: NDArray[np.float32], factor: int, lossy: tuple[bool, bool]
+) -> None:
+    """Planes with their margin at ``factor`` times their samples, into (h, w, channels); more of these are filled."""
+    (height, width), channels = planes.shape[1:], into.shape[2]
+    pixels = into.view(np.dtype((np.void, 4 * channels)))[..., 0]
+    inside = slice(_MARGIN, -_MARGIN)
+    with borrowed([(height, width, channels)] * 3, np.float32) as (wide, across, found):
+        cv2.merge([*planes, *[planes[0]] * (channels - len(planes))], wide)
+        for column in range(factor):
+            cv2.filter2D(wide, -1, _kernel(column / factor, lossy[0])[None], across)
+            for row in range(factor):
+                cv2.filter2D(across, -1, _kernel(row / factor, lossy[1])[:, None], found)
+                pixels[row::factor, column::factor] = found.view(pixels.dtype)[inside, inside, 0]
+
+
+@lru_cache(maxsize=8)
+def _kernel(part: float, lossy: bool) -> NDArray[np.float64]:
+    """Odd weights of the values about one, for what lies ``part`` of the way to the next."""
+    off = np.arange(-_LOBES, _LOBES + 1) - part
+    taps = np.where(np.abs(off) < _LOBES, np.sinc(off) * np.sinc(off / _LOBES), 0.0) if part else np.ones(1)
+    taps /= taps.sum()
+    return np.convolve(taps, _GIVEN_BACK) if lossy else taps
+
+
+def _whole(size: int, border: Border, factor: int) -> int:
+    """Values along a finer side of ``size`` px: without those beyond the last pixel where the border mirrors it."""
+    return factor * size - (factor - 1) * (border in ("reflect", "replicate"))
+
+
+def _finer_torch(wide: Tensor, border: Border, factor: int, lossy: tuple[bool, bool]) -> Tensor:
+    """A picture (C, H, W) with its margin as (1, C, h, w), two values more on every side."""
+    values = _between(_between(wide, factor, lossy[0]).mT, factor, lossy[1]).mT
+    height, width = (_whole(side - 2 * _MARGIN, border, factor) for side in wide.shape[1:])
+    return extended(values[None, :, :height, :width], (2, 2), (height + 4, width + 4), border)
+
+
+def _between(plane: Tensor, factor: int, lossy: bool) -> Tensor:
+    """Lines (C, H, W) with their margin as (C, H, factor (W - margins))."""
+    lines, parts = plane.flatten(0, 1)[:, None], []
+    for part in range(factor):
+        kernel = torch.from_numpy(_kernel(part / factor, lossy)).to(plane)
+        unused = _MARGIN - len(kernel) // 2
+        parts.append(functional.conv1d(lines[..., unused : lines.shape[-1] - unused], kernel[None, None]))
+    return torch.cat(parts, 1).mT.reshape(*plane.shape[:2], -1)
+
+
+def _seen_torch(values: Tensor, x: Tensor, y: Tensor, border: Border) -> Tensor:
+    """Finer values (1, C, H, W), two more on every side, at places (h, w) in them: (C, h, w)."""
+    height, width = values.shape[-2:]
+    x, y = (
+        (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
+        for place, inside in ((x, width - 4), (y, height - 4))
+    )
+    grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
+    seen: Tensor = functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)
+    return seen[0]
