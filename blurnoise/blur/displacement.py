@@ -114,7 +114,7 @@ class Displacement:
         """Whether nothing moves."""
         if differentiable(self.even_px) or float(self.even_px.detach().abs().max()) >= STILL_PX:
             return False
-        return float(np.abs(self._along_path[1]).max()) < STILL_PX
+        return float(np.abs(self.path_track[1]).max()) < STILL_PX
 
     def moves_like(self, other: Displacement) -> bool:
         """Whether both have the same motion."""
@@ -139,11 +139,11 @@ class Displacement:
     @cached_property
     def track(self) -> tuple[Floats, Floats]:
         """Times (K,) and places (2, K) of the path and the uniform motion together."""
-        times, knots = self._along_path
+        times, knots = self.path_track
         return times, knots + np.outer(self.velocity_px_s, times)
 
     @cached_property
-    def _along_path(self) -> tuple[Floats, Floats]:
+    def path_track(self) -> tuple[Floats, Floats]:
         """Times (K,) and places (2, K) of the path. Raises ``ValueError`` unless it holds all rows' windows."""
         begin, end = self.readout.span_s
         if self.path is None:
@@ -187,12 +187,12 @@ class Displacement:
             return None
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
         at = (starts + stops) / 2 + np.multiply.outer(times, stops - starts)
-        known, knots = self._along_path
+        known, knots = self.path_track
         return np.stack([np.interp(at, known, along) for along in knots], 1)
 
     def length_px(self, window: Window) -> Floats:
         """The longest path length (h,) within the exposure of each row of a window."""
-        times, knots = self._along_path if self.flows else self.track
+        times, knots = self.path_track if self.flows else self.track
         gone = sums(np.hypot(*np.diff(knots)))
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
         length = np.interp(stops, times, gone) - np.interp(starts, times, gone)
@@ -207,7 +207,7 @@ class Displacement:
         if differentiable(self.even_px):  # the slope along an axis on which nothing moves
             half = half.clamp_min(STILL_PX)
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
-        (times, knots), ends = self._along_path, (starts.min(), stops.max())
+        (times, knots), ends = self.path_track, (starts.min(), stops.max())
         within = knots[:, (times >= ends[0]) & (times <= ends[1])]
         places = np.concatenate([within, [np.interp(ends, times, along) for along in knots]], 1)
         least = (base - half).amin(-1).double().cpu().numpy() + places.min(1)[:, None]
@@ -265,32 +265,29 @@ class Displacement:
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
         return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
 
-    def covered(self, box: Floats) -> Floats:
-        """What a box (left, top, right, bottom), px between pixels' centres, covers in all rows' windows.
+    def covered(self, boxes: Floats) -> Floats:
+        """What boxes (N, 4), px between pixels' centres, cover in all rows' windows.
 
-        At each time, the rows that are exposed show the part of the box that is there.
+        At each time, the rows that are exposed show the part of a box that is there; rows beyond the picture are
+        exposed as its last ones.
         """
-        times, first, last = self._exposed_rows
-        x, y = self._places(times)
-        left, top, right, bottom = box
-        upper, lower = np.maximum(first, top + y), np.minimum(last, bottom + y)
-        seen = upper <= lower
-        x, upper, lower = x[seen], upper[seen], lower[seen]
-        return np.array([left + x.min(), upper.min(), right + x.max(), lower.max()]) if seen.any() else box
-
-    @cached_property
-    def _exposed_rows(self) -> tuple[Floats, Floats, Floats]:
-        """Times, and the first and last row that are exposed then; rows beyond the picture are as its last ones."""
-        begin, end = self.readout.span_s
-        knots = self.track[0]
+        (begin, end), knots = self.readout.span_s, self.track[0]
         times = np.union1d(np.linspace(begin, end, _TIMES), knots[(knots > begin) & (knots < end)])
-        starts, stops = self.readout.windows_s
-        turned = slice(None, None, 1 if self.readout.row_s > 0 else -1)
-        starts, stops, rows = starts[turned], stops[turned], np.arange(self.readout.rows)[turned]
-        outside = math.inf * float(np.sign(self.readout.row_s))
+        down = 1 if self.readout.row_s > 0 else -1
+        starts, stops = (each[::down] for each in self.readout.windows_s)
+        rows, outside = np.arange(self.readout.rows)[::down], math.inf * down
         over = np.where(times <= stops[0], -outside, np.interp(times, stops, rows))
         begun = np.where(times >= starts[-1], outside, np.interp(times, starts, rows))
-        return times, np.minimum(over, begun), np.maximum(over, begun)
+        first, last = np.minimum(over, begun), np.maximum(over, begun)
+        x, y = self._places(times)
+        found = boxes.copy()
+        for box in found:
+            left, top, right, bottom = box
+            upper, lower = np.maximum(first, top + y), np.minimum(last, bottom + y)
+            if (seen := upper <= lower).any():
+                across = x[seen]
+                box[:] = left + across.min(), upper[seen].min(), right + across.max(), lower[seen].max()
+        return found
 
 
 def stretch(velocity_y_px_s: float, row_s: float) -> float:

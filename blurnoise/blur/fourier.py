@@ -38,7 +38,7 @@ _JOIN = 0.05  # cycles/px below half of one, over which a response is led into i
 STILL_PX = 2e-5  # along an axis that is not worth its transform: 1.4e-5 of a wave, beside other motion
 _STRIP = 3 << 16  # values of a strip of rows
 _CUTS = (1, 2, 3, 4, 6, 8, 12)  # tiles along an axis
-LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
+_LARGEST_PLANE = 2**28  # values; a motion of millions of pixels should fail by name, not for want of memory
 
 
 @dataclass(frozen=True)
@@ -164,6 +164,12 @@ def _is_fast(length: int) -> bool:
     return 210**30 % length == 0 and (length <= 256 or length % 256 != 0)
 
 
+def limited_plane(needs: str, height: int, width: int) -> None:
+    """Raise ``ValueError`` where a plane is too large; ``needs``: what needs it."""
+    if height * width > _LARGEST_PLANE:
+        raise ValueError(f"{needs} a plane of {height}x{width} pixels; at most {_LARGEST_PLANE} are allowed")
+
+
 def apply(
     image: Tensor,
     response: Response,
@@ -182,11 +188,7 @@ def apply(
     high, wide = (8 * math.ceil((reach + _TAIL_PX) / 8) if reach else 0 for reach in response.reach_px)
     layout = _layout((image.shape[-2], image.shape[-1]), (high, wide), border, tiled)
     y, x = layout.y, layout.x
-    if y.span * x.span > LARGEST_PLANE:
-        raise ValueError(
-            f"{response}: border {border!r} needs a plane of {y.span}x{x.span} pixels; at most {LARGEST_PLANE} "
-            "are allowed"
-        )
+    limited_plane(f"{response}: border {border!r} needs", y.span, x.span)
     if out is None:
         out = torch.empty_like(image, memory_format=torch.contiguous_format)
     along_rows = len(layout.dims) == 1 and response.weights is None

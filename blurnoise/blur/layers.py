@@ -1,16 +1,14 @@
 """Layered exposures: objects with a matte, each in a motion of its own, before a background that moves otherwise.
 
-Domain: linear light, white is 1; px, x right, y down; at mid-exposure everything is where the picture at rest has it,
-unless the camera shakes or reads row by row. Layers come back to front: the last is in front. One object of light F
-and matte alpha before a background B makes, the exposure being T,
+Domain: linear light, white is 1; px, x right, y down. Layers come back to front. At mid-exposure everything is where
+the picture at rest has it. One object of light F and matte alpha before a background B makes, the exposure being T,
 
     I = h_F * (alpha F) + 1/T integral of (1 - alpha(p - d_F(t))) B(p - d_B(t)) dt.
 
 The matte formula h_F * (alpha F) + (1 - h_F * alpha) (h_B * B) is that wherever either of the two is still (Giusti &
 Caglioti 2007, inria-00264748). Where both move, and where objects overlap that move differently, it is a mean of
-sub-exposures (:mod:`.sub_exposures`) in a window around what the objects pass, for what varies together alone.
-
-Where a matte meets the picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
+sub-exposures in a window around what the objects pass, for what varies together alone. Where a matte meets the
+picture's border it goes on beyond it as the border does; elsewhere nothing is beyond it.
 """
 
 from __future__ import annotations
@@ -284,11 +282,9 @@ def _work(window: Window, moves: Sequence[Displacement]) -> Window:
     grown = window.grown(down, across)
     height = fourier.fast_length(grown.height) if down else grown.height
     width = fourier.fast_length(grown.width) if across else grown.width
-    if height * width > fourier.LARGEST_PLANE:
-        raise ValueError(
-            f"displacement_px: {max(across, down)} px to either side; a layer needs a plane of {height}x{width} "
-            f"pixels, at most {fourier.LARGEST_PLANE} are allowed"
-        )
+    fourier.limited_plane(
+        f"displacement_px: {max(across, down)} px to either side; a layer needs", height, width
+    )
     return grown._replace(height=height, width=width)
 
 
@@ -350,7 +346,7 @@ def seen_behind(
     clear = torch.ones_like(alpha)
     for each, moved in ((trimmed(each), moved) for each, moved in movers):
         motion = real_tensor("displacement_px", moved).detach().double()
-        down, across = (reach_px(along) for along in motion.tolist()[::-1])
+        across, down = map(spread_px, (motion.abs() / 2).tolist())
         work = rest.grown(down, across)
         if each.window.meets(work):
             covered = convolution.motion_blur(matte(each, work), motion, border="constant")
@@ -369,13 +365,8 @@ class ObjectMotion(NamedTuple):
 def object_motion(layer: Layer, exposure_s: float, size: tuple[int, int]) -> ObjectMotion:
     """Motion of a layer, and the share of a picture (H, W) that it may cover."""
     x, y = layer.displacement_px(torch.tensor(exposure_s, dtype=torch.float64)).tolist()
-    window = layer.window.grown(reach_px(y), reach_px(x)).clipped(size)
+    window = layer.window.grown(spread_px(abs(y) / 2), spread_px(abs(x) / 2)).clipped(size)
     return ObjectMotion((x, y), max(0, window.height) * max(0, window.width) / math.prod(size))
-
-
-def reach_px(along_px: float) -> int:
-    """Spread of a motion blur to each side, the tail of the band-limited line included."""
-    return spread_px(abs(along_px) / 2)
 
 
 def plane_of(layers: Sequence[Layer], work: Window, like: Tensor, border: Border) -> Tensor:

@@ -81,11 +81,7 @@ def rolled(light: Tensor, moves: Displacement, border: Border) -> Tensor:
         return exposed(light, moves, border)
     before = math.ceil(down) + _BEYOND_PX, math.ceil(across) + _MARGIN_PX
     spans = next_fast_len(height + 2 * before[0]), fourier.fast_length(width + 2 * before[1])
-    if math.prod(spans) > fourier.LARGEST_PLANE:
-        raise ValueError(
-            f"displacement_px = {moved.tolist()}: rows that are read one after another need a plane of "
-            f"{spans[0]}x{spans[1]} pixels; at most {fourier.LARGEST_PLANE} are allowed"
-        )
+    fourier.limited_plane(f"displacement_px = {moved.tolist()}: rows read one after another need", *spans)
     taps = _lanczos_taps(before[0] + places)
     if on_numpy:
         return _at_once(light, moved, taps, shift_px, before, spans, border)
@@ -335,11 +331,10 @@ def _rows_blurred(
     margin = side // 2
     length = fourier.fast_length(light.shape[-1] + 2 * margin)
     _, f = fourier.frequencies((1, side))
-
-    def motion(fx: Floats, fy: Floats) -> NDArray[np.complex128]:
-        return row_responses(fx, time, x_px, windows_s)[:, None]
-
-    spread = np.fft.irfft(fourier.joined(motion, f, np.zeros(1), (1, side))[:, 0], n=side)
+    responses = fourier.joined(
+        lambda fx, _: row_responses(fx, time, x_px, windows_s)[:, None], f, np.zeros(1), (1, side)
+    )
+    spread = np.fft.irfft(responses[:, 0], n=side)
     kernels = np.zeros((len(spread), length))
     kernels[:, (np.arange(side) + side // 2) % side - side // 2] = spread
     factors: NDArray[Any] = np.fft.rfft(kernels)

@@ -36,7 +36,7 @@ from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 SPACING_PX = 2.0
 _FINE_PX = 0.5  # spacing where rows or paths are seen
 _ALL_PLACES_PX = 0.5  # of motion along an axis, which passes all positions between two values
-_BAND, _BAND_VALUES = 16, 1 << 14  # rows at least, values at most
+_BAND, _BAND_VALUES = 16, 1 << 13  # rows at least, values at most beyond
 _STEPS = 128  # of a table of paths, to each finer value
 _LONGEST = 24  # finer values: beyond, linear interpolation widens a path by less than 0.2 %
 _MARGIN = 9  # px, for the kernels of finer values
@@ -251,17 +251,9 @@ def _lossy(sheet: Sheet, window: Window, factor: int) -> tuple[bool, bool]:
 
 def _bands(moves: Sequence[Displacement], window: Window, spacing_px: float) -> list[Band]:
     longest = np.max([each.length_px(window) for each in moves], 0)
-    bands: list[Band] = []
-    for top in range(0, window.height, _BAND):
-        rows = slice(top, min(top + _BAND, window.height))
-        times = _times(float(longest[rows].max()), spacing_px)
-        if bands and bands[-1][1] == times:
-            joined = slice(bands[-1][0].start, rows.stop)
-            if (joined.stop - joined.start) * window.width <= _BAND_VALUES:
-                bands.pop()
-                rows = joined
-        bands.append((rows, times))
-    return bands
+    height = max(_BAND, _BAND_VALUES // window.width)
+    bands = [slice(top, min(top + height, window.height)) for top in range(0, window.height, height)]
+    return [(rows, _times(float(longest[rows].max()), spacing_px)) for rows in bands]
 
 
 def _times(length_px: float, spacing_px: float) -> list[float]:

@@ -22,7 +22,7 @@ from torch import Tensor
 from blurnoise._core.borders import Border, Window
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, layers
-from blurnoise.blur.displacement import Displacement, Floats, Readout
+from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import SPACING_PX
@@ -213,16 +213,14 @@ class RollingShutter(_Moving):
         """Bound from the largest displacement d, pi d / sqrt(2) RMS, and from the light that rows gain."""
         if not at.camera.row_time_s:
             return 0.0
-        readout, by_row = readout_of(at, at.camera.field.size), displacement(at).each_row_differs
+        moves = displacement(replace(at, size=None))
+        readout, by_row = moves.readout, moves.each_row_differs
         farthest_px = math.hypot(*at.displacement_px) + float(at.variation_px)
         farthest_px = max(farthest_px, *(math.hypot(*each.displacement_px) for each in _objects(at)), 0.0)
         fastest = farthest_px / at.exposure_s if at.exposure_s else 0.0
         apart_s = abs(readout.row_s) * (readout.rows - 1) / 2
         farthest = fastest * (max(map(abs, readout.span_s)) if by_row else apart_s)
-        if at.trajectory is not None:
-            x, y = at.trajectory.origin_px(at.exposure_s)
-            knots, _ = at.trajectory.window(*readout.span_s)
-            farthest += float(np.hypot(knots[0] - x, knots[1] - y).max())
+        farthest += float(np.hypot(*moves.path_track[1]).max())
         return min(1.0, math.pi * farthest / math.sqrt(2)) + float(readout.light.max()) - 1
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
@@ -231,29 +229,26 @@ class RollingShutter(_Moving):
     def how(self, at: Conditions[float]) -> str:
         if at.objects:
             return "with the objects, each thing by its own motion"
-        rows, row_s = at.camera.height_px, at.camera.row_time_s
-        if at.size is not None:
-            rows, row_s = at.size[0], row_s / at.camera.field.per_sensor_px(at.size)
-        took = f"{1e3 * row_s * rows:.3g} ms from first row to last"
         moves = displacement(at)
+        row_s = abs(moves.readout.row_s)
+        took = f"{1e3 * row_s * moves.readout.rows:.3g} ms from first row to last"
         if moves.each_row_differs:
             return f"{took}: every row in its own window"
         x, y = (along * row_s for along in moves.velocity_px_s)
         return f"{took}: {x:+.3g}, {y:+.3g} px per row, after the blur"
 
     def key(self, at: Conditions[float]) -> Hashable:
-        camera = at.camera
-        if not camera.row_time_s:
-            return None
-        rows = camera.row_time_s, camera.shutter, camera.scan, at.exposure_s
-        return *rows, at.displacement_px, at.variation_px, at.trajectories
+        rows = at.camera.row_time_s, at.camera.shutter, at.camera.scan, at.exposure_s
+        return (*rows, at.displacement_px, at.variation_px, at.trajectories) if rows[0] else None
 
     def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Shift the upper and lower edge to their mean rows, and the box sideways as its middle row is."""
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
-        moves, between = displacement(at), _between_centres(boxes_xyxy)
-        left, top, right, bottom = between.T
+        moves = displacement(at)
+        left, top, right, bottom = (
+            boxes_xyxy.detach().cpu().double().numpy().T - 0.5
+        )  # between pixels' centres
         top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
         x, _ = moves.mean_px((top + bottom) / 2)
         return torch.from_numpy(np.stack([left + x, top, right + x, bottom], 1) + 0.5).to(boxes_xyxy)
@@ -262,18 +257,12 @@ class RollingShutter(_Moving):
         """What boxes cover while their rows are exposed, one after another."""
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
-        moves = displacement(at)
-        covered = [moves.covered(box) for box in _between_centres(boxes_xyxy)]
-        return torch.from_numpy(np.stack(covered) + 0.5).to(boxes_xyxy)
+        between = boxes_xyxy.detach().cpu().double().numpy() - 0.5
+        return torch.from_numpy(displacement(at).covered(between) + 0.5).to(boxes_xyxy)
 
 
 def _objects(at: Conditions[float]) -> tuple[ObjectMotion, ...]:
     return cast(tuple[ObjectMotion, ...], at.objects)
-
-
-def _between_centres(boxes_xyxy: Tensor) -> Floats:
-    """Boxes from between the pixels' edges to between their centres."""
-    return boxes_xyxy.detach().cpu().double().numpy() - 0.5
 
 
 def displaced(layer: Layer, shift_px: Tensor) -> Layer:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.checks import an_instance, image_batch
-from blurnoise.blur.layers import Layer, reach_px
+from blurnoise.blur.displacement import spread_px
+from blurnoise.blur.layers import Layer
 
 Matte = NDArray[np.float32]
 _MIXED_PX = 1  # from an edge inwards, colours hold what was behind
@@ -149,7 +150,9 @@ def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: fl
     paths meet are one layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)
-    across, down = [max(1, reach_px(along * exposure_s)) for along in velocity_px_s.detach().tolist()]
+    across, down = [
+        max(1, spread_px(abs(along) * exposure_s / 2)) for along in velocity_px_s.detach().tolist()
+    ]
     near = cv2.dilate(covered, np.ones((2 * down + 1, 2 * across + 1), np.uint8))
     count, parts = cv2.connectedComponents(near)
     own = [matte] if count == 2 else [np.where(parts == part, matte, 0) for part in range(1, count)]
