@@ -1,9 +1,8 @@
 """The description of motion: how far something is displaced at any time, and when each row of a picture is exposed.
 
-Convention: px, x right, y down; (0, 0) is where the picture at rest has it. Time 0 is mid-exposure of the middle row,
-(H - 1) / 2. Rows are read every ``row_s``, downwards > 0, upwards < 0, 0 together. Row i is exposed from tau_i - T/2
-to tau_i + T/2, tau_i = (i - (H - 1) / 2) row_s; with global reset all begin together, and each ends ``row_s`` after
-the one before.
+Convention: px, x right, y down; (0, 0) is where the picture at rest has it. Time 0 is mid-exposure of the middle row.
+Rows are read every ``row_s``, downwards > 0, upwards < 0, 0 together. Row i is exposed for T about
+(i - (H - 1) / 2) row_s; with global reset all begin together, and each ends ``row_s`` after the one before.
 """
 
 from __future__ import annotations
@@ -93,9 +92,9 @@ class Displacement:
     def way(self) -> Way:
         """How the motion is computed; the only place that decides it.
 
-        One displacement for all pixels in one window of time is a transfer function. Rows that are exposed one after
-        another see the same blur of a uniform motion, each displaced; of a path that in no window goes far along rows
-        and down them at once, each has its own. Everything else is a mean of sub-exposures.
+        One displacement for all pixels in one window of time is a transfer function. Rows exposed in turn see one
+        blur of a uniform motion, each displaced; of a path that in no window goes far along rows and down them at
+        once, each has its own. Everything else is a mean of sub-exposures.
         """
         by_rows = self.readout.row_s != 0
         if self.flows:

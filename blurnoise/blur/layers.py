@@ -96,9 +96,8 @@ class Layer:
     @property
     def requires_grad(self) -> bool:
         """Whether any part of it needs gradients."""
-        return any(
-            part.requires_grad for part in (self.light, self.alpha, torch.as_tensor(self.velocity_px_s))
-        )
+        velocity = torch.as_tensor(self.velocity_px_s)
+        return self.light.requires_grad or self.alpha.requires_grad or velocity.requires_grad
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
@@ -145,13 +144,12 @@ def expose_layers(
     exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
     moved_px = convolution.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
     limited_motion("displacement_px: velocity times exposure", moved_px)
-    height = background.shape[-2]
-    seen = []
-    for picture, own, lasting, by in zip(
-        torch.split(background, 1), per_picture, exposure, moved_px, strict=True
-    ):
-        moves = Displacement(by, lasting, Readout(height, 0.0, float(lasting)))
-        seen.append(exposed(picture, own, moves, border, step_px))
+    moves = [
+        Displacement(by, lasting, Readout(background.shape[-2], 0.0, float(lasting)))
+        for by, lasting in zip(moved_px, exposure, strict=True)
+    ]
+    pictures = zip(torch.split(background, 1), per_picture, moves, strict=True)
+    seen = [exposed(picture, own, by, border, step_px) for picture, own, by in pictures]
     return seen[0] if len(seen) == 1 else torch.cat(seen)
 
 
@@ -313,10 +311,8 @@ def flattened(layers: Sequence[Layer]) -> Layer:
 
 
 def trimmed(layer: Layer) -> Layer:
-    """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none.
-
-    A layer whose matte needs gradients keeps its margins, and so does an empty one.
-    """
+    """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none. One
+    whose matte needs gradients, or is empty, keeps them."""
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
     if layer.alpha.requires_grad or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer

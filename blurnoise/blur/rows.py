@@ -381,10 +381,10 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
     shifts = convolution.motions("displacement_px", shift_px, light).detach().tolist()
     if all(abs(along) < STILL_PX for shift in shifts for along in shift):
         return light
-    seen = []
-    for picture, (x, y) in zip(torch.split(light, 1), shifts, strict=True):
-        seen.append(_along_rows(_along_rows(picture.mT, y, border).mT, x, border))
-    return torch.cat(seen)
+    pictures = zip(torch.split(light, 1), shifts, strict=True)
+    return torch.cat(
+        [_along_rows(_along_rows(each.mT, y, border).mT, x, border) for each, (x, y) in pictures]
+    )
 
 
 def _along_rows(light: Tensor, shift_px: float, border: Border) -> Tensor:

@@ -18,8 +18,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from functools import lru_cache
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -91,10 +91,8 @@ def _flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[She
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)
     once, rows = torch.ones(()), Readout(image.shape[-2], 0.0, 1.0)
-    return [
-        Sheet(picture, Displacement(by, once, rows), border=border)
-        for picture, by in zip(image, moved, strict=True)
-    ]
+    pairs = zip(image, moved, strict=True)
+    return [Sheet(picture, Displacement(by, once, rows), border=border) for picture, by in pairs]
 
 
 def flows(name: str, value: object, image: Tensor) -> Tensor:
@@ -146,24 +144,16 @@ def _means(sheets: Sequence[Sheet], window: Window, bands: Sequence[Band], *, fi
         if rows not in moving:
             means[rows.start] = [first[:, rows]]
             return
-        sums: list[Tensor] = []
-        for at in zip(
-            *(_places(sheet, window, band, factor, counted=counted) for sheet in sheets), strict=True
-        ):
-            shown = _shown(sheets, looks, at)
-            sums = [
-                total.add_(each) for total, each in zip(sums or [0 * e for e in shown], shown, strict=True)
-            ]
+        sums: list[Any] = [0.0] * 3
+        places = [_places(sheet, window, band, factor, counted=counted) for sheet in sheets]
+        for at in zip(*places, strict=True):
+            sums = [total + each for total, each in zip(sums, _shown(sheets, looks, at), strict=False)]
         means[rows.start] = [total[: len(first)] / len(times) for total in sums]
 
     with ExitStack() as memory:
         span = window._replace(top=window.top + moving[0].start, height=moving[-1].stop - moving[0].start)
-        looks = [
-            _by_opencv(sheet, span, factor, memory, covers=place > 0)
-            if fast
-            else _by_torch(sheet, span, factor, covers=place > 0)
-            for place, sheet in enumerate(sheets)
-        ]
+        by: Callable[..., Look] = partial(_by_opencv, memory) if fast else _by_torch
+        looks = [by(sheet, span, factor, covers=place > 0) for place, sheet in enumerate(sheets)]
         side_by_side(expose, bands, threads_for(first) if fast else 1)
     return [torch.cat(parts, -2) for parts in zip(*(means[rows.start] for rows, _ in bands), strict=True)]
 
@@ -199,7 +189,7 @@ def _places(sheet: Sheet, window: Window, band: Band, factor: int, *, counted: b
         yield at if path is None else at - factor * torch.from_numpy(path[moment]).to(at)[..., None]
 
 
-def _by_opencv(sheet: Sheet, window: Window, factor: int, memory: ExitStack, *, covers: bool) -> Look:
+def _by_opencv(memory: ExitStack, sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
     """On the CPU: four channels at a time, a third of the time of three, or one."""
     count, height, width = sheet.planes.shape
     top, bottom = 0, height
