@@ -75,25 +75,19 @@ class Camera:
     pixel_pitch_um: square pixel. f_number: working. transmission: lens and atmosphere, 0-1. quantum_efficiency:
     electrons per photon, IR-cut included, over 400-700 nm or a :class:`Curve`; of a mosaic
     :class:`blurnoise.optics.colour.FilterCurves`. full_well_e: saturation capacity. system_gain_dn_per_e: K.
-    read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: of its variance, what arises behind the
-    amplifier and falls with gain. analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of
-    both kinds. conversion_gains, captures (of one HDR picture): see :class:`ConversionGain` and :class:`Capture`.
+    read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: of its variance, what arises behind
+    the amplifier. analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds.
     dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
-    black_level_dn: offset before rounding. bit_depth: of the converter.
-    defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the disc's areas in the pixels, as
-    ``fspecial('disk', r)``, which counts the pixel's own aperture twice; for comparisons only.
-    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none.
-    cfa: the mosaic, see :mod:`blurnoise.optics.colour`. "none": a sensor for each colour of a picture, all with the
-    same quantum efficiency; "mono": one plane of light, which comes out grey. white_balance ("auto" follows the
-    light; or gains of red, green or clear, and blue), demosaic, ccm (camera colours after white balance to linear
-    sRGB, rows sum to 1; None: they are the same), tone, jpeg_quality: see :mod:`blurnoise.picture.steps`.
-    width_px, height_px, hfov_deg: of the sensor; a picture of another size is the sensor's largest part of its shape.
+    black_level_dn: offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
+    disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only.
+    diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none. cfa: the
+    mosaic. "none": a sensor for each colour of a picture, all with the same quantum efficiency; "mono": one plane
+    of light, which comes out grey. white_balance: "auto" follows the light; or gains of red, green or clear, and
+    blue. ccm: camera colours after white balance to linear sRGB, rows sum to 1; None: they are the same. width_px,
+    height_px, hfov_deg: of the sensor; a picture of another size is the sensor's largest part of its shape.
     shutter: "rolling": each row is exposed row_time_s after the one before, from the top "down" or "up" (scan);
-    "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter.
-    lens: what changes over the field. sources: field name -> where its figure comes from.
-
-    Raises ``ValueError`` or ``TypeError`` naming the field and what is allowed
-    (:data:`blurnoise._core.checks.LIMITS`).
+    "global-reset": all begin together, and each ends row_time_s after the one before, hence is brighter. sources:
+    field name -> where its figure comes from. Raises ``ValueError`` or ``TypeError`` naming the field.
     """
 
     name: Text

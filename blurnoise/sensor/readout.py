@@ -12,23 +12,47 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any, Literal
 
+import cv2
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_of
-from blurnoise._core.lookup import look_up
-from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
+from blurnoise._core.lookup import look_up, look_up_codes
+from blurnoise._core.threads import borrowed, differentiable, plain, side_by_side, threads_for
 from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons
-from blurnoise.sensor import fast, stages
+from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
 Draw = Callable[[Sequence[int], Tensor, str], Tensor]
 _PIECE = 1 << 15  # values that stay in a core's cache, and for which PyTorch wakes no threads
+Plane = NDArray[Any]
+MOST_APART = 256.0
+"""The brightest of several lights over the faintest, at most: light is clipped once, for all of them."""
+_STAGES = (
+    stages.SPECTRAL_INTEGRATION,
+    stages.PRNU,
+    stages.DARK_CURRENT,
+    stages.SHOT_NOISE,
+    stages.FULL_WELL,
+    stages.READ_NOISE,
+    stages.DSNU,
+    stages.GAIN,
+    stages.QUANTISATION,
+    stages.LIMITS,
+)
+"""The stages implemented here, in this order, whatever else ``STAGES`` holds."""
+_FAST_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
+_FAINT_E = 1e-9  # of white: less is no unit to reckon in
+_BEYOND_DN = (
+    2.0**20
+)  # where light is clipped: far above any converter, and far within the last step's integers
 
 
 @dataclass(frozen=True)
@@ -99,7 +123,7 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
         scene, white, dark = scene.detach(), white.detach(), dark.detach()
     pattern = [None if plane is None else plane.to(scene) for plane in options.fixed_pattern or (None, None)]
     active = stages.active(camera, options.without, noisy=options.noise)
-    law, known = _law(camera, options, with_gradients, active), fast.supports(active)
+    law, known = _law(camera, options, with_gradients, active), supports(active)
 
     def frames(of: slice, lights: slice) -> Frames:
         light, white_e, dark_e = scene[of], white[lights, None, None, None], dark[lights, None, None, None]
@@ -126,10 +150,10 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
 
     def expose_items(of: slice) -> None:
         first = slice(of.start, of.start + 1)
-        fast.write_frames(scene[first], frames(first, of), written[of], tones, threads)
+        write_frames(scene[first], frames(first, of), written[of], tones, threads)
 
     one_draw = law == "none" or (law == "merged" and len(set(seeds)) == 1)
-    alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= fast.MOST_APART * float(white.min())
+    alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= MOST_APART * float(white.min())
     step = len(scene) if alike else 1
     side_by_side(expose_items, [slice(first, first + step) for first in range(0, len(scene), step)], threads)
     return out
@@ -200,3 +224,134 @@ def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: 
     last = stages.READ_NOISE if stages.READ_NOISE in after_shot else stages.FULL_WELL
     between = after_shot[: after_shot.index(last)]
     return "merged" if all(stage is stages.FULL_WELL for stage in between) else "apart"
+
+
+# The fast route: NumPy planes (C, n), n pixels of C colours, float32 or float64. A piece stays in a core's cache
+# through all steps, which write in place, each by what does it fastest: NumPy, OpenCV or PyTorch; frames of one
+# picture under several lights share what does not depend on the light.
+
+
+def supports(active: Sequence[SensorStage]) -> bool:
+    """Whether :func:`write_frames` implements all of these stages, in this order."""
+    return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
+
+
+def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
+    """Write the digital numbers (L, C, H, W) of light (1, C, H, W) under L lights, or what ``tones`` has for them.
+
+    at: means of each light, and the fields of one frame, which all share. Several lights go with the laws "none" and
+    "merged". Threads share the pieces: no bit changes.
+    """
+    if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
+        for stage in _STAGES[:4]:
+            scene = stage.apply(scene, at)
+        at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
+    light = _flat(scene)
+    colours, pixels = light.shape
+    frames: Plane = out.view(len(out), colours, pixels).numpy()
+    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, at.offset_e)]
+    table, full_scale_dn = None, at.camera.full_scale_dn
+    if tones is not None:  # for every code of 16 bits
+        table = np.pad(tones.numpy()[: full_scale_dn + 1], (0, 65_535 - full_scale_dn), mode="edge")
+    count = threads * math.ceil(light.size / _FAST_PIECE / threads)
+    step = math.ceil(pixels / count)
+
+    def write_from(start: int) -> None:
+        of = slice(start, start + step)
+        parts = [None if field is None else field[:, of] for field in fields]
+        _write_piece(light[:, of], parts, at, frames[..., of], table)
+
+    side_by_side(write_from, range(0, pixels, step), threads)
+
+
+def _flat(field: Tensor) -> Plane:
+    flat: Plane = field.reshape(field.shape[1], -1).numpy()
+    return flat
+
+
+def _write_piece(
+    light: Plane, fields: Sequence[Plane | None], at: Frames, out: Plane, table: Plane | None
+) -> None:
+    """Write the frames ``out`` (L, C, n) of light (C, n); fields: normal, read, gain and offset_e."""
+    (normal, read, gain, offset_e), camera, law = fields, at.camera, at.law
+    whites_e, darks_e = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
+    gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
+    with (
+        borrowed([(5, *light.shape)], light.dtype) as (work,),
+        borrowed([light.shape], np.uint16) as (codes,),
+    ):
+        lit, signal, noise, skew, bend = work
+        given = light if gain is None else np.multiply(light, gain, out=lit)
+        most = _BEYOND_DN / gain_dn / max(min(whites_e), _FAINT_E)
+        # NumPy would take three times as long.
+        torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
+        if law == "merged" and normal is not None:
+            np.multiply(normal, normal, out=bend)
+            bend -= 1.0
+        for white_e, dark_e, frame in zip(whites_e, darks_e, out, strict=True):
+            # Light, dark charge and noise are in units of unit_e electrons: one pass less.
+            mean, unit_e = lit, white_e
+            if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
+                mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
+                mean += dark_e
+            added, scale_e, full = mean, 0.0, None
+            if law == "merged" and normal is not None:
+                scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
+                added = noise
+                if read is not None:
+                    full = _where_full(mean, unit_e, camera, normal, read, offset_e)
+            else:
+                if law == "counts" and normal is not None:
+                    mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
+                added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
+                if read is not None:
+                    added, scale_e = read, camera.read_noise_e
+            if offset_e is not None:
+                mean += offset_e
+            # Gain, black level, rounding, and the limits of 16 bits.
+            of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
+            cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
+            if full is not None:
+                np.putmask(codes, *full)
+            if table is None:
+                np.minimum(codes, camera.full_scale_dn, out=codes)
+                np.copyto(frame, codes, casting="unsafe")
+            else:
+                look_up_codes(table, codes, frame)
+
+
+def _where_full(
+    mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
+) -> tuple[NDArray[np.bool_], Plane] | None:
+    """Pixels whose charge may reach the full well, and all codes with the well applied to them; None if none do."""
+    where = mean >= stages.nearly_full_e(camera) / unit_e
+    if not where.any():
+        return None
+    mean_e, z = (torch.from_numpy(plane[where]) for plane in (mean * unit_e, normal))
+    charge = stages.noisy_electrons(mean_e, 0.0, z).clamp_(0.0, camera.well_limit_e).numpy()
+    charge += camera.read_noise_e * read[where]
+    if offset_e is not None:
+        charge += offset_e[where]
+    charge *= camera.system_gain_dn_per_e
+    charge += camera.black_level_dn
+    codes = np.zeros(mean.shape, np.uint16)
+    codes[where] = np.rint(charge).clip(0, 65_535)
+    return where, codes
+
+
+def _merged_noise(
+    mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
+) -> float:
+    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns its unit in electrons.
+
+    mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
+    """
+    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # / unit_e
+    np.divide(mean, variance, out=skew)  # 6 k
+    noise_, skew_ = torch.from_numpy(noise), torch.from_numpy(skew)
+    noise_.addcmul_(skew_, skew_, value=-2 / 36 / unit_e)
+    cv2.sqrt(noise, dst=noise)
+    np.multiply(noise, normal, out=noise)
+    root_e = math.sqrt(unit_e)
+    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
+    return root_e

@@ -22,7 +22,7 @@ from blurnoise.light.motion import MOTION
 from blurnoise.optics.camera import DARK_NOISE
 from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.sensor import fast, readout, stages
+from blurnoise.sensor import readout, stages
 from blurnoise.sensor.readout import read_out
 
 CAMERA = replace(
@@ -70,7 +70,7 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fideli
     """Before shot noise or after it: in the frame and in the plan; the fast route declines."""
     before = mean_frame(fidelity=fidelity, quantised=True)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
-    assert not fast.supports(stages.active(CAMERA))
+    assert not readout.supports(stages.active(CAMERA))
     after = mean_frame(fidelity=fidelity, quantised=True)
     dn = 500 * CAMERA.system_gain_dn_per_e
     unclipped = before + dn < CAMERA.clip_dn
@@ -215,9 +215,9 @@ def test_the_fast_route_is_the_reference_stage_by_stage(
     pattern = camera.fixed_pattern(tuple(light.shape[1:]), 3) if camera.prnu or camera.dsnu_e else None
     given: dict[str, Any] = {"white_e": [300.0, 7000.0], "exposure_s": 0.02, "temperature_c": 30.0}
     given |= {"generator": [5, 6], "fixed_pattern": pattern, "noise": noise}
-    assert fast.supports(stages.active(camera))
+    assert readout.supports(stages.active(camera))
     quick = read_out(light, camera, **given)
-    monkeypatch.setattr(fast, "supports", lambda active: False)
+    monkeypatch.setattr(readout, "supports", lambda active: False)
     reference = read_out(light, camera, **given)
     off = (quick - reference).abs()
     assert float(off.max()) <= 1
@@ -228,10 +228,10 @@ def test_the_fast_route_is_the_reference_stage_by_stage(
 
 def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.MonkeyPatch) -> None:
     every = stages.active(CAMERA)
-    assert fast.supports(every)
-    assert not fast.supports(every[:-1])
-    assert not fast.supports([*every[1:], every[0]])
-    assert not fast.supports([stage for stage in every if stage is not stages.QUANTISATION])
+    assert readout.supports(every)
+    assert not readout.supports(every[:-1])
+    assert not readout.supports([*every[1:], every[0]])
+    assert not readout.supports([stage for stage in every if stage is not stages.QUANTISATION])
 
 
 def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch) -> None:

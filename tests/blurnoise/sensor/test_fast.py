@@ -16,7 +16,6 @@ from blurnoise import Camera
 from blurnoise._core import lookup, rng
 from blurnoise._core.threads import WORTH_IT
 from blurnoise.picture.develop import tones_8bit
-from blurnoise.sensor import fast
 from blurnoise.sensor import readout as sensor
 from blurnoise.sensor.stages import noisy_electrons
 
@@ -78,7 +77,7 @@ def test_lights_far_apart_or_out_of_range(lights_e: list[float]) -> None:
 def test_bits_do_not_depend_on_pieces_or_threads(camera: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
     light = scene(301, 307)
     whole = exposed(light, camera)
-    monkeypatch.setattr(fast, "_PIECE", 10_001)
+    monkeypatch.setattr(sensor, "_FAST_PIECE", 10_001)
     assert torch.equal(exposed(light, camera), whole)
     threads = torch.get_num_threads()
     try:
@@ -122,7 +121,7 @@ def test_merged_noise_is_the_formula_in_any_unit(unit_e: float, kind: type) -> N
     mean_e = np.concatenate([[0.0], np.geomspace(1e-3, 1e5, 2000)]).astype(kind)[None]
     normal = drawn.standard_normal(mean_e.shape).astype(kind)
     noise, skew = np.empty_like(mean_e), np.empty_like(mean_e)
-    scale_e = fast._merged_noise(
+    scale_e = sensor._merged_noise(
         (mean_e / unit_e).astype(kind), unit_e, 1.3, normal, normal**2 - 1, noise, skew
     )
     exact = noisy_electrons(torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()).numpy()
