@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -107,13 +107,6 @@ class Trajectory:
         return cls(time_s, *places_px)
 
     @classmethod
-    def straight(cls, velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
-        """Uniform motion, for exposures up to ``duration_s``."""
-        half = in_range("duration_s", duration_s, 0.0, above=True) / 2
-        x, y = _vector("velocity_px_s", velocity_px_s)
-        return cls((-half, half), (-x * half, x * half), (-y * half, y * half))
-
-    @classmethod
     def sinusoid(
         cls,
         amplitude_px: float,
@@ -156,7 +149,9 @@ class Trajectory:
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
         """The part within an exposure, plus uniform motion, simplified to 0.02 px. Raises as :meth:`window` does."""
-        x, y = _vector("velocity_px_s", velocity_px_s).tolist()
+        if np.shape(velocity_px_s) != (2,):
+            raise ValueError(f"velocity_px_s = {shown(velocity_px_s)}: must be two numbers (x, y)")
+        x, y = (limited("velocity_px_s", each) for each in velocity_px_s)
         return _seen(self, limited("exposure_s", exposure_s), (x, y))
 
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
@@ -177,9 +172,7 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
     knots = knots + np.outer(velocity_px_s, time) - np.array(trajectory.origin_px(exposure_s))[:, None]
     kept = simplified(time, knots, SIMPLIFIED_PX)
     knots, shares = knots[:, kept], np.diff(time[kept]) / (time[-1] - time[0])
-    x, y = (
-        knots - np.array(_mean(knots, shares))[:, None]
-    )  # its own mean: that of the path, to rounding and 0.02 px
+    x, y = knots - np.array(_mean(knots, shares))[:, None]  # the path's mean, to rounding and 0.02 px
     return Polyline(tuple(x.tolist()), tuple(y.tolist()), tuple(shares.tolist()))
 
 
@@ -216,14 +209,6 @@ def _mean(knots: Floats, durations: Floats) -> tuple[float, float]:
         return float(knots[0, 0]), float(knots[1, 0])
     x, y = ((knots[:, :-1] + knots[:, 1:]) / 2 * durations).sum(-1) / durations.sum()
     return float(x), float(y)
-
-
-def _vector(name: str, value: Iterable[float]) -> Floats:
-    """Two numbers (x, y) within the limit of their name."""
-    along = tuple(value)
-    if len(along) != 2:
-        raise ValueError(f"{name} = {shown(value)}: must be two numbers (x, y)")
-    return np.array([limited(name, each) for each in along])
 
 
 def per_picture(

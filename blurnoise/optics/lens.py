@@ -18,7 +18,7 @@ from annotated_types import Ge, Le
 
 from blurnoise._core.checks import Figure, check_fields, shown, within
 from blurnoise.optics.spectra import Floats, check_samples
-from blurnoise.optics.transfer import Measured
+from blurnoise.optics.transfer import Mtf
 
 _COUNTS = {"opencv": (4, 5, 8), "fisheye": (4,)}
 _KNOTS = 1 << 14
@@ -26,37 +26,6 @@ _STEEPEST_RAD = np.pi / 2 - 1e-3  # a picture of a pinhole camera holds no more
 _STEP = 1e-5
 _FIGURES = "must map figures to values"
 _Share = Annotated[Figure, Ge(0), Le(1)]
-_LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do
-
-
-@dataclass(frozen=True)
-class Mtf:
-    """A measured, radial MTF of the lens without the pixel: modulation, 0 to 1, at frequencies, linear between.
-
-    frequencies: increasing; at 0 it is 1, beyond the last its value holds. Raises ``TypeError`` or ``ValueError``.
-    """
-
-    frequencies: tuple[float, ...]
-    values: tuple[_Share, ...]
-    unit: Literal["cycles/px", "lp/mm"]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        check_samples("frequencies", self.frequencies, self.values)
-        if self.frequencies[0] == 0 and abs(self.values[0] - 1) > 1e-3:
-            raise ValueError(f"values: must be 1 at frequency 0, got {self.values[0]:g}")
-
-    def per_px(self, pixel_pitch_um: float) -> Measured:
-        """The MTF over cycles/px. Raises ``ValueError`` if it ends below the Nyquist frequency."""
-        per_unit = 1.0 if self.unit == "cycles/px" else pixel_pitch_um / 1e3
-        frequencies = tuple(each * per_unit for each in self.frequencies)
-        if frequencies[-1] < 0.5 and self.values[-1] > _LEFT:
-            raise ValueError(
-                f"lens.mtf: frequencies: must reach 0.5 cycles/px ({0.5 / per_unit:g} {self.unit}) or a value "
-                f"of {_LEFT:g}, end at {self.frequencies[-1]:g} {self.unit} with {self.values[-1]:g}"
-            )
-        first = () if frequencies[0] == 0 else (0.0,)
-        return Measured((*first, *frequencies), (1.0, *self.values[1 - len(first) :]))
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,10 @@ def photoelectrons(
 ) -> float:
     """Mean photo-electrons per pixel of a white (reflectance 1) surface; behind the strongest filter of a mosaic.
 
-    E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al.,
-    Sensors 2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0;
-    illuminant: a name or a curve (see :func:`blurnoise.optics.spectra.illuminant`). Raises ``TypeError`` or
-    ``ValueError`` naming the argument.
+    E T p^2 tau / (4 N^2) * integral W Q lambda/(h c) dlambda / (683 integral W V dlambda): Lin et al., Sensors
+    2024, 24, 5135, eq. 9-13, without the rounding of h. illuminance_lux and exposure_s >= 0; illuminant: a name or
+    a curve (see :func:`blurnoise.optics.spectra.illuminant`). Raises ``TypeError`` or ``ValueError`` naming the
+    argument.
     """
     an_instance("camera", camera, Camera)
     lux, exposure = limited("illuminance_lux", illuminance_lux), limited("exposure_s", exposure_s)

@@ -9,11 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Annotated, Literal
 
 import torch
+from annotated_types import Ge, Le
 from torch import Tensor
 
-from blurnoise._core.checks import limited
+from blurnoise._core.checks import Figure, check_fields, limited
+from blurnoise.optics.spectra import check_samples
 
 
 def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
@@ -26,6 +29,7 @@ def motion(fx: Tensor, fy: Tensor, displacement_px: Tensor) -> Tensor:
 
 
 _MOST_LOST = 1.2173  # 1 - sinc, where it is deepest
+_LEFT = 0.05  # of modulation at the end of a curve that ends before the pixels do
 
 
 def motion_error(dx_px: float, dy_px: float) -> float:
@@ -80,14 +84,35 @@ def sinc(x: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A round transfer function at frequencies (cycles/px, increasing from 0), linear between, held beyond them."""
+class Mtf:
+    """A measured, radial MTF of the lens without the pixel: modulation, 0 to 1, at frequencies, linear between.
+
+    frequencies: increasing; at 0 it is 1, beyond the last its value holds. Raises ``TypeError`` or ``ValueError``.
+    """
 
     frequencies: tuple[float, ...]
-    values: tuple[float, ...]
+    values: tuple[Annotated[Figure, Ge(0), Le(1)], ...]
+    unit: Literal["cycles/px", "lp/mm"]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_samples("frequencies", self.frequencies, self.values)
+        if self.frequencies[0] == 0 and abs(self.values[0] - 1) > 1e-3:
+            raise ValueError(f"values: must be 1 at frequency 0, got {self.values[0]:g}")
+
+    def per_px(self, pixel_pitch_um: float) -> Mtf:
+        """The MTF over cycles/px, from 0 on. Raises ``ValueError`` if it ends below the Nyquist frequency."""
+        per_unit = 1.0 if self.unit == "cycles/px" else pixel_pitch_um / 1e3
+        frequencies = tuple(each * per_unit for each in self.frequencies)
+        if frequencies[-1] < 0.5 and self.values[-1] > _LEFT:
+            must = f"must reach 0.5 cycles/px ({0.5 / per_unit:g} {self.unit}) or a value of {_LEFT:g}"
+            end = f"end at {self.frequencies[-1]:g} {self.unit} with {self.values[-1]:g}"
+            raise ValueError(f"lens.mtf: frequencies: {must}, {end}")
+        first = () if frequencies[0] == 0 else (0.0,)
+        return Mtf((*first, *frequencies), (1.0, *self.values[1 - len(first) :]), "cycles/px")
 
     def at(self, f: Tensor) -> Tensor:
-        """Its values at radial frequencies f >= 0, of any shape."""
+        """Its values at radial frequencies f >= 0, cycles/px, of any shape."""
         known, values = f.new_tensor(self.frequencies), f.new_tensor(self.values)
         place = torch.searchsorted(known, f.contiguous(), right=True).clamp(1, len(known) - 1)
         before, after = known[place - 1], known[place]
@@ -107,7 +132,7 @@ class Measured:
 
 
 @lru_cache(maxsize=16)
-def _spread_px(curve: Measured) -> float:
+def _spread_px(curve: Mtf) -> float:
     f = torch.fft.fftfreq(256, dtype=torch.float64)
     spread = torch.fft.irfft2(curve.at(torch.hypot(f[:, None], f[:129].abs())), s=(256, 256))
     radius = torch.hypot(f[:, None] * 256, f * 256).flatten()
@@ -127,7 +152,7 @@ class Optics:
     defocus_radius_px: float = 0.0
     gaussian_sigma_px: float = 0.0
     diffraction_lambda_n_px: float = 0.0
-    measured: Measured | None = None
+    measured: Mtf | None = None
 
     def __post_init__(self) -> None:
         for field in fields(self)[:3]:

@@ -35,24 +35,9 @@ _PIECE = 1 << 15  # values that stay in a core's cache, and for which PyTorch wa
 Plane = NDArray[Any]
 MOST_APART = 256.0
 """The brightest of several lights over the faintest, at most: light is clipped once, for all of them."""
-_STAGES = (
-    stages.SPECTRAL_INTEGRATION,
-    stages.PRNU,
-    stages.DARK_CURRENT,
-    stages.SHOT_NOISE,
-    stages.FULL_WELL,
-    stages.READ_NOISE,
-    stages.DSNU,
-    stages.GAIN,
-    stages.QUANTISATION,
-    stages.LIMITS,
-)
-"""The stages implemented here, in this order, whatever else ``STAGES`` holds."""
 _FAST_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 _FAINT_E = 1e-9  # of white: less is no unit to reckon in
-_BEYOND_DN = (
-    2.0**20
-)  # where light is clipped: far above any converter, and far within the last step's integers
+_BEYOND_DN = 2.0**20  # where light is clipped: above any converter, and within the last step's integers
 
 
 @dataclass(frozen=True)
@@ -62,12 +47,11 @@ class ReadoutOptions:
     seeds: of the noise, one for each frame. fixed_pattern: what ``camera.fixed_pattern`` returned. fidelity: "full"
     draws Poisson counts and normal read noise; "auto" makes both of one normal value per pixel from
     ``MERGE_READ_NOISE_E`` on (:func:`.stages.noisy_electrons`) and counts alone of one below it
-    (:func:`blurnoise._core.rng.poisson_of_normal`), within 0.01 of the exact law in total variation distance and
-    within 0.001 from 100 electrons on. noise: without it, the mean frame. quantised: without it, the frame before
-    rounding. without: names of stages that are passed over, whose figures the camera has at 0.
-    draw: what gives N(0, 1) fields, for a caller who keeps them. tones: a value per digital number (such as
-    :func:`tones_8bit`), which is returned in its place. out: where to write, of the result's shape and dtype,
-    contiguous or channels last; it may be the light itself, and gradients leave it unused.
+    (:func:`blurnoise._core.rng.poisson_of_normal`). noise: without it, the mean frame. quantised: without it, the
+    frame before rounding. without: names of stages that are passed over. draw: gives N(0, 1) fields, for a caller
+    who keeps them. tones: a value per digital number (such as :func:`tones_8bit`) to return in its place. out:
+    where to write, contiguous, of the result's shape and dtype; it may be the light itself, and gradients leave it
+    unused.
     """
 
     seeds: Sequence[int]
@@ -110,11 +94,10 @@ def read_out(
 def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) -> Tensor:
     """:func:`read_out` of valid arguments: finite light (B, C, H, W), the camera and numbers of ``at``.
 
-    Through ``STAGES`` in their order, but for those left out: by the fast route where it has them all, else stage by
-    stage. The route may change a rounding step, not the law. Gradients reach scene, white_e, exposure and
-    temperature: the noise is reparameterised as in :func:`.stages.noisy_electrons`, rounding lets them through
-    unchanged, a clipped pixel has none. A picture expanded to a batch of lights with one seed gives the same
-    bits in less time than light by light.
+    Through ``STAGES`` in their order: by the fast route where it has them all, else stage by stage. The route may
+    change a rounding step, not the law. Gradients reach scene, white_e, exposure and temperature: the noise is
+    reparameterised, rounding lets them through unchanged, a clipped pixel has none. A picture expanded to a batch
+    of lights with one seed gives the same bits in less time than light by light.
     """
     camera, seeds, tones, out = at.camera, options.seeds, options.tones, options.out
     white, dark = at.white_e, dark_electrons(camera, at.exposure_s, at.temperature_c)
@@ -233,7 +216,7 @@ def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: 
 
 def supports(active: Sequence[SensorStage]) -> bool:
     """Whether :func:`write_frames` implements all of these stages, in this order."""
-    return list(active) == [stage for stage in _STAGES if stage in active or stage.essential]
+    return list(active) == [stage for stage in stages.LINEAR_MODEL if stage in active or stage.essential]
 
 
 def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
@@ -243,7 +226,7 @@ def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, t
     "merged". Threads share the pieces: no bit changes.
     """
     if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
-        for stage in _STAGES[:4]:
+        for stage in stages.LINEAR_MODEL[:4]:
             scene = stage.apply(scene, at)
         at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
     light = _flat(scene)

@@ -193,7 +193,7 @@ class Limits(PointwiseStage):
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
 SHOT_NOISE, FULL_WELL, READ_NOISE, DSNU = ShotNoise(), FullWell(), ReadNoise(), Dsnu()
 GAIN, QUANTISATION, LIMITS = Gain(), Quantisation(), Limits()
-STAGES: tuple[SensorStage, ...] = (
+LINEAR_MODEL: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
     DARK_CURRENT,
@@ -205,6 +205,9 @@ STAGES: tuple[SensorStage, ...] = (
     QUANTISATION,
     LIMITS,
 )
+"""The stages of EMVA 1288, which the fast route implements."""
+STAGES = LINEAR_MODEL
+"""All stages; those of one's own come between: ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
 
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:

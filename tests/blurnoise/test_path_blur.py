@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from brute_force import accelerated_path, exposed, photograph, rms_dn
-from path_oracle import polyline_grid
+from path_oracle import polyline_grid, straight_path
 
 from blurnoise import Camera, ExposedScene, Exposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution, fourier
@@ -56,7 +56,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
     """To what a small grid leaves out: 1e-4 RMS of white noise."""
     light = torch.rand(1, 2, 61, 95, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     x, y = moved
-    seen = Trajectory.straight((100 * x, 100 * y), 0.01).seen(0.01)
+    seen = straight_path((100 * x, 100 * y), 0.01).seen(0.01)
     straight = convolution.motion_blur(light, moved, method="transfer", border=border)
     off = path_blur(light, seen, border=border) - straight
     assert float(off.square().mean().sqrt()) < 1e-4
@@ -111,7 +111,7 @@ def test_path_of_no_duration_is_at_rest() -> None:
 
 def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
     light = picture()
-    assert path_blur(light, Trajectory.straight((0.5, 0.0), 0.1).seen(0.01)) is light
+    assert path_blur(light, straight_path((0.5, 0.0), 0.1).seen(0.01)) is light
     far = Trajectory((-1.0, 1.0), (0.0, 9e4), (0.0, 9e4)).seen(2.0)
     with pytest.raises(ValueError, match=r"path over .* border 'replicate' needs a plane"):
         path_blur(light, far, border="replicate")
@@ -216,7 +216,7 @@ def test_boxes_stay_and_sweep_what_the_path_covers() -> None:
     [
         ("left", TypeError, "trajectory: must be a blurnoise.Trajectory"),
         ([None], ValueError, "trajectory: got 1 for a batch of 2"),
-        (Trajectory.straight((1.0, 0.0), 0.001), ValueError, "must hold the exposure, -0.005 to 0.005 s"),
+        (straight_path((1.0, 0.0), 0.001), ValueError, "must hold the exposure, -0.005 to 0.005 s"),
     ],
 )
 def test_what_is_no_trajectory(trajectory: Any, error: type[Exception], words: str) -> None:

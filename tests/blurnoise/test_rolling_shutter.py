@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from brute_force import photograph, rms_dn, rolled
-from path_oracle import vibration
+from path_oracle import straight_path, vibration
 
 from blurnoise import Trajectory
 from blurnoise._core.borders import extended
@@ -83,7 +83,7 @@ def test_uniform_motion_by_brute_force(velocity: tuple[float, float], scan: int)
     brute = rolled(picture().numpy(), lambda s: (x * s, y * s), *readout.windows_s)
     seen = in_uniform_motion(velocity, scan * ROW_S)
     assert rms_dn(seen.numpy(), brute) < 0.1
-    path = Trajectory.straight(velocity, 0.1)
+    path = straight_path(velocity, 0.1)
     by_rows = of_rows(picture(), path, readout, "circular").numpy()
     assert rms_dn(by_rows, brute) < (0.2 if x and y else 0.1)
     assert rms_dn(in_uniform_motion(velocity, -scan * ROW_S).numpy(), brute) > 2.0
@@ -263,7 +263,7 @@ def test_global_reset() -> None:
     starts, stops = rolling.windows_s
     assert stops.min() - starts.max() == pytest.approx(0.01 - 99 * 24.098e-6)
     assert (rolling.light == 1).all()
-    still = Trajectory.straight((0.0, 0.0), 1.0)
+    still = straight_path((0.0, 0.0), 1.0)
     seen = of_rows(torch.ones(1, 1, 1280, 2), still, readout, "reflect")
     np.testing.assert_allclose(seen[0, 0, :, 0].numpy(), readout.light, rtol=1e-6)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from brute_force import accelerated_path
-from path_oracle import accelerated, polyline_grid, vibration
+from path_oracle import accelerated, polyline_grid, straight_path, vibration
 
 from blurnoise import Trajectory
 from blurnoise.blur import fourier, path_otf
@@ -250,7 +250,7 @@ def test_velocity_adds() -> None:
     still = Trajectory((-0.1, 0.1), (0.0, 0.0), (0.0, 0.0))
     seen = still.seen(0.01, (900.0, -500.0))
     np.testing.assert_allclose(seen.knots, [[-4.5, 4.5], [2.5, -2.5]], atol=1e-12)
-    assert seen.knots == pytest.approx(Trajectory.straight((900.0, -500.0), 0.1).seen(0.01).knots)
+    assert seen.knots == pytest.approx(straight_path((900.0, -500.0), 0.1).seen(0.01).knots)
 
 
 def test_error_bounds_what_it_changes() -> None:
@@ -267,12 +267,12 @@ def test_error_bounds_what_it_changes() -> None:
         assert lost <= seen.error * (1 + 1e-9)
         if scale < 0.1:
             assert seen.error == pytest.approx(lost, rel=0.1)
-    diagonal = Trajectory.straight((30.0, 30.0), 0.01).seen(0.01)
+    diagonal = straight_path((30.0, 30.0), 0.01).seen(0.01)
     assert diagonal.error == pytest.approx(transfer.motion_error(0.3, 0.3), rel=1e-3)
 
 
 def test_no_time_sees_one_place() -> None:
-    seen = Trajectory.straight((900.0, 0.0), 0.1).seen(0.0)
+    seen = straight_path((900.0, 0.0), 0.1).seen(0.0)
     assert (seen.x_px, seen.shares, seen.error) == ((0.0,), (), 0.0)
 
 
@@ -283,17 +283,17 @@ def test_no_time_sees_one_place() -> None:
         (lambda: Trajectory((0.0, 1.0), (0.0, 1.0), (0.0,)), "must be as many of each, at least 2"),
         (lambda: Trajectory((0.0, 1.0), (0.0, math.nan), (0.0, 0.0)), "x_px = nan: must be finite"),
         (lambda: Trajectory((0.0, 1.0), (0.0, 2e5), (0.0, 0.0)), "x_px: spans 200000 px"),
-        (lambda: Trajectory.straight((1.0, 0.0), 0.01).seen(0.02), "must hold the exposure, -0.01 to 0.01 s"),
+        (lambda: straight_path((1.0, 0.0), 0.01).seen(0.02), "must hold the exposure, -0.01 to 0.01 s"),
         (lambda: Trajectory.sinusoid(1e3, 1e6, 100.0), "knots; at most"),
         (lambda: Trajectory.sinusoid(1.0, 1.0, 1.0, phase_rad=math.inf), "phase_rad = inf: must be finite"),
         (lambda: Trajectory((0.0, 1.0), (0.0, 10**400), (0.0, 0.0)), "x_px: must be finite"),
         (
-            lambda: Trajectory.straight((1.0, 2.0, 3.0), 1.0),
+            lambda: straight_path((1.0, 2.0), 1.0).seen(0.1, (1.0, 2.0, 3.0)),  # type: ignore[arg-type]
             r"velocity_px_s = .* must be two numbers \(x, y\)",
         ),
         (lambda: Trajectory.of([0.0, 1.0], np.zeros((3, 2))), r"must be \(K,\), \(2, K\)"),
-        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(0.1, (math.nan, 0.0)), "velocity_px_s = nan"),
-        (lambda: Trajectory.straight((1.0, 0.0), 1.0).seen(math.nan), "exposure_s = nan"),
+        (lambda: straight_path((1.0, 0.0), 1.0).seen(0.1, (math.nan, 0.0)), "velocity_px_s = nan"),
+        (lambda: straight_path((1.0, 0.0), 1.0).seen(math.nan), "exposure_s = nan"),
     ],
 )
 def test_what_is_no_trajectory(make: object, words: str) -> None:
@@ -303,7 +303,7 @@ def test_what_is_no_trajectory(make: object, words: str) -> None:
 
 def test_a_path_holds_an_exposure_that_is_rounded_to_single_precision() -> None:
     """0.1 s is longer in single precision; a thousandth more is not held."""
-    path = Trajectory.straight((100.0, 0.0), 0.1)
+    path = straight_path((100.0, 0.0), 0.1)
     rounded = float(np.float32(0.1))
     assert rounded > 0.1
     assert path.seen(rounded).box[2] == pytest.approx(5.0, rel=1e-6)

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fresnel, jv
 
+from blurnoise import Trajectory
+
 
 def polyline_grid(
     fx: NDArray[Any], fy: NDArray[Any], knots_px: NDArray[Any], shares: NDArray[Any]
@@ -61,3 +63,9 @@ def accelerated(along_velocity: Any, along_acceleration: Any, exposure_s: float)
     (s1, c1), (s2, c2) = (fresnel(q * (t + v / rate)) for t in (-exposure_s / 2, exposure_s / 2))
     curved = np.exp(1j * np.pi * v**2 / rate) / (q * exposure_s) * (c2 - c1 - 1j * np.sign(rate) * (s2 - s1))
     return np.where(uniform, np.sinc(v * exposure_s), curved)
+
+
+def straight_path(velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
+    """Uniform motion, for exposures up to ``duration_s``."""
+    time = np.array([-0.5, 0.5]) * duration_s
+    return Trajectory.of(time, np.outer(velocity_px_s, time))

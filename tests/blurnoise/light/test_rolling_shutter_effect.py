@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from brute_force import photograph, rms_dn, rolled
+from path_oracle import straight_path
 
 from blurnoise import Camera, Exposure, RandomExposure, Trajectory, plan, simulate
 from blurnoise.blur import convolution
@@ -66,9 +67,9 @@ def test_brute_force(velocity: tuple[float, float], reset: bool) -> None:
 
 @pytest.mark.parametrize("camera", [ROLLING, RESET])
 def test_a_straight_trajectory_is_a_velocity(camera: Camera) -> None:
-    by_path = seen(camera, (0.0, 0.0), Trajectory.straight((600.0, 0.0), 1.0))
+    by_path = seen(camera, (0.0, 0.0), straight_path((600.0, 0.0), 1.0))
     assert rms_dn(by_path, seen(camera, (600.0, 0.0))) < 0.05
-    both = seen(camera, (400.0, 0.0), Trajectory.straight((200.0, 0.0), 1.0))
+    both = seen(camera, (400.0, 0.0), straight_path((200.0, 0.0), 1.0))
     np.testing.assert_allclose(both, by_path, atol=1e-9)
 
 
