@@ -1,15 +1,12 @@
 """Analytic test targets rendered from their geometry: slanted edge, Siemens star, stop sign, flat patch.
 
 Domain: linear reflectance in [0, 1], float32 on the CPU, shape (1, C, H, W). A pixel holds the mean over its
-square: in closed form for the edge, as the mean of ``supersample``² points for the star and the sign.
-Measured on a 100 px sign against 64² points, 8² are off by 0.04 in the worst pixel and 0.002 RMS.
+square: in closed form for the edge, as the mean of ``supersample``² points for the star and the sign, where 8² are
+off by 0.04 in the worst pixel and 0.002 RMS (100 px sign).
 
-Convention: x points right and y down. The picture spans [0, W] x [0, H], pixel centres lie at integer + 0.5.
-``angle_deg`` turns the target counter-clockwise as displayed (as in Kornia), about its centre:
-
-- at 0° the edge is vertical and bright on the right; at 90° it is bright at the top;
-- at 0° the star has a bright spoke that points right; a positive angle turns it towards the top;
-- at 0° the sign is upright, at 90° STOP reads from bottom to top.
+Convention: x points right and y down, pixel centres lie at integer + 0.5. ``angle_deg`` turns the target
+counter-clockwise as displayed, about its centre: at 0° the edge is vertical and bright on the right, a bright spoke
+of the star points right, and the sign is upright; at 90° the edge is bright at the top, and STOP reads upwards.
 
 All raise ``TypeError`` or ``ValueError`` that names the argument, its value and range; sides are integers from 1 to
 16384 px, reflectances lie within 0 <= dark <= bright <= 1.
@@ -33,7 +30,7 @@ _BORDER_IN = 0.75
 _LETTER_IN = 10.0  # letter height
 # Letters: our own strokes, after FHWA Series C (stroke about 0.14 of the height, width about half of it).
 _STROKE_IN = 1.4
-_S_HALF_IN, _T_HALF_IN, _O_HALF_IN, _P_HALF_IN = 2.65, 2.4, 2.75, 2.65  # half widths
+_S_HALF_IN, _T_HALF_IN, _O_HALF_IN, _P_HALF_IN = 2.65, 2.4, 2.75, 2.65
 _S_X_IN, _T_X_IN, _O_X_IN, _P_X_IN = -9.15, -3.25, 2.65, 9.15  # letter centres: legend 23.6 in wide
 
 # Linear RGB reflectance, our choice: sheeting white, and a red of luminance 0.10 at CIE xy (0.60, 0.33).
@@ -55,9 +52,8 @@ def slanted_edge(
     """Straight edge through the picture's centre, (1, 1, H, W), linear reflectance (ISO 12233 target).
 
     Every pixel holds the exact area its unit square has on the bright side. With the distance d from the
-    pixel's centre to the edge and the unit normal's larger and smaller component a and b, the square's shadow
-    on the normal is a trapezoid, whose integral is that area: 1/2 + d/a for 0 <= d <= (a - b)/2, then
-    1 - ((a + b)/2 - d)²/(2ab) up to d = (a + b)/2, then 1; odd about 1/2 for negative d.
+    pixel's centre to the edge and the unit normal's larger and smaller component a and b it is 1/2 + d/a for
+    0 <= d <= (a - b)/2, then 1 - ((a + b)/2 - d)²/(2ab) up to d = (a + b)/2, then 1; odd about 1/2 for negative d.
     """
     counted("height_px", height_px, "height_px")
     counted("width_px", width_px, "height_px")
@@ -87,10 +83,10 @@ def siemens_star(
 ) -> Tensor:
     """Siemens star of diameter ``size_px`` in the picture's centre, (1, 1, H, W), linear reflectance.
 
-    The reflectance is m + c cos(cycles (φ - angle)), or its two-level version if ``binary``, with mean
-    m = (bright + dark)/2 and c = (bright - dark)/2. Around the star, and in the hub where a period is shorter
-    than two sample points (radius < cycles/(π supersample) px), it is m. At radius r the local frequency is
-    cycles/(2πr) cycles/px. The picture is as large as the star if ``height_px`` and ``width_px`` are None.
+    The reflectance is m + c cos(cycles (φ - angle)), or its sign if ``binary``, with m = (bright + dark)/2 and
+    c = (bright - dark)/2. Around the star, and in the hub where a period is shorter than two sample points (radius
+    < cycles/(π supersample) px), it is m. At radius r the frequency is cycles/(2πr) cycles/px. The picture is as
+    large as the star if ``height_px`` and ``width_px`` are None.
     """
     radius = limited("size_px", size_px) / 2
     height, width = (
@@ -125,12 +121,10 @@ def stop_sign(
 ) -> Tensor:
     """US stop sign R1-1 before a background, (1, 3, H, W), linear RGB reflectance.
 
-    ``size_px`` is the octagon's width between opposite flats. White border, red face and the legend STOP have
-    the proportions of the 30 in sign: border 0.75 in, letters 10 in high. ``centre_px`` is the sign's centre
-    (x, y), by default the picture's; the picture is twice the sign's size if ``height_px`` and ``width_px``
-    are None. ``background``: a grey, or a picture (1, 3, H, W), whose size is the result's.
-    :func:`stop_sign_box` gives the sign's bounding box for the same arguments. Raises ``ValueError``, too, unless
-    the sign lies wholly inside the picture.
+    size_px: the octagon's width between opposite flats, all in the proportions of the 30 in sign.
+    centre_px: the sign's centre (x, y), by default the picture's; the picture is twice the sign's size if
+    ``height_px`` and ``width_px`` are None. background: a grey, or a picture (1, 3, H, W) of the size.
+    Raises ``ValueError``, too, unless the sign lies wholly inside the picture.
     """
     if isinstance(background, Tensor):
         found = tuple(checks.image_batch("background", background).shape)
@@ -175,15 +169,11 @@ def stop_sign_box(
     angle_deg: float = 0.0,
     centre_px: tuple[float, float] | None = None,
 ) -> tuple[float, float, float, float]:
-    """Bounding box (x0, y0, x1, y1), px, of the octagon that :func:`stop_sign` draws for these arguments.
-
-    A regular octagon with r between centre and flat has its corners at r/cos(22.5°); the box is tight for
-    every angle. Raises as :func:`stop_sign` does.
-    """
+    """Tight bounding box (x0, y0, x1, y1), px, of the octagon that :func:`stop_sign` draws for these arguments."""
     height, width, (x, y) = _sign_frame(size_px, height_px, width_px, centre_px)
     eighth = math.pi / 4
     corner = math.remainder(_radians(angle_deg) + eighth / 2, eighth)  # angle from an axis to the next corner
-    half = size_px / 2 * math.cos(corner) / math.cos(eighth / 2)
+    half = size_px / 2 * math.cos(corner) / math.cos(eighth / 2)  # a corner is so much farther than a flat
     box = (x - half, y - half, x + half, y + half)
     slack = 1e-9 * size_px  # a sign that exactly fills the picture may pass its border by a rounding error
     if box[0] < -slack or box[1] < -slack or box[2] > width + slack or box[3] > height + slack:
@@ -199,10 +189,7 @@ def stop_sign_text_box(
     width_px: int | None = None,
     centre_px: tuple[float, float] | None = None,
 ) -> tuple[float, float, float, float]:
-    """Box (x0, y0, x1, y1), px, of the word STOP that :func:`stop_sign` draws upright for these arguments.
-
-    Tight: from the left of S to the right of P, and the letters' height. Raises as :func:`stop_sign` does.
-    """
+    """Tight box (x0, y0, x1, y1), px, of the word STOP that :func:`stop_sign` draws upright for these arguments."""
     stop_sign_box(size_px, height_px=height_px, width_px=width_px, centre_px=centre_px)
     _, _, (x, y) = _sign_frame(size_px, height_px, width_px, centre_px)
     scale = size_px / _SIGN_IN
@@ -213,7 +200,7 @@ def stop_sign_text_box(
 def _sign_frame(
     size_px: float, height_px: int | None, width_px: int | None, centre_px: tuple[float, float] | None
 ) -> tuple[int, int, tuple[float, float]]:
-    """Return picture height, width and the sign's centre (x, y), with the defaults filled in."""
+    """Picture height, width and the sign's centre (x, y), with the defaults filled in."""
     side = 2 * math.ceil(limited("size_px", size_px))
     height = side if height_px is None else counted("height_px", height_px, "height_px")
     width = side if width_px is None else counted("width_px", width_px, "height_px")
@@ -262,10 +249,7 @@ def _area_mean(
     origin: tuple[float, float],
     supersample: int,
 ) -> Tensor:
-    """Mean of ``shade`` over each pixel of ``window`` (left, top, right, bottom), as (C, H, W).
-
-    ``shade`` maps sample points (x, y), px from ``origin``, to (C, rows, columns), a block of rows at a time.
-    """
+    """Mean over each pixel of ``window`` of what ``shade`` maps points (x, y) from ``origin`` to, as (C, H, W)."""
     left, top, right, bottom = window
 
     def samples(first: int, last: int, zero: float) -> Tensor:

@@ -4,7 +4,6 @@ The slanted edge is here; :mod:`~blurnoise.metrics.information`, :mod:`~blurnois
 :mod:`~blurnoise.metrics.similarity` are modules of their own.
 """
 
-from blurnoise.metrics.edge.flags import Flag
-from blurnoise.metrics.edge.measurement import SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.measurement import Flag, SlantedEdge, slanted_edge
 
 __all__ = ["Flag", "SlantedEdge", "slanted_edge"]

@@ -11,10 +11,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number between ``low`` and ``high`` at 95 %, with flags.
-
-    NaN in value: not available, and the flags say why. NaN in low and high: no interval.
-    """
+    """A number between ``low`` and ``high`` at 95 %, NaN without interval; flags say why it is NaN, or doubtful."""
 
     value: float
     low: float = math.nan

@@ -4,9 +4,9 @@ Domain: linear digital numbers with the black level removed, frequencies in cycl
 is measured, its noise floor has been subtracted, and it may dip below 0.
 
 Functions of curves are differentiable and broadcast against ``power``; NaN in a curve gives NaN for it. A frequency
-axis rises from 0, and then stands for both signs, or from -1/2; power (..., Fy, Fx) that is not even in fx and fy
-apart (motion along a diagonal) needs one axis with both signs. Integrals are trapezoidal, cut at 1/2: pad the line
-spread function to twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
+axis rises from 0, for both signs, or from -1/2; power (..., Fy, Fx) that is not even in fx and fy apart (motion along
+a diagonal) needs one axis with both signs. Integrals are trapezoidal, cut at 1/2: pad the line spread function to
+twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
 
 Functions of edges take :func:`blurnoise.metrics.slanted_edge`'s with a bootstrap, and give 95 % intervals. They
 assume white noise; where it certainly is not, NEQ(0) takes its power at frequency 0, and the flag is
@@ -18,8 +18,9 @@ the interval theirs, moved to it. All raise ``TypeError`` or ``ValueError`` that
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -28,10 +29,10 @@ from torch.nn.functional import pad
 from blurnoise._core import checks
 from blurnoise._core.checks import counted
 from blurnoise.metrics import values
-from blurnoise.metrics.edge.flags import words
 from blurnoise.metrics.edge.measurement import Resamples, SlantedEdge
 from blurnoise.metrics.estimate import Estimate
 
+Number = float | Tensor
 NOT_WHITE = "noise_not_white"
 NYQUIST = 0.5
 _LEAST = -0.9  # of S/N, where noise has taken a measured power below 0
@@ -42,7 +43,7 @@ _CANVAS_PX = 128
 
 
 def shannon_capacity_radial(
-    frequency: Tensor, *, power: Tensor, signal_pp: float | Tensor, noise_variance: float | Tensor
+    frequency: Tensor, *, power: Tensor, signal_pp: Number, noise_variance: Number
 ) -> Tensor:
     """Shannon information capacity of an isotropic picture, bits/px: 2π ∫ log2(1 + S/N) f df from 0 to 1/2.
 
@@ -61,12 +62,7 @@ def shannon_capacity_radial(
 
 
 def shannon_capacity_square(
-    frequency_x: Tensor,
-    frequency_y: Tensor,
-    *,
-    power: Tensor,
-    signal_pp: float | Tensor,
-    noise_variance: float | Tensor,
+    frequency_x: Tensor, frequency_y: Tensor, *, power: Tensor, signal_pp: Number, noise_variance: Number
 ) -> Tensor:
     """Shannon information capacity, bits/px: log2(1 + S/N) over the whole square |fx|, |fy| < 1/2.
 
@@ -77,28 +73,24 @@ def shannon_capacity_square(
     return square_integral(frequency_x, frequency_y, bits)
 
 
-def neq(power: Tensor, *, mean_signal: float | Tensor, noise_power_spectrum: float | Tensor) -> Tensor:
+def neq(power: Tensor, *, mean_signal: Number, noise_power_spectrum: Number) -> Tensor:
     """Noise-equivalent quanta per pixel, mean_signal² |MTF|² / NPS: the photons an ideal sensor would need.
 
-    mean_signal: DN above black. noise_power_spectrum: DN² px², the variance where noise is white. NEQ(0) is the
-    value at frequency 0; the single number for a whole camera is ``square_integral(fx, fy, neq(...))``. Negative
-    where ``power`` is, infinite without noise. Source: ICRU report 54; Lin et al., eq. 8, as printed there with N
-    for NPS/mean, gives 1/K.
+    mean_signal: DN above black. noise_power_spectrum: DN² px², the variance where noise is white. Negative where
+    ``power`` is, infinite without noise. Source: ICRU report 54; Lin et al., eq. 8, as printed, gives 1/K.
     """
     power = values.real("power", power)
     signal = values.beside("mean_signal", mean_signal, power) ** 2 * power
     return _ratio(signal, values.not_negative("noise_power_spectrum", noise_power_spectrum, signal))
 
 
-def ideal_observer_snr(
-    difference: Tensor, *, power: float | Tensor, noise_power_spectrum: float | Tensor
-) -> Tensor:
+def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectrum: Number) -> Tensor:
     """SNR at which an ideal observer tells two pictures apart: SNR² = ∫∫ |ΔG|² |MTF|² / NPS over the square.
 
     difference: (..., H, W), what the target adds to the picture before the blur, DN, with a margin for it,
     since the picture counts as periodic. power and noise_power_spectrum (DN² px²): numbers, or (..., H, W) at
     ``torch.fft.fftfreq``'s frequencies (:func:`at` and :func:`separable` bring measured curves there).
-    Returns (...), not in dB. A w x w square of height dQ in white noise without blur: dQ w / sigma. Infinite
+    Returns (...), a ratio. A w x w square of height dQ in white noise without blur: dQ w / sigma. Infinite
     without noise. Source: ICRU report 54.
     """
     target = values.real("difference", difference, dims=2)
@@ -107,9 +99,9 @@ def ideal_observer_snr(
     noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, signal)
     squared = _ratio(signal, noise)
     if squared.shape[-2:] != target.shape[-2:]:
-        sizes = f"got {tuple(signal.shape)} and {tuple(noise.shape)}"
         raise ValueError(
-            f"power, noise_power_spectrum: must be numbers or end in {tuple(target.shape[-2:])}, {sizes}"
+            f"power, noise_power_spectrum: must be numbers or end in {tuple(target.shape[-2:])}, "
+            f"got {tuple(signal.shape)} and {tuple(noise.shape)}"
         )
     return squared.mean((-2, -1)).clamp(min=0).sqrt()  # one clip, after the sum
 
@@ -138,10 +130,9 @@ def at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
     power = values.real("power", power, dims=1)
     axis = _axis("frequency", frequency, "power", power)
     place = values.real("wanted", wanted, dims=1).abs()
-    if float(axis[0]) != 0 or not bool((place <= axis[-1]).all()):
-        raise ValueError(
-            f"wanted: must lie in a curve from 0, here {float(axis[0]):g} to {float(axis[-1]):g}"
-        )
+    first, last = float(axis[0]), float(axis[-1])
+    if first != 0 or not bool((place <= last).all()):
+        raise ValueError(f"wanted: must lie in a curve from 0, here {first:g} to {last:g}")
     right = torch.searchsorted(axis, place).clamp(1, len(axis) - 1)
     share = (place - axis[right - 1]) / (axis[right] - axis[right - 1])
     return torch.lerp(power[..., right - 1], power[..., right], share)
@@ -150,27 +141,23 @@ def at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
 def capacity_radial(edge: SlantedEdge) -> Estimate:
     """:func:`shannon_capacity_radial` of an edge, bits/px: right if the blur is the same in all directions."""
 
-    def bits(edges: _Draws) -> Tensor:
-        (frequency, power), *_ = edges.curves
+    def bits(at: _Draws) -> Tensor:
+        power = at.power.clamp_min(0)
         return shannon_capacity_radial(
-            frequency,
-            power=power.clamp_min(0),
-            signal_pp=edges.step[:, None],
-            noise_variance=edges.noise[:, None],
+            edge.frequencies, power=power, signal_pp=at.step, noise_variance=at.noise
         )
 
-    return _estimate(bits, most=10_000, edge=edge)
+    return _estimate(bits, None, edge=edge)
 
 
 def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     """:func:`shannon_capacity_square` of two edges, bits/px, of blur that is separable in x and y."""
 
-    def bits(edges: _Draws) -> Tensor:
-        step, noise = edges.step[:, None, None], edges.noise[:, None, None]
-        power = edges.plane(_GRID).clamp_min(0)
-        return shannon_capacity_square(_GRID, _GRID, power=power, signal_pp=step, noise_variance=noise)
+    def bits(at: _Draws) -> Tensor:
+        power = at.power.clamp_min(0)
+        return shannon_capacity_square(_GRID, _GRID, power=power, signal_pp=at.step, noise_variance=at.noise)
 
-    return _estimate(bits, across_x=across_x, across_y=across_y)
+    return _estimate(bits, _GRID, across_x=across_x, across_y=across_y)
 
 
 def neq_0(edge: SlantedEdge) -> Estimate:
@@ -182,19 +169,17 @@ def neq_0(edge: SlantedEdge) -> Estimate:
         return Estimate(math.nan, flags=frozenset({"noiseless"}))
     drawn = edge.resamples.bright**2 / (edge.resamples.noise_variance_bright * edge.noise_power_at_0)
     value = edge.bright**2 / (edge.noise_variance_bright * edge.noise_power_at_0)
-    low, high = _interval(drawn)
-    return Estimate(value, low, high, _not_white(edge) | words(edge.flags))
+    return Estimate(value, *_interval(drawn), _flags(edge))
 
 
 def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
     """:func:`neq` of the bright side, integrated over the square of frequencies, quanta per pixel."""
 
-    def quanta(edges: _Draws) -> Tensor:
-        bright, noise = edges.bright[:, None, None], edges.noise_bright[:, None, None]
-        density = neq(edges.plane(_GRID), mean_signal=bright, noise_power_spectrum=noise)
+    def quanta(at: _Draws) -> Tensor:
+        density = neq(at.power, mean_signal=at.bright, noise_power_spectrum=at.noise_bright)
         return square_integral(_GRID, _GRID, density)
 
-    return _estimate(quanta, across_x=across_x, across_y=across_y)
+    return _estimate(quanta, _GRID, across_x=across_x, across_y=across_y)
 
 
 def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Estimate:
@@ -202,62 +187,58 @@ def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) ->
     counted("side_px", side_px, "target_px")
     target = torch.zeros(_CANVAS_PX, _CANVAS_PX, dtype=torch.float64)
     target[:side_px, :side_px] = 1
-    frequency = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
+    grid = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
 
-    def ratio(edges: _Draws) -> Tensor:
-        snr: Tensor = ideal_observer_snr(target, power=edges.plane(frequency), noise_power_spectrum=1.0)
-        return snr * edges.step / edges.noise.sqrt()
+    def ratio(at: _Draws) -> Tensor:
+        snr = ideal_observer_snr(target, power=at.power, noise_power_spectrum=1.0)
+        return snr * (at.step / at.noise.sqrt()).flatten()
 
-    return _estimate(ratio, across_x=across_x, across_y=across_y)
+    return _estimate(ratio, grid, across_x=across_x, across_y=across_y)
 
 
-@dataclass(frozen=True)
-class _Draws:
-    """One or two edges as measured (n = 1), or n resamples: curves (F,), (n, F), and their mean levels (n,)."""
+class _Draws(NamedTuple):
+    """n draws of one edge, power (n, F), or of two on a grid, (n, K, K), and their mean levels beside it."""
 
-    curves: list[tuple[Tensor, Tensor]]
+    power: Tensor
     step: Tensor
     noise: Tensor
     bright: Tensor
     noise_bright: Tensor
 
-    def plane(self, frequency: Tensor) -> Tensor:
-        """Two-dimensional power (n, K, K) on the grid of ``frequency`` (K,)."""
-        return separable(*(at(own, power, frequency) for own, power in self.curves))
 
-
-def _draws(edges: Collection[SlantedEdge], sources: Iterable[SlantedEdge | Resamples], most: int) -> _Draws:
+def _draws(
+    edges: list[SlantedEdge], sources: Sequence[SlantedEdge | Resamples], grid: Tensor | None
+) -> _Draws:
+    """The sources' numbers: the edges themselves, one draw, or their resamples."""
     curves, levels = [], []
     for edge, source in zip(edges, sources, strict=True):
-        power, dark, bright, noise_dark, noise_bright = (
-            torch.as_tensor(getattr(source, field.name), dtype=torch.float64) for field in fields(Resamples)
+        power, *level = (
+            torch.as_tensor(getattr(source, each.name), dtype=torch.float64) for each in fields(Resamples)
         )
-        curves.append((edge.frequencies, power.reshape(-1, len(edge.frequencies))[:most]))
-        columns = (bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
-        levels.append(torch.stack([column.double().reshape(-1)[:most] for column in columns]))
-    return _Draws(curves, *torch.stack(levels).mean(0))
+        power = power.reshape(-1, len(edge.frequencies))
+        curves.append(power if grid is None else at(edge.frequencies, power[:_RESAMPLES_2D], grid))
+        levels.append(torch.stack([each.reshape(-1)[: len(curves[0])] for each in level]))
+    power = curves[0] if grid is None else separable(*curves)
+    beside_power = (4, -1, *[1] * (power.ndim - 1))
+    dark, bright, noise_dark, noise_bright = torch.stack(levels).mean(0).view(beside_power)
+    return _Draws(power, bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
 
 
-def _estimate(
-    number: Callable[[_Draws], Tensor], most: int = _RESAMPLES_2D, **named: SlantedEdge
-) -> Estimate:
+def _estimate(number: Callable[[_Draws], Tensor], grid: Tensor | None, **named: SlantedEdge) -> Estimate:
     for name, edge in named.items():
         checks.an_instance(name, edge, SlantedEdge)
-    edges = named.values()
-    flags = words(flag for edge in edges for flag in edge.flags) | _not_white(*edges)
+    edges = list(named.values())
+    flags = _flags(*edges)
     if any(math.isnan(edge.bright) for edge in edges):
         return Estimate(math.nan, flags=flags)
     resamples = [edge.resamples for edge in edges if edge.resamples is not None]
     if len(resamples) < len(edges):
         raise ValueError("edge: must be measured with bootstrap > 0, whose resamples give the interval")
-    plain = float(number(_draws(edges, edges, most))[0])
-    drawn = number(_draws(edges, resamples, most))
+    plain, drawn = float(number(_draws(edges, edges, grid))[0]), number(_draws(edges, resamples, grid))
     if not (math.isfinite(plain) and bool(torch.isfinite(drawn).all())):  # infinite without noise
         return Estimate(math.nan, flags=flags | {"noiseless"})
-    mean, (low, high) = float(drawn.mean()), _interval(drawn)
-    value = 2 * plain - mean
-    value, low, high = (max(0.0, number) for number in (value, value + low - mean, value + high - mean))
-    return Estimate(value, low, high, flags)
+    value, (low, high) = 2 * plain - float(drawn.mean()), _interval(drawn - drawn.mean())
+    return Estimate(max(0.0, value), max(0.0, value + low), max(0.0, value + high), flags)
 
 
 def _interval(drawn: Tensor) -> tuple[float, float]:
@@ -265,12 +246,13 @@ def _interval(drawn: Tensor) -> tuple[float, float]:
     return low, high
 
 
-def _not_white(*edges: SlantedEdge) -> frozenset[str]:
-    """A flag for what takes noise for white; NaN, of an edge without numbers, sets none."""
-    return frozenset({NOT_WHITE} if any(abs(edge.noise_power_at_0 - 1) > 0 for edge in edges) else ())
+def _flags(*edges: SlantedEdge) -> frozenset[str]:
+    """The edges' flags, and one where noise is not white; NaN, of an edge without numbers, sets none."""
+    coloured = {NOT_WHITE for edge in edges if abs(edge.noise_power_at_0 - 1) > 0}
+    return frozenset(coloured | {flag.name.lower() for edge in edges for flag in edge.flags})
 
 
-def _bits(power: Tensor, signal_pp: float | Tensor, noise_variance: float | Tensor) -> Tensor:
+def _bits(power: Tensor, signal_pp: Number, noise_variance: Number) -> Tensor:
     signal = values.beside("signal_pp", signal_pp, power) ** 2 / 12 * power
     noise = values.not_negative("noise_variance", noise_variance, signal)
     return torch.log2(1 + _ratio(signal, noise).clamp(min=_LEAST))

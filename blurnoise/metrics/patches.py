@@ -1,12 +1,14 @@
 """Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show the contrast.
 
 Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
-flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite".
+flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite". All
+raise ``TypeError`` or ``ValueError`` that names the argument.
 """
 
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 from typing import NamedTuple
 
 import torch
@@ -41,13 +43,18 @@ def patch_snr(
 
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
     the interval is r -+ z times its root, too narrow for noise that is correlated between pixels.
-    Source: EMVA 1288 release 4, SNR. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    Source: EMVA 1288 release 4, SNR.
     """
     z = _normal_quantile(level)
     if limits_dn is None and isinstance(image, Tensor) and image.dtype == torch.uint8:
         limits_dn = (0, 255)
     image = values.real("image", image, dims=2)
-    patch = values.cut(image, _rectangle(roi, *image.shape[-2:]))
+    if isinstance(roi, (int, float)):
+        share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
+        height, width = image.shape[-2:]
+        h, w = max(1, round(height * share)), max(1, round(width * share))
+        roi = (width - w) // 2, (height - h) // 2, w, h
+    patch = values.cut(image, roi)
     count, finite = patch.shape[-2] * patch.shape[-1], torch.isfinite(patch).all(-1).all(-1)
     mean = patch.mean((-2, -1))
     trend, order = _trend(patch)
@@ -60,20 +67,16 @@ def patch_snr(
     std = torch.where(rounding >= std, 0.0, std) if count > order else torch.full_like(std, math.nan)
     snr = torch.where(finite, mean / std, math.nan)
     margin = z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
-    known = torch.isfinite(margin)
+    margin = torch.where(torch.isfinite(margin), margin, math.nan)
     seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
-    return BatchEstimate(
-        value=snr,
-        low=torch.where(known, snr - margin, math.nan),
-        high=torch.where(known, snr + margin, math.nan),
-        flags={
-            "clipped": _clipped(patch, limits_dn),
-            "non_uniform": finite & (trend_variance > seen * noise_variance + rounding**2),
-            "noiseless": std == 0,
-            "too_few_pixels": torch.full_like(finite, count < FEWEST_PIXELS),
-            "not_finite": ~finite,
-        },
-    )
+    flags = {
+        "clipped": _clipped(patch, limits_dn),
+        "non_uniform": finite & (trend_variance > seen * noise_variance + rounding**2),
+        "noiseless": std == 0,
+        "too_few_pixels": torch.full_like(finite, count < FEWEST_PIXELS),
+        "not_finite": ~finite,
+    }
+    return BatchEstimate(snr, snr - margin, snr + margin, flags)
 
 
 class PatchContrast(NamedTuple):
@@ -88,12 +91,12 @@ class PatchContrast(NamedTuple):
 
 
 def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> PatchContrast:
-    """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes.
+    """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes, of two pixels or more.
 
     Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
     variances' sampling errors carried through to first order. Flags: "noiseless", both variances are 0, so cnr is
     infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
-    above black. Raises ``TypeError`` or ``ValueError`` for patches of one pixel or of different leading shapes.
+    above black.
     """
     z = _normal_quantile(level)
     a, b = _pixels(bright=bright, dark=dark)
@@ -102,22 +105,16 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
     step, total = mean_a - mean_b, mean_a + mean_b
     se_a, se_b = (var_a / n_a).sqrt(), (var_b / n_b).sqrt()
     # d/da (a - b)/(a + b) = 2b/(a + b)², d/db = -2a/(a + b)²
-    michelson_margin = 2 * z * torch.hypot(mean_b * se_a, mean_a * se_b) / total**2
+    michelson, margin = step / total, 2 * z * torch.hypot(mean_b * se_a, mean_a * se_b) / total**2
     noise = (var_a + var_b) / 2
     cnr = step / noise.sqrt()
     # of the mean variance: each variance has 2 var²/(n - 1), and its root halves the relative error
     noise_se2 = (var_a**2 / (n_a - 1) + var_b**2 / (n_b - 1)) / (2 * noise**2)
     cnr_margin = z * torch.sqrt((se_a**2 + se_b**2) / noise + cnr**2 * noise_se2 / 4)
-    michelson = step / total
     flags = {"noiseless": noise == 0, "not_finite": ~torch.isfinite(a.sum(-1) + b.sum(-1))}
-    near_black = (mean_a <= 3 * se_a) | (mean_b <= 3 * se_b)
+    near_black = {"near_black": (mean_a <= 3 * se_a) | (mean_b <= 3 * se_b)}
     return PatchContrast(
-        BatchEstimate(
-            michelson,
-            michelson - michelson_margin,
-            michelson + michelson_margin,
-            flags | {"near_black": near_black},
-        ),
+        BatchEstimate(michelson, michelson - margin, michelson + margin, flags | near_black),
         BatchEstimate(cnr, cnr - cnr_margin, cnr + cnr_margin, flags),
     )
 
@@ -135,8 +132,7 @@ def detection_probability(
     Wilson's for as many coin flips as have that variance; it stays within [0, 1], and open where all pairs agree.
     Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
     Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
-    Autonomous Vehicles". Raises ``TypeError`` or ``ValueError`` for other patches or another kind, or a tolerance or
-    contrast out of bounds.
+    Autonomous Vehicles".
     """
     z = _normal_quantile(level)
     low, high = _ratio_bounds(nominal, tolerance, kind)
@@ -145,36 +141,21 @@ def detection_probability(
     finite = torch.isfinite(a.sum(-1) + b.sum(-1))
     share_a = _share_between(a, b, 1 / high, 1 / low)
     share_b = _share_between(b, a, low, high)
-    p = share_a.mean(-1)
+    p = torch.where(finite, share_a.mean(-1), math.nan)
     variance = share_a.var(-1) / n_a + share_b.var(-1) / n_b
     flips = torch.where(variance > 0, p * (1 - p) / variance, float(min(n_a, n_b)))
     centre = (p + z**2 / (2 * flips)) / (1 + z**2 / flips)
     margin = z / (1 + z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (z / (2 * flips)) ** 2)
-    p, centre = (torch.where(finite, number, math.nan) for number in (p, centre))
-    return BatchEstimate(
-        value=p,
-        low=(centre - margin).clamp(min=0),
-        high=(centre + margin).clamp(max=1),
-        flags={
-            "noiseless": a.var(-1) + b.var(-1) == 0,
-            "too_few_pixels": torch.full_like(finite, min(n_a, n_b) < 30),
-            "not_finite": ~finite,
-        },
-    )
+    flags = {
+        "noiseless": a.var(-1) + b.var(-1) == 0,
+        "too_few_pixels": torch.full_like(finite, min(n_a, n_b) < 30),
+        "not_finite": ~finite,
+    }
+    return BatchEstimate(p, (centre - margin).clamp(min=0), (centre + margin).clamp(max=1), flags)
 
 
 def _normal_quantile(level: float) -> float:
-    """z for which a normal number lies within -+z with probability ``level``."""
-    share = checks.in_range("level", level, 0.5, 0.9999)
-    return float(torch.special.ndtri(torch.tensor((1 + share) / 2, dtype=torch.float64)))
-
-
-def _rectangle(roi: values.Roi | float, height: int, width: int) -> values.Roi:
-    if isinstance(roi, (int, float)):
-        share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
-        w, h = max(1, round(width * share)), max(1, round(height * share))
-        return (width - w) // 2, (height - h) // 2, w, h
-    return roi
+    return NormalDist().inv_cdf((1 + checks.in_range("level", level, 0.5, 0.9999)) / 2)
 
 
 def _trend(patch: Tensor) -> tuple[Tensor, int]:
@@ -219,12 +200,11 @@ def _ratio_bounds(nominal: float, tolerance: float, kind: str) -> tuple[float, f
 
 
 def _pixels(**patches: Tensor) -> list[Tensor]:
-    """Patches as (..., N) float64. Raises ``ValueError`` unless N >= 2 and the rest agrees."""
+    """Patches as (..., N) float64, N >= 2."""
     flat = [values.real(name, patch, dims=2).flatten(-2) for name, patch in patches.items()]
-    for (name, patch), pixels in zip(patches.items(), flat, strict=True):
-        if pixels.shape[-1] < 2 or pixels.shape[:-1] != flat[0].shape[:-1]:
-            raise ValueError(
-                f"{name}: must be two pixels or more, and {tuple(flat[0].shape[:-1])} before H and W, "
-                f"got {tuple(patch.shape)}"
-            )
+    leading = tuple(flat[0].shape[:-1])
+    for name, pixels in zip(patches, flat, strict=True):
+        if pixels.shape[-1] < 2 or pixels.shape[:-1] != leading:
+            got = tuple(patches[name].shape)
+            raise ValueError(f"{name}: must be two pixels or more, and {leading} before H and W, got {got}")
     return flat

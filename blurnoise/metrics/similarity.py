@@ -1,7 +1,9 @@
 """Similarity of a picture to its reference: PSNR and SSIM by Kornia, in double precision.
 
-Domain: pictures (B, C, H, W) of one shape, integers or floats. One number per picture, (B,), NaN where the
-picture holds NaN. Differentiable.
+Domain: pictures (B, C, H, W) of one shape, integers or floats; data_range: distance from black to white in their
+units. One number per picture, (B,), NaN where the picture holds NaN. Differentiable. Both raise ``TypeError`` for
+what is no tensor of real numbers, ``ValueError`` for other shapes, a range that is not positive, or values further
+apart than it.
 """
 
 from __future__ import annotations
@@ -18,10 +20,7 @@ SSIM_WINDOW_PX = 11
 
 
 def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
-    """Peak signal-to-noise ratio ``kornia.metrics.psnr``, dB, (B,): 10 log10(data_range²/MSE).
-
-    Infinite for equal pictures. Raises as :func:`ssim` does.
-    """
+    """Peak signal-to-noise ratio ``kornia.metrics.psnr``, dB, (B,): infinite for equal pictures."""
     a, b, peak = _checked(picture, reference, data_range)
     return torch.stack([kornia.metrics.psnr(one, other, peak) for one, other in zip(a, b, strict=True)])
 
@@ -29,10 +28,7 @@ def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
     """Structural similarity ``kornia.metrics.ssim``, (B,), 1 for equal pictures, mean over pixels and channels.
 
-    K1 0.01, K2 0.03, only where the whole window lies inside the picture. data_range: distance from black to
-    white in the pictures' units. Raises ``TypeError`` for what is no tensor of real numbers, ``ValueError`` for
-    shapes that are not one (B, C, H, W), pictures smaller than 11 px, a range that is not positive, or values
-    further apart than it.
+    K1 0.01, K2 0.03, only where the whole window lies inside the picture, which must be 11 px or more per side.
     """
     a, b, peak = _checked(picture, reference, data_range)
     if min(a.shape[-2:]) < SSIM_WINDOW_PX:
@@ -43,15 +39,13 @@ def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 
 def _checked(picture: Tensor, reference: Tensor, data_range: float) -> tuple[Tensor, Tensor, float]:
     a, b = values.real("picture", picture, dims=4), values.real("reference", reference, dims=4)
-    if a.ndim != 4 or a.shape != b.shape:
-        raise ValueError(
-            f"picture, reference: must both be (B, C, H, W), got {tuple(a.shape)} and {tuple(b.shape)}"
-        )
+    shapes = tuple(a.shape), tuple(b.shape)
+    if a.ndim != 4 or shapes[0] != shapes[1]:
+        raise ValueError(f"picture, reference: must both be (B, C, H, W), got {shapes[0]} and {shapes[1]}")
     peak = limited("data_range", data_range)
     for finite in (pixels.detach()[torch.isfinite(pixels)] for pixels in (a, b)):
-        span = float(finite.max() - finite.min()) if len(finite) else 0.0
-        if span > peak * (1 + 1e-6):
+        if len(finite) and float(span := finite.max() - finite.min()) > peak * (1 + 1e-6):
             raise ValueError(
-                f"data_range = {data_range!r}: must be from black to white, but the pictures' values span {span:g}"
+                f"data_range = {data_range!r}: must be from black to white, but the pictures span {span:g}"
             )
     return a, b, peak

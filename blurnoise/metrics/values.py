@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,22 +20,21 @@ _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, to
 
 
 def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
-    """Return ``value`` as float64; integers keep their numbers, gradients pass, NaN is allowed.
+    """``value`` as float64; integers keep their numbers, gradients pass, NaN is allowed.
 
     Raises ``TypeError`` unless it is a tensor of real numbers, ``ValueError`` if it is empty or has fewer than
     ``dims`` dimensions.
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor, got {type(value).__name__}")
-    if value.is_complex() or value.dtype == torch.bool:
-        raise TypeError(f"{name}: must hold real numbers, got {value.dtype}")
+    checks.real_tensor(name, value)
     if value.ndim < dims or 0 in value.shape:
         raise ValueError(f"{name}: must have {dims} or more dimensions, none of 0, got {tuple(value.shape)}")
     return value.double()
 
 
 def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
-    """Return ``value`` as float64 on ``like``'s device. Raises ``ValueError`` if both do not broadcast."""
+    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` if both do not broadcast."""
     tensor = checks.real_tensor(name, value).to(like.device, torch.float64)
     try:
         torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
@@ -53,10 +52,7 @@ def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
 
 
 def cut(image: Tensor, roi: Roi) -> Tensor:
-    """Return the region of ``image`` (..., H, W).
-
-    Raises ``TypeError`` unless it is four integers, ``ValueError`` unless it lies inside.
-    """
+    """The region of ``image`` (..., H, W). Raises ``TypeError`` unless four integers, ``ValueError`` outside it."""
     sides = roi if isinstance(roi, (tuple, list)) else ()
     if len(sides) != 4 or not all(type(side) is int for side in sides):
         raise TypeError(f"roi = {checks.shown(roi)}: must be four integers (x, y, width, height)")
@@ -66,13 +62,8 @@ def cut(image: Tensor, roi: Roi) -> Tensor:
     return image[..., top : top + high, left : left + wide]
 
 
-@dataclass(frozen=True)
-class Regions:
-    """Regions of B pictures.
-
-    values: (B, H, W) float64 luminance, black level removed. colours: (B, C, H, W), as read. clipped, finite:
-    (B,) bool.
-    """
+class Regions(NamedTuple):
+    """values: (B, H, W) luminance above black. colours: (B, C, H, W), as read. clipped, finite: (B,) bool."""
 
     values: Tensor
     colours: Tensor
@@ -81,17 +72,13 @@ class Regions:
 
 
 def read_regions(image: Tensor, *, full_scale: float | None, black_level: float, roi: Roi | None) -> Regions:
-    """Read a region of each picture of ``image``, (H, W), (C, H, W) or (B, C, H, W), C = 1 or 3.
+    """A region of each picture of ``image``, as :func:`blurnoise.metrics.slanted_edge` takes them.
 
-    full_scale: the largest number that a pixel can hold; None means 255, 65535 or, for floats, 1. The smallest
-    is 0, or the picture's least where floats go below it. A pixel at either counts as clipped.
-    Raises ``TypeError`` for other types, ``ValueError`` for other shapes, regions outside the picture or smaller
-    than 8 x 8 px, values beyond ``full_scale`` and a ``black_level`` that is not below it.
+    A pixel at ``full_scale``, or at 0 or the picture's least below it, counts as clipped.
     """
-    if not isinstance(image, Tensor):
-        raise TypeError(f"image: must be a torch.Tensor, got {type(image).__name__}")
-    if image.dtype not in _FULL_SCALE:
-        raise TypeError(f"image: must be uint8, uint16, float32 or float64, got {image.dtype}")
+    if not isinstance(image, Tensor) or image.dtype not in _FULL_SCALE:
+        got = image.dtype if isinstance(image, Tensor) else type(image).__name__
+        raise TypeError(f"image: must be a tensor of uint8, uint16, float32 or float64, got {got}")
     if image.ndim not in (2, 3, 4) or 0 in image.shape or (image.ndim > 2 and image.shape[-3] not in (1, 3)):
         raise ValueError(
             "image: shape must be (H, W), (C, H, W) or (B, C, H, W) with 1 or 3 channels, none of them 0, "
@@ -99,11 +86,9 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
         )
     pixels = image.detach().reshape(-1, 1 if image.ndim == 2 else image.shape[-3], *image.shape[-2:])
     pixels = pixels if roi is None else cut(pixels, roi)
-    if min(pixels.shape[-2:]) < SMALLEST_PX:
-        raise ValueError(
-            f"image: the region is {pixels.shape[-1]} x {pixels.shape[-2]} px; "
-            f"must be at least {SMALLEST_PX} x {SMALLEST_PX}"
-        )
+    height, width = pixels.shape[-2:]
+    if min(height, width) < SMALLEST_PX:
+        raise ValueError(f"image: the region is {width} x {height} px; must be at least 8 x 8")
     top = _FULL_SCALE[image.dtype] if full_scale is None else full_scale
     top = checks.in_range("full_scale", top, 0.0, above=True)
     black = checks.in_range("black_level", black_level, 0.0, top)
@@ -114,12 +99,9 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
     lowest, highest = raw.amin((1, 2, 3)), raw.amax((1, 2, 3))
     if bool((highest[finite] > top).any()):
         largest = float(highest[finite].max())
-        raise ValueError(f"image: holds {largest:g}, above full_scale = {top:g}; state its full_scale")
-    clipped = torch.zeros_like(finite)
-    if bool(((highest >= top) | (lowest <= 0)).any()):
-        floor = lowest.clamp(max=0.0)[:, None, None, None]
-        at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a channel alone can clip: luminance would hide it
-        clipped = at_limit.double().mean((1, 2)) > CLIPPED_SHARE
-    one = raw.shape[1] == 1
-    luminance = raw[:, 0] if one else torch.einsum("bchw,c->bhw", raw, raw.new_tensor(LUMINANCE))
-    return Regions(luminance - black, raw, clipped, finite)
+        raise ValueError(f"image: holds {largest:g}, above full_scale = {top:g}; specify its full_scale")
+    floor = lowest.clamp(max=0.0)[:, None, None, None]
+    at_limit = ((raw >= top) | (raw <= floor)).any(1)  # a channel alone can clip: luminance would hide it
+    clipped = at_limit.double().mean((1, 2)) > CLIPPED_SHARE
+    weights = raw.new_tensor(LUMINANCE if raw.shape[1] == 3 else [1.0])
+    return Regions(torch.einsum("bchw,c->bhw", raw, weights) - black, raw, clipped, finite)

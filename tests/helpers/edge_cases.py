@@ -22,7 +22,7 @@ from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.flags import WITHHELD
+from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -16,38 +17,76 @@ from torch import Tensor
 from blurnoise._core import checks
 from blurnoise._core.checks import counted
 from blurnoise._core.rng import LAST_SEED
+from blurnoise.metrics.edge import faults
 from blurnoise.metrics.edge.faults import Shape
-from blurnoise.metrics.edge.flags import WITHHELD, Flag, words
-from blurnoise.metrics.edge.geometry import is_horizontal, slope
+from blurnoise.metrics.edge.hidden import hidden_faults
 from blurnoise.metrics.edge.iso import iso_response
-from blurnoise.metrics.edge.response import (
-    Response,
-    block_weights,
-    exact_response,
-    intervals,
-    numbers,
-    peak,
-    scatter,
-    widening,
+from blurnoise.metrics.edge.noise import block_weights, widening
+from blurnoise.metrics.edge.place import (
+    REACH_FACTOR,
+    REACH_PX,
+    Sides,
+    Upright,
+    find_line,
+    largest_phase_gap_px,
+    measure_sides,
+    only,
+    slope,
+    smooth,
 )
-from blurnoise.metrics.edge.shape import (
-    NOISY,
-    Flags,
-    colours_apart,
-    locate,
-    not_alone,
-    shape_of,
-    suspicions,
-)
-from blurnoise.metrics.edge.spline import KNOT_PX, knots_px
+from blurnoise.metrics.edge.response import Response, exact_response, intervals, numbers
+from blurnoise.metrics.edge.spline import KNOT_PX, LINE_ORDER, knots_px, refine
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.values import Roi, read_regions
 
 Mode = Literal["exact", "iso"]
 Side = Literal["left", "right", "top", "bottom"]
+LARGEST_GAP_PX = {"exact": 0.55, "iso": 0.3}
+"""Along the normal, without a sample: a gap of 0.5 px still shows all below 1 cycle/px, a bin of 1/4 px does not."""
+WINDOW_REACHES = 10  # width of a region that the standard's window needs, over the blur's reach
+NOISY = 0.08  # standard deviation of MTF50, as a share of it, from which noise dominates
 _CROSSINGS = {"mtf50", "mtf50p"}  # NaN where there is none, and wider by what an edge may hide
 _TOGETHER = 32  # regions in one go: their arrays stay in the cache
 _NONE = torch.empty(0, dtype=torch.float64)
+
+
+class Flag(Enum):
+    """A reason to doubt a measured edge; those of ``WITHHELD`` leave no number at all."""
+
+    NOT_FINITE = "the region holds NaN or Inf"
+    CLIPPED = "more than 0.5 % of the pixels stand at black or at full scale"
+    NO_EDGE = "no step stands out of the noise"
+    TWO_EDGES = "more than one edge, or other structure, beside the edge"
+    EDGE_LEAVES_REGION = "the edge does not cross the region from end to end"
+    REGION_TOO_SMALL = "no flat level beside the edge: the blur fills the region"
+    TOO_FEW_PHASES = "the rows cut the edge at too few positions within a pixel"
+    NEVER_REACHES_50 = "the response stays above 50 % up to 1 cycle/px"
+    NOISE_DOMINATED = "noise moves MTF50 by more than 10 % (one standard deviation)"
+    SHARPENED = "the edge overshoots its sides, or noise alternates, which no lens does: sharpening"
+    TWO_HUMPS = "the line spread has two humps: two edges side by side, or motion that lingers"
+    TOO_ABRUPT = "the edge is sharper than its pixels allow: clipped, or sharpened and cut"
+    DISPLACED = "rows are displaced against each other: jitter, which lowers the response"
+    SMOOTHED = (
+        "the edge is noisier than its sides allow: denoised, compressed, clipped, or after a tone curve"
+    )
+    NOISE_CORRELATED = "noise is correlated over too many rows for its intervals: columns, or a strong filter"
+    WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
+    NON_LINEAR_SUSPECTED = (
+        "the edge is lopsided, or its bright side quieter: clipping, a tone curve, shifted colours"
+    )
+
+
+WITHHELD = frozenset(
+    {
+        Flag.NOT_FINITE,
+        Flag.CLIPPED,
+        Flag.NO_EDGE,
+        Flag.TWO_EDGES,
+        Flag.EDGE_LEAVES_REGION,
+        Flag.REGION_TOO_SMALL,
+    }
+)
+"""With one of these every number is NaN."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +105,7 @@ class Resamples:
 
 @dataclass(frozen=True)
 class SlantedEdge:
-    """What one edge says. Frequencies in cycles/px along its normal; numbers that cannot be told are NaN.
+    """What one edge shows. Frequencies in cycles/px along its normal; numbers that are not available are NaN.
 
     angle_deg: as in :mod:`blurnoise.charts`, 0° vertical and bright on the right, 90° bright at the top.
     mtf50, mtf50p: where the response is half of that at 0, half of its peak. dark, bright: levels without black
@@ -112,7 +151,7 @@ class SlantedEdge:
     def estimate(self, name: str) -> Estimate:
         """The scalar of that name with its interval, NaN without a bootstrap, and the flags of the edge."""
         low, high = self.intervals.get(name, (math.nan, math.nan))
-        return Estimate(getattr(self, name), low, high, words(self.flags))
+        return Estimate(getattr(self, name), low, high, frozenset(flag.name.lower() for flag in self.flags))
 
 
 def slanted_edge(
@@ -144,9 +183,13 @@ def slanted_edge(
     counted("bootstrap", bootstrap)
     checks.integer("seed", seed, 0, LAST_SEED)
     read = read_regions(image, full_scale=full_scale, black_level=black_level, roi=roi)
-    unusable = {True: frozenset({Flag.CLIPPED}), False: frozenset({Flag.NOT_FINITE})}
-    edges = [SlantedEdge(mode, unusable[finite]) for finite in read.finite.tolist()]
-    usable, lying = read.finite & ~read.clipped, is_horizontal(read.values)
+    edges = [
+        SlantedEdge(mode, frozenset({Flag.CLIPPED if each else Flag.NOT_FINITE})) for each in read.finite
+    ]
+    usable = read.finite & ~read.clipped
+    lying = (
+        slope(read.values.mean(2)).abs() > slope(read.values.mean(1)).abs()
+    )  # a plane through it is steeper down
     for horizontal in (False, True):
         todo = (usable & (lying == horizontal)).nonzero()[:, 0].tolist()
         for start in range(0, len(todo), _TOGETHER):
@@ -164,98 +207,151 @@ def _measured(
     values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int
 ) -> list[SlantedEdge]:
     """Measure near-vertical edges (B, H, W) of colours (B, C, H, W); horizontal: the regions were transposed."""
-    found, flags = locate(values)
-    edges = [SlantedEdge(mode, names) for names in _by_region(flags, len(values))]
+    line = find_line(values)
+    sides, upright = measure_sides(values, line.position_px)
+    whole = ~line.no_edge & ~line.leaves
+    withheld = {
+        Flag.NO_EDGE: line.no_edge,
+        Flag.TWO_EDGES: ~line.no_edge & (line.structured | (whole & sides.structured)),
+        Flag.EDGE_LEAVES_REGION: ~line.no_edge & line.leaves,
+        Flag.REGION_TOO_SMALL: whole & ~line.structured & sides.too_small,
+    }
+    edges = [SlantedEdge(mode, names) for names in _by_region(withheld)]
     alike: dict[int, list[int]] = {}
-    for index, block in enumerate(found.sides.block.tolist()):
-        if not edges[index].flags & WITHHELD:
+    for index, block in enumerate(sides.block.tolist()):  # rows whose noise belongs together
+        if not edges[index].flags:
             alike.setdefault(block, []).append(index)
     for block, kept in alike.items():
+        shape = shape_of(only(upright, kept), line.position_px[kept], only(sides, kept), block)
         weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
-        shape = shape_of(found.only(kept), block)
-        wider = widening(values.shape[1], block)
-        measured = _edges(values[kept], colours[kept], shape, mode, horizontal, weights, wider)
-        for index, edge, doubtful in zip(kept, measured, not_alone(shape).tolist(), strict=True):
-            edges[index] = SlantedEdge(mode, frozenset({Flag.TWO_EDGES})) if doubtful else edge
+        measured = _edges(shape, values[kept], colours[kept], mode, horizontal, weights)
+        for index, edge in zip(kept, measured, strict=True):
+            edges[index] = edge
     return edges
 
 
+def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) -> Shape:
+    """Fit the edges' splines and lines; block: rows of them whose noise belongs together.
+
+    The line is found again from the dark area of every row within the edge's reach, where less noise lies.
+    """
+    zone = upright.within(int(sides.reach_px.max().ceil()) + 2)
+    scaled = sides.scaled(zone, position_px)
+    columns = scaled.shape[2]
+    away = torch.arange(columns) - columns // 2
+    own = (zone.inside > 0) & (away.abs() <= sides.reach_px.ceil()[:, None, None] + 1)
+    dark_px = columns - torch.where(own, scaled, (away > 0).to(scaled)).sum(2)
+    again = smooth(zone.first + dark_px, order=LINE_ORDER)
+    noise = sides.variance / sides.step[:, None] ** 2
+    spline, line = refine(replace(zone, values=scaled), again, sides.reach_px, noise)
+    if block > 1:  # the covariance that a bootstrap over blocks of rows finds: of noise that is not white
+        spline = replace(spline, covariance=spline.bootstrapped(block))
+    return Shape(sides, line, spline)
+
+
 def _edges(
-    values: Tensor,
-    colours: Tensor,
-    shape: Shape,
-    mode: Mode,
-    horizontal: bool,
-    weights: Tensor | None,
-    wider: float,
+    shape: Shape, values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, weights: Tensor | None
 ) -> list[SlantedEdge]:
-    """Read the numbers off each shape. weights: (n, H), of the rows in n resamples; wider: what these miss."""
+    """Read the numbers off each shape. weights: (n, H), of the rows in n resamples."""
     sides, rising = shape.sides, shape.sides.step > 0
     if mode == "exact":
         response = exact_response(shape.spline, sides, weights)
     else:
         facing_right = torch.where(rising[:, None, None], values, values.flip(2))
         response = iso_response(facing_right, sides.variance.mean(1), weights)
-    scalars = numbers(response.power, response.spacing, peak(response), sides.level, sides.variance)
+    peak = response.peak()
+    scalars = numbers(response.power, response.spacing, peak, sides.level, sides.variance)
     mtf50 = scalars["mtf50"]
-    flags, hidden = suspicions(shape, mode, values.shape[2], mtf50, scatter(response, mtf50))
-    if colours.shape[1] == 3:
-        flags[Flag.NON_LINEAR_SUSPECTED] |= colours_apart(colours, mtf50)
+    flags, hidden = _doubts(shape, response, colours, mode, mtf50)
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
-    samples, noise_intervals = _resamples(response, shape, ends, weights, scalars, wider)
-    if noise_intervals:  # 95 % span four standard deviations
-        low, high = noise_intervals["mtf50"].unbind(1)
+    samples: list[Resamples | None] = [None] * len(ends)
+    limits: dict[str, Any] = {}
+    if response.resampled is not None and weights is not None:
+        level, variance = sides.resampled(weights)
+        drawn = numbers(response.resampled, response.spacing[:, None], peak[:, None], level, variance)
+        by_noise = intervals(drawn, scalars, widening(values.shape[1], int(sides.block[0])))
+        low, high = by_noise["mtf50"].unbind(1)  # 95 % span four standard deviations
         flags[Flag.NOISE_DOMINATED] |= mtf50.isfinite() & ~(high - low <= 4 * NOISY * mtf50)
+        limits = {name: each.tolist() for name, each in by_noise.items()}
+        samples = [
+            Resamples(power, *levels[:, index].T, *variances[:, index].T)
+            for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True)
+        ]
     dark, bright = sides.level.gather(1, ends).unbind(1)
     noise_dark, noise_bright = sides.variance.gather(1, ends).unbind(1)
-    told = {name: torch.where(scalars[name].isfinite(), scalars[name], torch.nan) for name in _CROSSINGS}
-    told |= {"dark": dark, "bright": bright, "noise_power_at_0": sides.power_at_0}
-    told |= {"noise_variance_dark": noise_dark, "noise_variance_bright": noise_bright}
-    columns = {name: value.tolist() for name, value in (scalars | told).items()}
-    limits = {name: each.tolist() for name, each in noise_intervals.items()}
-    frequencies, sfr = response.frequencies, response.power.clamp_min(0).sqrt()
-    distance_px, esf, lsf = _profiles(shape)
+    scalars |= {name: scalars[name].where(scalars[name].isfinite(), torch.nan) for name in _CROSSINGS}
+    scalars |= {"dark": dark, "bright": bright, "noise_power_at_0": sides.power_at_0}
+    scalars |= {"noise_variance_dark": noise_dark, "noise_variance_bright": noise_bright}
+    columns: dict[str, Any] = {name: value.tolist() for name, value in scalars.items()}
+    coefficients = shape.spline.coefficients
+    upward = torch.where(rising[:, None], coefficients, 1 - coefficients.flip(1))
+    left, middle, right = upward[:, :-2], upward[:, 1:-1], upward[:, 2:]
+    columns |= {
+        "frequencies": response.frequencies,
+        "power": response.power,
+        "sfr": response.power.clamp_min(0).sqrt(),
+        "esf": dark[:, None] + (bright - dark)[:, None] * (left + 4 * middle + right) / 6,
+        "lsf": (right - left) / (2 * KNOT_PX),
+        "resamples": samples,
+    }
     tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
     edges = []
-    for index, names in enumerate(_by_region(flags, len(values))):
-        angle_deg, bright_side = _facing(tilts[index], flips[index], horizontal)
-        scalar = {name: column[index] for name, column in columns.items()}
-        by_noise = {name: (each[index][0], each[index][1]) for name, each in limits.items()}
-        edges.append(
-            SlantedEdge(
-                mode=mode,
-                flags=names,
-                angle_deg=angle_deg,
-                orientation="horizontal" if horizontal else "vertical",
-                bright_side=bright_side,
-                intervals=_with_hidden(by_noise, scalar, hidden[:, index].tolist()),
-                noise_intervals=by_noise,
-                frequencies=frequencies[index],
-                power=response.power[index],
-                sfr=sfr[index],
-                distance_px=distance_px,
-                esf=esf[index],
-                lsf=lsf[index],
-                resamples=samples[index],
-                **scalar,
-            )
-        )
+    for index, names in enumerate(_by_region(flags)):
+        if Flag.TWO_EDGES in names:
+            edges.append(SlantedEdge(mode, frozenset({Flag.TWO_EDGES})))
+            continue
+        row = {name: column[index] for name, column in columns.items()}
+        row["angle_deg"], row["bright_side"] = _facing(tilts[index], flips[index], horizontal)
+        row["noise_intervals"] = {name: (each[index][0], each[index][1]) for name, each in limits.items()}
+        row["intervals"] = _with_hidden(row, hidden[:, index].tolist())
+        row["orientation"] = "horizontal" if horizontal else "vertical"
+        row["distance_px"] = knots_px(coefficients.shape[1])[1:-1]
+        edges.append(SlantedEdge(mode, names, **row))
     return edges
 
 
-def _by_region(flags: Flags, batch: int) -> list[frozenset[Flag]]:
-    raised = {flag: raised.tolist() for flag, raised in flags.items()}
-    return [frozenset(flag for flag, where in raised.items() if where[index]) for index in range(batch)]
+def _doubts(
+    shape: Shape, response: Response, colours: Tensor, mode: Mode, mtf50: Tensor
+) -> tuple[dict[Flag, Tensor], Tensor]:
+    """Which regions each flag is raised for, (B,) bool, and what hidden faults may cost, (3, B).
+
+    mtf50: (B,), inf where the response stays above 50 %.
+    """
+    sides = shape.sides
+    enough = largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
+    blur_px = (sides.reach_px - REACH_PX) / REACH_FACTOR
+    unequal, hidden = hidden_faults(shape, mtf50)
+    flags = {
+        Flag.TWO_EDGES: faults.structured(shape),
+        Flag.NEVER_REACHES_50: torch.isinf(mtf50),
+        Flag.NOISE_DOMINATED: response.scatter(mtf50) > NOISY,
+        Flag.TOO_FEW_PHASES: ~enough,
+        Flag.NON_LINEAR_SUSPECTED: faults.quieter(sides) | (unequal & enough),
+        Flag.SHARPENED: (faults.overshoots(shape) & enough) | sides.alternates,
+        Flag.TWO_HUMPS: faults.two_humps(shape) & enough,
+        Flag.TOO_ABRUPT: faults.negative(shape) & enough,
+        Flag.DISPLACED: faults.displaced(shape, mtf50),
+        Flag.SMOOTHED: faults.smoothed(shape),
+        Flag.NOISE_CORRELATED: sides.correlated,
+        Flag.WINDOW_CUTS: (blur_px * WINDOW_REACHES > colours.shape[-1]) & (mode == "iso"),
+    }
+    if colours.shape[1] == 3:
+        flags[Flag.NON_LINEAR_SUSPECTED] |= faults.colours_apart(colours, mtf50)
+    return flags, hidden
 
 
-def _with_hidden(
-    intervals: Mapping[str, tuple[float, float]], scalars: Mapping[str, float], hidden: list[float]
-) -> dict[str, tuple[float, float]]:
+def _by_region(flags: Mapping[Flag, Tensor]) -> list[frozenset[Flag]]:
+    names = list(flags)
+    rows = torch.stack(list(flags.values()), dim=1).tolist()
+    return [frozenset(name for name, raised in zip(names, row, strict=True) if raised) for row in rows]
+
+
+def _with_hidden(row: Mapping[str, Any], hidden: list[float]) -> dict[str, tuple[float, float]]:
     """The intervals, those of MTF50 and MTF50P with the faults that may have raised or lowered them."""
     likely, largest, lowered = hidden
-    wider = dict(intervals)
-    for name in _CROSSINGS & intervals.keys():
-        (low, high), middle = intervals[name], scalars[name]
+    wider = dict(row["noise_intervals"])
+    for name in _CROSSINGS & wider.keys():
+        (low, high), middle = wider[name], row[name]
         if math.isfinite(middle):
             least = middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely))
             wider[name] = least, middle + math.hypot(high - middle, middle * lowered)
@@ -268,33 +364,3 @@ def _facing(tilt: float, flipped: bool, horizontal: bool) -> tuple[float, Side]:
     if horizontal:  # the normal, (x, y) and y down, is sign * (-tilt, 1)
         return math.degrees(math.atan2(-sign, -sign * tilt)), "top" if flipped else "bottom"
     return math.degrees(math.atan2(sign * tilt, sign)), "left" if flipped else "right"
-
-
-def _profiles(shape: Shape) -> tuple[Tensor, Tensor, Tensor]:
-    """The spline's knots but the outermost, the level there, and its derivative as a share of the step, 1/px."""
-    sides, coefficients = shape.sides, shape.spline.coefficients
-    upward = torch.where(sides.step[:, None] > 0, coefficients, 1 - coefficients.flip(1))
-    left, middle, right = upward[:, :-2], upward[:, 1:-1], upward[:, 2:]
-    share = (left + 4 * middle + right) / 6
-    level = sides.level.amin(1)[:, None] + sides.step.abs()[:, None] * share
-    return knots_px(coefficients.shape[1])[1:-1], level, (right - left) / (2 * KNOT_PX)
-
-
-def _resamples(
-    response: Response,
-    shape: Shape,
-    ends: Tensor,
-    weights: Tensor | None,
-    plain: dict[str, Tensor],
-    wider: float,
-) -> tuple[list[Resamples | None], dict[str, Tensor]]:
-    """The resamples of each region, and the intervals (B, 2) of its scalars."""
-    if response.resampled is None or weights is None:
-        return [None] * len(ends), {}
-    level, variance = shape.sides.resampled(weights)
-    drawn = numbers(response.resampled, response.spacing[:, None], peak(response)[:, None], level, variance)
-    samples: list[Resamples | None] = [
-        Resamples(power, *levels[:, index].T, *variances[:, index].T)
-        for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True)
-    ]
-    return samples, intervals(drawn, plain, wider)

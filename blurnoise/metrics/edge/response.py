@@ -13,7 +13,7 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.edge.sides import Sides
+from blurnoise.metrics.edge.place import Sides
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 NYQUIST = 0.5  # cycles/px
@@ -40,8 +40,26 @@ class Response:
         """Cycles/px, (B, F)."""
         return torch.arange(self.power.shape[1], dtype=torch.float64) * self.spacing[:, None]
 
+    def peak(self) -> Tensor:
+        """Index of the highest power up to 0.5 cycle/px that is certain to exceed that at 0, else 0, (B,)."""
+        power = self.power.clamp_min(0)
+        # Without noise, rounding leaves its power a little below 0 here and there.
+        certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * self.noise.clamp_min(0))
+        found = torch.where(self.frequencies <= NYQUIST, certain, 0.0).max(1)
+        return torch.where(found.values > 1, found.indices, 0)
 
-def exact_response(spline: Spline, sides: Sides, weights: Tensor | None = None) -> Response:
+    def scatter(self, mtf50: Tensor) -> Tensor:
+        """Standard deviation of MTF50 that the noise causes, as a share of it, (B,).
+
+        Noise along the response, half of all, moves the crossing by itself over the response's slope.
+        """
+        index = (mtf50.nan_to_num(0, 0, 0) / self.spacing).long().clamp(1, self.power.shape[1] - 2)[:, None]
+        rise = (self.power.gather(1, index + 1) - self.power.gather(1, index - 1))[:, 0] / (2 * self.spacing)
+        along = torch.sqrt(self.noise.gather(1, index)[:, 0].clamp_min(0) / 2)
+        return along / (rise.abs().clamp_min(1e-12) * mtf50)  # at 1/2, power changes as the response does
+
+
+def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Response:
     """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H).
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
@@ -62,6 +80,14 @@ def _modulus_squared(coefficients: Tensor) -> Tensor:
     return (steps @ cosine).square_() + (steps @ sine).square_()
 
 
+@cache
+def _waves(count: int) -> tuple[Tensor, Tensor]:
+    place = KNOT_PX * (torch.arange(count, dtype=torch.float64) - (count - 1) / 2)
+    angle = 2 * math.pi * place[:, None] * FREQUENCIES
+    smooth = torch.sinc(KNOT_PX * FREQUENCIES) ** 3
+    return torch.cos(angle) * smooth, torch.sin(angle) * smooth
+
+
 def _noise_power(covariance: Tensor) -> Tensor:
     """Variance of the Fourier sum over coefficients' differences: a cosine sum over their lagged covariances."""
     about = torch.diff(torch.diff(covariance, dim=1), dim=2)
@@ -74,29 +100,12 @@ def _noise_power(covariance: Tensor) -> Tensor:
     return (lags @ torch.cos(angle)) * torch.sinc(KNOT_PX * FREQUENCIES) ** 6
 
 
-@cache
-def _waves(count: int) -> tuple[Tensor, Tensor]:
-    place = KNOT_PX * (torch.arange(count, dtype=torch.float64) - (count - 1) / 2)
-    angle = 2 * math.pi * place[:, None] * FREQUENCIES
-    smooth = torch.sinc(KNOT_PX * FREQUENCIES) ** 3
-    return torch.cos(angle) * smooth, torch.sin(angle) * smooth
-
-
-def peak(response: Response) -> Tensor:
-    """Index of the highest power up to 0.5 cycle/px that is certain to exceed that at 0, else 0, (B,)."""
-    power = response.power.clamp_min(0)
-    # Without noise, rounding leaves its power a little below 0 here and there.
-    certain = power - PEAK_CERTAIN * torch.sqrt(2 * power * response.noise.clamp_min(0))
-    found = torch.where(response.frequencies <= NYQUIST, certain, 0.0).max(1)
-    return torch.where(found.values > 1, found.indices, 0)
-
-
-def crossing(power: Tensor, spacing: Tensor, level: Tensor | float = 0.25) -> Tensor:
-    """First frequency at which ``power`` (..., F) falls below ``level``, inf where it never does.
+def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
+    """First frequency at which ``power`` (..., F) falls below ``level`` (...), inf where it never does.
 
     spacing: of its frequencies, cycles/px. The cubic through the four points around it is followed, in 32 steps.
     """
-    level = torch.as_tensor(level, dtype=power.dtype).expand(power.shape[:-1])[..., None]
+    level = level[..., None]
     below = power < level
     index = below.to(torch.uint8).argmax(-1, keepdim=True)
     start = (index - 2).clamp(0, power.shape[-1] - 4)
@@ -112,26 +121,6 @@ def crossing(power: Tensor, spacing: Tensor, level: Tensor | float = 0.25) -> Te
     return torch.where(below.any(-1), place[..., 0] * spacing, torch.inf)
 
 
-def at(power: Tensor, spacing: Tensor, wanted: float) -> Tensor:
-    """Response, the square root of ``power`` (..., F) or 0, at a frequency, straight between those given."""
-    place = (wanted / spacing).expand(power.shape[:-1])[..., None]
-    before = place.long().clamp(0, power.shape[-1] - 2)
-    between = torch.lerp(power.gather(-1, before), power.gather(-1, before + 1), place - before)
-    return between.clamp_min(0).sqrt()[..., 0]
-
-
-def scatter(response: Response, mtf50: Tensor) -> Tensor:
-    """Standard deviation of MTF50 that the noise causes, as a share of it, (B,).
-
-    Noise along the response, half of all, moves the crossing by itself over the response's slope.
-    """
-    power, spacing = response.power, response.spacing
-    index = (mtf50.nan_to_num(0, 0, 0) / spacing).long().clamp(1, power.shape[1] - 2)[:, None]
-    slope = (power.gather(1, index + 1) - power.gather(1, index - 1))[:, 0] / (2 * spacing)
-    along = torch.sqrt(response.noise.gather(1, index)[:, 0].clamp_min(0) / 2)
-    return along / (slope.abs().clamp_min(1e-12) * mtf50)  # at 1/2, power changes as the response does
-
-
 def numbers(
     power: Tensor, spacing: Tensor, peak: Tensor, level: Tensor, variance: Tensor
 ) -> dict[str, Tensor]:
@@ -140,22 +129,24 @@ def numbers(
     cnr = step / (variance.sum(-1) / 2).sqrt()
     index = peak.expand(power.shape[:-1])[..., None]
     height = power.gather(-1, index)
-    before = torch.arange(power.shape[-1]) < index
+    after_peak = torch.where(torch.arange(power.shape[-1]) < index, height, power)
+    place = (NYQUIST / torch.tensor([1.0, 2.0, 4.0]) / spacing[..., None]).expand(*power.shape[:-1], 3)
+    before = place.long().clamp(0, power.shape[-1] - 2)
+    between = torch.lerp(power.gather(-1, before), power.gather(-1, before + 1), place - before)
+    mtf_nyquist, mtf_nyquist_2, mtf_nyquist_4 = between.clamp_min(0).sqrt().unbind(-1)
     return {
-        "mtf50": crossing(power, spacing),
-        "mtf50p": crossing(torch.where(before, height, power), spacing, height[..., 0] / 4),
-        "mtf_nyquist": at(power, spacing, NYQUIST),
-        "mtf_nyquist_2": at(power, spacing, NYQUIST / 2),
-        "mtf_nyquist_4": at(power, spacing, NYQUIST / 4),
+        "mtf50": crossing(power, spacing, torch.full_like(step, 0.25)),
+        "mtf50p": crossing(after_peak, spacing, height[..., 0] / 4),
+        "mtf_nyquist": mtf_nyquist,
+        "mtf_nyquist_2": mtf_nyquist_2,
+        "mtf_nyquist_4": mtf_nyquist_4,
         "cnr": cnr,
         "edge_snr_db": 20 * torch.log10(cnr),
         "michelson": step / level.sum(-1),
     }
 
 
-def intervals(
-    resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float = 1.0
-) -> dict[str, Tensor]:
+def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: float) -> dict[str, Tensor]:
     """Of n resamples (B, n) the range (B, 2) that holds 95 %, made wider about the number itself, (B,)."""
     ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
     found = {name: torch.quantile(values, ends, dim=1).T for name, values in resampled.items()}
@@ -165,29 +156,3 @@ def intervals(
         about = plain[name][:, None]
         found[name] = torch.where(about.isfinite(), about + wider * (each - about), each)
     return found
-
-
-def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
-    """How often each row is drawn in each of ``resamples`` bootstraps of blocks of rows, (resamples, rows).
-
-    Blocks start anywhere and go on at the first row after the last; as many rows are drawn as there are.
-    """
-    generator = torch.Generator().manual_seed(seed)
-    count = math.ceil(rows / block)
-    starts = torch.randint(rows, (resamples, count), generator=generator)
-    drawn = ((starts[:, :, None] + torch.arange(block)) % rows).flatten(1)[:, :rows]
-    one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
-    return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)
-
-
-def widening(rows: int, block: int) -> float:
-    """By how much intervals from blocks of rows are too narrow: 1 where rows are drawn one by one.
-
-    Few blocks scatter about their own mean, and their scatter is itself uncertain: Student's 97.5 % over the normal
-    law's, by Cornish and Fisher, and the root of n over n - 1. Of Gaussians of 0.5 and 0.8 px 1.15 and 1.3.
-    """
-    if block == 1:
-        return 1.0
-    freedom, z = max(rows / block - 1, 3.0), 1.96
-    student = 1 + (z**2 + 1) / (4 * freedom) + (5 * z**4 + 16 * z**2 + 3) / (96 * freedom**2)
-    return student * math.sqrt(1 + 1 / freedom)

@@ -1,10 +1,7 @@
 """Edge spread as a spline through every pixel, each at its exact distance from the edge.
 
 Bins blur what they average and need many phases; a cubic B-spline with a knot every quarter of a pixel does
-neither, and its transfer function is a finite sum in closed form. Its coefficients are 0 before the edge's reach
-and 1 beyond it. Least squares, with a trace of a penalty on the third difference that bridges stretches without
-pixels.
-
+neither, and its transfer function is a finite sum. Its coefficients are 0 before the edge's reach and 1 beyond it.
 Domain: upright regions, values scaled so that the sides are 0 and 1, distances in px along the normal.
 """
 
@@ -13,19 +10,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from blurnoise.metrics.edge.geometry import Upright, row_basis, slope
+from blurnoise.metrics.edge.place import Upright, cosine, row_basis
 
 KNOT_PX = 0.25
 LINE_ORDER = 3  # of the polynomial that the edge may follow: a lens bends straight edges
 CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
-_ODD_DEVIATIONS, _ODD_SHARE = 8.0, 0.05  # of the misfits, and of the step, that make a pixel a hot one
-_PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
+ODD_DEVIATIONS, ODD_SHARE = 8.0, 0.05  # of the misfits, and of the step, that make a pixel a hot one
+PENALTY = 1e-3  # of the pixels per knot: less lets noise through where phases are few, more bends the edge
 
 
 def knots_px(count: int) -> Tensor:
@@ -34,94 +31,11 @@ def knots_px(count: int) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Spline:
-    """coefficients: (B, K), at :func:`knots_px`. covariance: theirs, (B, K, K). pixels: what was fitted.
+class Pixels:
+    """The n pixels within reach of the edge, of regions ``shape`` (B, H, W), and the four B-splines over each.
 
-    inverse: of the equations of the coefficients that were fitted, 0 elsewhere. inflation: (B,), by which residuals
-    are too small to stand for errors, as in a jackknife.
-    """
-
-    coefficients: Tensor
-    covariance: Tensor
-    pixels: _Pixels
-    inverse: Tensor
-    inflation: Tensor
-
-    @cached_property
-    def off(self) -> tuple[Tensor, Tensor]:
-        """By how much the pixels exceed the spline, and its slope along the row, 1/px, (n,) each."""
-        return self.pixels.off(self.coefficients)
-
-    def resampled(self, weights: Tensor) -> Tensor:
-        """Coefficients, (B, n, K), with row r counted weights[:, r] times, to first order; weights (n, H)."""
-        return self.coefficients[:, None] + (weights - 1) @ self.pulls
-
-    def bootstrapped(self, block: int = 1) -> Tensor:
-        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, K, K)."""
-        root = self.pulls
-        if block > 1:
-            root = torch.stack([rows.sum(1) for rows in torch.split(root, block, 1)], dim=1)
-        return root.mT @ root
-
-    @cached_property
-    def pulls(self) -> Tensor:
-        """By how much each row, were it there once more, would move the coefficients, (B, H, K)."""
-        # What each row adds to the normal equations beyond what the fit explains.
-        scores = self.pixels.sums(self.off[0], per_row=True)
-        return scores @ self.inverse * self.inflation[:, None, None]
-
-
-def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:
-    """Fit the spline and the edge's line together; return both.
-
-    upright: sides scaled to 0 and 1. position_px: (B, H), a first line. noise: variance at 0 and 1, (B, 2); in
-    between it grows with the light. The line takes one step of Gauss and Newton: it is so close that a second
-    would change nothing.
-    """
-    rows = row_basis(position_px.shape[1], LINE_ORDER)
-    half = math.ceil(float(reach_px.max()) / KNOT_PX) + 3
-    pixels = _Pixels.of(upright, position_px, reach_px, half)
-    coefficients, *_ = _fitted(pixels, reach_px)
-    off, pull = pixels.off(coefficients)
-    curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
-    wanted = pixels.by_row(pull * off) @ rows
-    position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
-
-    upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))
-    pixels = _Pixels.of(upright, position_px, reach_px, half)
-    coefficients, products, factor, free = _fitted(pixels, reach_px)
-    spread = torch.sqrt(noise[:, :1] + (noise[:, 1:] - noise[:, :1]) * coefficients.clamp(0, 1))
-    inverse = torch.cholesky_inverse(factor) * free[:, None] * free[..., None]
-    covariance = inverse @ (spread[:, :, None] * products * spread[:, None, :]) @ inverse
-    inflation = pixels.count / (pixels.count - free.sum(1)).clamp_min(1)
-    return Spline(coefficients, covariance, pixels, inverse, inflation), position_px
-
-
-def _fitted(pixels: _Pixels, reach_px: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Coefficients; the normal equations without their penalty; the Cholesky factor of those with it; and which
-    coefficients were fitted, (B, K), the others staying at 0 or 1."""
-    place = knots_px(pixels.size)
-    free = place.abs() <= reach_px[:, None] - KNOT_PX
-    fixed = ((place > 0) & ~free).to(torch.float64)
-    one = torch.eye(pixels.size, dtype=torch.float64)
-    rough = torch.diff(one, n=3, dim=0)
-    per_knot = pixels.count * KNOT_PX / (2 * reach_px)
-    products = pixels.products()
-    equations = products + (_PENALTY * per_knot)[:, None, None] * (rough.T @ rough)
-    wanted = pixels.sums(pixels.value) - (equations @ fixed[..., None])[..., 0]
-    factor = torch.linalg.cholesky(torch.where(free[:, :, None] & free[:, None, :], equations, one))
-    solution = torch.cholesky_solve((wanted * free)[..., None], factor)[..., 0]
-    return solution + fixed, products, factor, free
-
-
-@dataclass(frozen=True)
-class _Pixels:
-    """The pixels within reach of the edge, n of all regions in one line, and the four B-splines over each.
-
-    shape: of the regions, (B, H, W). pixel, row, region: (n,), numbers of each pixel, its row and its region, counted
-    through all of them. value: (n,). first: (n,), index of the first of the four coefficients. place: (n,), between
-    its knots, 0 to 1. cosine: (n,), px along the normal for one along the row. basis: four times (n,). count: pixels
-    of each region, (B,). size: number of coefficients.
+    pixel, row, region: numbers counted through all regions. first: index of the first of the four coefficients.
+    place: between its knots, 0 to 1. All (n,); count: pixels of each region, (B,). size: number of coefficients.
     """
 
     shape: torch.Size
@@ -137,21 +51,22 @@ class _Pixels:
     size: int
 
     @classmethod
-    def of(cls, upright: Upright, position_px: Tensor, reach_px: Tensor, half: int) -> _Pixels:
+    def of(cls, upright: Upright, position_px: Tensor, reach_px: Tensor) -> Pixels:
+        """The pixels within ``reach_px`` (B,) of the line ``position_px`` (B, H)."""
         _, height, width = upright.values.shape
-        cosines = 1 / torch.sqrt(1 + slope(position_px) ** 2)
+        half = math.ceil(float(reach_px.max()) / KNOT_PX) + 3
+        cosines = cosine(position_px)
         distance = upright.distance_px(position_px) * cosines[:, None, None]
         near = (distance.abs() < reach_px[:, None, None]) & (upright.inside > 0)
         pixel = near.flatten().nonzero()[:, 0]
         row = pixel // width
         region = row // height
         knots = distance.flatten()[pixel] / KNOT_PX
-        knot = knots.floor()
-        t = knots - knot
+        t = knots - knots.floor()
         s = 1 - t
         tt, ss = t * t, s * s
         basis = [ss * s / 6, tt * (t / 2 - 1) + 2 / 3, ss * (s / 2 - 1) + 2 / 3, tt * t / 6]
-        value, first = upright.values.flatten()[pixel], knot.long() + (half - 1)
+        value, first = upright.values.flatten()[pixel], knots.floor().long() + (half - 1)
         numbers = (near.shape, pixel, row, region)
         return cls(*numbers, value, first, t, cosines[region], basis, near.sum((1, 2)), 2 * half + 1)
 
@@ -176,12 +91,10 @@ class _Pixels:
         return sums.index_add_(0, self.row, values).view(self.shape[:2])
 
     def odd(self, off: Tensor) -> Tensor:
-        """``off`` (n,) at single pixels that stand far out of the others' misfits, hot or dead ones, else 0."""
+        """``off`` (n,) at single pixels far out of the others' misfits, hot or dead ones, else 0."""
         usual = torch.stack([each.median() for each in torch.split(off * off, self.count.tolist())])
-        limit = (_ODD_DEVIATIONS * (usual / CHI_SQUARE_MEDIAN).sqrt()).clamp_min(_ODD_SHARE)
+        limit = (ODD_DEVIATIONS * (usual / CHI_SQUARE_MEDIAN).sqrt()).clamp_min(ODD_SHARE)
         far = off.abs() > limit[self.region]
-        if not far.any():
-            return torch.zeros_like(off)
         around = avg_pool2d(self.in_place(far.to(off)), 3, stride=1, padding=1) * 9
         return torch.where(far & (around.flatten()[self.pixel] < 2.5), off, 0.0)
 
@@ -196,13 +109,79 @@ class _Pixels:
 
     def products(self) -> Tensor:
         """Sum of the products of two B-splines, (B, size, size)."""
-        at = self.first + self.region * self.size
-        bands = torch.zeros(4, self.shape[0] * self.size, dtype=torch.float64)
-        for k, basis in enumerate(self.basis):
-            for away, other in enumerate(self.basis[k:]):
-                bands[away, k:].index_add_(0, at, basis * other)
-        products = torch.diag_embed(bands[0].view(-1, self.size))
-        for away in (1, 2, 3):
-            band = bands[away].view(-1, self.size)[:, : self.size - away]
-            products += torch.diag_embed(band, away) + torch.diag_embed(band, -away)
-        return products
+        sums = torch.zeros(self.shape[0], self.size, self.size, dtype=torch.float64)
+        at = (self.region * self.size + self.first) * self.size + self.first
+        for (k, one), (j, other) in product(enumerate(self.basis), repeat=2):
+            sums.view(-1)[k * self.size + j :].index_add_(0, at, one * other)
+        return sums
+
+
+@dataclass(frozen=True)
+class Spline:
+    """coefficients: (B, K), at :func:`knots_px`. inverse: of their equations, 0 for those that were not fitted.
+
+    inflation: (B,), by which residuals are too small to serve as errors, as in a jackknife.
+    """
+
+    coefficients: Tensor
+    covariance: Tensor
+    pixels: Pixels
+    inverse: Tensor
+    inflation: Tensor
+
+    @cached_property
+    def off(self) -> tuple[Tensor, Tensor]:
+        """By how much the pixels exceed the spline, and its slope along the row, 1/px, (n,) each."""
+        return self.pixels.off(self.coefficients)
+
+    @cached_property
+    def pulls(self) -> Tensor:
+        """By how much each row, were it there once more, would move the coefficients, (B, H, K)."""
+        return self.pixels.sums(self.off[0], per_row=True) @ self.inverse * self.inflation[:, None, None]
+
+    def resampled(self, weights: Tensor) -> Tensor:
+        """Coefficients, (B, n, K), with row r counted weights[:, r] times, to first order; weights (n, H)."""
+        return self.coefficients[:, None] + (weights - 1) @ self.pulls
+
+    def bootstrapped(self, block: int) -> Tensor:
+        """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, K, K)."""
+        root = torch.stack([rows.sum(1) for rows in torch.split(self.pulls, block, 1)], dim=1)
+        return root.mT @ root
+
+
+def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:
+    """Fit the spline and the edge's line together, from a first line (B, H); noise: variance at 0 and 1, (B, 2).
+
+    The line takes one step of Gauss and Newton: it is so close that a second would change nothing.
+    """
+    rows = row_basis(position_px.shape[1], LINE_ORDER)
+    pixels = Pixels.of(upright, position_px, reach_px)
+    off, pull = pixels.off(_fitted(pixels, reach_px)[0])
+    curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
+    wanted = pixels.by_row(pull * off) @ rows
+    position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
+
+    upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))
+    pixels = Pixels.of(upright, position_px, reach_px)
+    coefficients, products, factor, free = _fitted(pixels, reach_px)
+    spread = torch.sqrt(noise[:, :1] + (noise[:, 1:] - noise[:, :1]) * coefficients.clamp(0, 1))
+    inverse = torch.cholesky_inverse(factor) * free[:, None] * free[..., None]
+    covariance = inverse @ (spread[:, :, None] * products * spread[:, None, :]) @ inverse
+    inflation = pixels.count / (pixels.count - free.sum(1)).clamp_min(1)
+    return Spline(coefficients, covariance, pixels, inverse, inflation), position_px
+
+
+def _fitted(pixels: Pixels, reach_px: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Coefficients; their equations without penalty; the Cholesky factor of those with it; which were fitted."""
+    place = knots_px(pixels.size)
+    free = place.abs() <= reach_px[:, None] - KNOT_PX
+    fixed = ((place > 0) & ~free).to(torch.float64)
+    one = torch.eye(pixels.size, dtype=torch.float64)
+    rough = torch.diff(one, n=3, dim=0)
+    per_knot = pixels.count * KNOT_PX / (2 * reach_px)
+    products = pixels.products()
+    equations = products + (PENALTY * per_knot)[:, None, None] * (rough.T @ rough)
+    wanted = pixels.sums(pixels.value) - (equations @ fixed[..., None])[..., 0]
+    factor = torch.linalg.cholesky(torch.where(free[:, :, None] & free[:, None, :], equations, one))
+    solution = torch.cholesky_solve((wanted * free)[..., None], factor)[..., 0]
+    return solution + fixed, products, factor, free

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.flags import WITHHELD
+from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.metrics.values import Roi
 
 SHORTEST_PX = 24

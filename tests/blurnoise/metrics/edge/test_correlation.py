@@ -6,10 +6,8 @@ import pytest
 import torch
 from edge_cases import Draw, Setting, smoothed
 
-from blurnoise.metrics import SlantedEdge, information, slanted_edge
-from blurnoise.metrics.edge.flags import Flag
-from blurnoise.metrics.edge.response import block_weights, widening
-from blurnoise.metrics.edge.sides import correlation_of
+from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
+from blurnoise.metrics.edge.noise import block_weights, correlation_of, widening
 
 AT = Setting(offset_px=(0.3, 0.1))
 

@@ -23,8 +23,10 @@ from independent_edges import (
 )
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.faults import certain, gaussian_edge, negative
-from blurnoise.metrics.edge.shape import locate, shape_of
+from blurnoise.metrics.edge.faults import certain, negative
+from blurnoise.metrics.edge.hidden import gaussian_edge
+from blurnoise.metrics.edge.measurement import shape_of
+from blurnoise.metrics.edge.place import find_line, measure_sides
 
 MAKES = {case.name: case.make for case in CASES}
 FOUND = {
@@ -80,7 +82,9 @@ def test_no_blur_asks_for_negative_light() -> None:
     at = Setting(noise=0.001, sigma_px=0.7, offset_px=(0.3, 0.1))
     cut = at.level(at.share(at.edge()).clamp(0.1, 0.9))
     images = torch.stack([at.noisy(image, Draw.of(5)) for image in (at.edge(), cut)])
-    assert negative(shape_of(locate(images)[0])).tolist() == [False, True]
+    position = find_line(images).position_px
+    sides, upright = measure_sides(images, position)
+    assert negative(shape_of(upright, position, sides, 1)).tolist() == [False, True]
 
 
 def test_a_number_with_a_flag_carries_it() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from blurnoise.metrics.edge.response import FREQUENCIES, Response, peak
+from blurnoise.metrics.edge.response import FREQUENCIES, Response
 
 PEAK = 63
 
@@ -21,10 +21,10 @@ def response(noise: float) -> Response:
 def test_a_peak_without_noise_is_certain_though_its_power_round_below_0(noise: float) -> None:
     found = response(1e-14)
     found.noise[0, ::7] = noise
-    assert peak(found).tolist() == [PEAK]
+    assert found.peak().tolist() == [PEAK]
 
 
 def test_a_peak_within_the_noise_is_none() -> None:
     """Three standard errors of power 1.5 with noise v are 3 sqrt(3 v): more than 0.5 from v = 0.0093 on."""
-    assert peak(response(0.0092)).tolist() == [PEAK]
-    assert peak(response(0.0094)).tolist() == [0]
+    assert response(0.0092).peak().tolist() == [PEAK]
+    assert response(0.0094).peak().tolist() == [0]

@@ -1,0 +1,330 @@
+"""Place of an edge in its region: its line, how far its blur reaches, and the levels and noise beside it.
+
+Domain: linear regions (B, H, W) float64, the edge near vertical. Positions are the columns, px, at which it crosses
+a row, pixel centres at integer + 0.5. Of a last dimension of size 2, entry 0 is the left side, 1 the right one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TypeVar
+
+import torch
+from torch import Tensor
+
+from blurnoise.metrics.edge.noise import correlation_of
+
+MARGIN_PX = 2.0  # an edge that comes closer to the side of its region has left it
+FLAT_AT_LEAST = 0.05  # share of the width at either side, at first taken to be flat
+SIGNIFICANT = 6.0  # standard errors that a step must have
+# Shares of the step:
+FLAT = 0.005  # within which the edge counts as having reached its level
+SLOPING, LIT = 0.1, 0.35  # by which a side may rise over its length before it is none; by light that grows
+STRUCTURE = 0.1  # by which anything beside the edge may stand out
+NOISELESS = 1e-8  # squared, of noise variance below which there is no noise
+
+REACH_FACTOR, REACH_PX = 1.35, 1.0
+"""Beyond the place where the edge is flat: a Gaussian within 0.5 % at 2.6 sigma is within 0.02 % at 3.5 sigma."""
+STRIP_PX = 10.0  # least width of the strips in which levels and noise are measured
+BLOCK_PX = 8
+WHOLE = 0.98  # share of the rows that a whole column has
+RISING = 4.0  # standard errors of a rise that is no accident
+
+
+@dataclass(frozen=True)
+class Line:
+    """position_px: (B, H). left, right: levels of the sides, (B,). no_edge, structured, leaves: (B,) bool."""
+
+    position_px: Tensor
+    left: Tensor
+    right: Tensor
+    no_edge: Tensor
+    structured: Tensor
+    leaves: Tensor
+
+
+@dataclass(frozen=True)
+class Upright:
+    """Rows moved by whole pixels so that the edge is in the middle column: values, inside (1 where there was a pixel,
+    else 0), (B, H, 2 J + 1), and first, the column that each row's first entry had, (B, H)."""
+
+    values: Tensor
+    inside: Tensor
+    first: Tensor
+
+    def distance_px(self, position_px: Tensor) -> Tensor:
+        """Distance along the row of every pixel's centre from ``position_px`` (B, H), positive to the right."""
+        columns = torch.arange(self.values.shape[2], dtype=torch.float64) + 0.5
+        return columns + (self.first - position_px)[:, :, None]
+
+    def within(self, reach_px: int) -> Upright:
+        """Only ``reach_px`` pixels to both sides of the edge."""
+        middle = self.values.shape[2] // 2
+        cut = slice(max(middle - reach_px, 0), middle + reach_px + 1)
+        return Upright(self.values[:, :, cut], self.inside[:, :, cut], self.first + cut.start)
+
+
+@dataclass(frozen=True)
+class Sides:
+    """reach_px: how far the blur reaches, (B,). rise: of the sides from left to right, per px, 0 unless certain.
+
+    level, variance, place_px: of the strips beside the reach, (B, 2), the variance about a plane. count, total,
+    square: sums over each strip's pixels in every row, (B, H, 2), of 1, the values, and their squared deviations from
+    that plane. The last four, (B,): of :func:`blurnoise.metrics.edge.noise.correlation_of`.
+    """
+
+    reach_px: Tensor
+    rise: Tensor
+    level: Tensor
+    variance: Tensor
+    place_px: Tensor
+    count: Tensor
+    total: Tensor
+    square: Tensor
+    too_small: Tensor
+    structured: Tensor
+    power_at_0: Tensor
+    block: Tensor
+    correlated: Tensor
+    alternates: Tensor
+
+    @property
+    def step(self) -> Tensor:
+        """Right level minus left level, (B,)."""
+        return self.level[:, 1] - self.level[:, 0]
+
+    def scaled(self, upright: Upright, position_px: Tensor) -> Tensor:
+        """The values with the sides at 0 and 1, whose light may grow along the edge and across it."""
+        row = torch.linspace(-1, 1, self.count.shape[1], dtype=torch.float64)[:, None]
+        pixels = self.count.sum(1, keepdim=True)
+        away = row - (self.count * row).sum(1, keepdim=True) / pixels
+        above = self.total - self.count * self.level[:, None]
+        along = (above * away).sum(1, keepdim=True) / (self.count * away**2).sum(1, keepdim=True)
+        by_row = self.level[:, None] + along * away
+        distance = upright.distance_px(position_px)
+        left, right = (
+            by_row[..., side, None]
+            + self.rise[:, side, None, None] * (distance - self.place_px[:, side, None, None])
+            for side in (0, 1)
+        )
+        return (upright.values - left) / (right - left)
+
+    def resampled(self, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """Level and variance, (B, n, 2) each, with row r counted weights[:, r] times; weights: (n, H)."""
+        count, total, square = (weights @ rows for rows in (self.count, self.total, self.square))
+        return total / count, square / (count - 3)
+
+
+Record = TypeVar("Record", Upright, Sides)
+
+
+def only(record: Record, kept: Sequence[int]) -> Record:
+    """Those regions of a record."""
+    return type(record)(*(each[kept] for each in vars(record).values()))
+
+
+def find_line(values: Tensor) -> Line:
+    """Straight line of the edge from the dark share of every row's mean; levels from the columns beside it."""
+    _, height, width = values.shape
+    columns, rows = values.mean(1), values.mean(2)
+    from_left, from_right = columns.cumsum(1), columns.flip(1).cumsum(1)
+    near = far = torch.full((len(values),), max(2, int(FLAT_AT_LEAST * width)))
+    for _ in range(3):
+        left = from_left.gather(1, near[:, None] - 1)[:, 0] / near
+        right = from_right.gather(1, far[:, None] - 1)[:, 0] / far
+        step = torch.where(right == left, torch.nan, right - left)
+        position = smooth((right[:, None] - rows) / step[:, None] * width, order=1).nan_to_num(width / 2)
+        near = (position.amin(1) / 2).long().clamp(2, width // 2)
+        far = ((width - position.amax(1)) / 2).long().clamp(2, width // 2)
+    mean_square = torch.linalg.vector_norm(values, dim=(1, 2)) ** 2 / (height * width)
+    total = (mean_square - rows.mean(1) ** 2).clamp_min(0)
+    # Second differences: of white noise six times its variance, of smooth pictures next to nothing.
+    curved = torch.diff(values[:, ::4], n=2, dim=2)
+    noise = (curved * curved).mean((1, 2)) / 6
+    standing = SIGNIFICANT * torch.sqrt(noise * (1 / near + 1 / far) / height)
+    step_squared = (right - left) ** 2
+    # An edge has at most a quarter of its step, squared, as variance; more of it is something else.
+    structured = (total - noise > 0.35 * step_squared) & (total > 1.2 * noise)
+    no_edge = ~structured & (step_squared <= standing**2)
+    leaves = (position.amin(1) < MARGIN_PX) | (position.amax(1) > width - MARGIN_PX)
+    return Line(position, left, right, no_edge, structured, leaves)
+
+
+def smooth(position_px: Tensor, *, order: int) -> Tensor:
+    """Least-squares polynomial of ``order`` through ``position_px`` (B, H) over the rows, at the rows."""
+    basis = row_basis(position_px.shape[1], order)
+    return position_px @ basis @ basis.T
+
+
+@cache
+def row_basis(rows: int, order: int) -> Tensor:
+    """Orthonormal polynomials up to ``order`` over the rows, (rows, order + 1)."""
+    row = torch.linspace(-1, 1, rows, dtype=torch.float64)
+    basis: Tensor = torch.linalg.qr(torch.stack([row**power for power in range(order + 1)], dim=1)).Q
+    return basis
+
+
+def slope(values: Tensor) -> Tensor:
+    """Slope of the straight line through evenly spaced values (B, n), per step: of an edge, columns per row."""
+    place = torch.arange(values.shape[1], dtype=torch.float64) - (values.shape[1] - 1) / 2
+    return values @ (place / (place @ place))
+
+
+def cosine(position_px: Tensor) -> Tensor:
+    """Pixels along the normal for one along the row, (B,)."""
+    return 1 / torch.sqrt(1 + slope(position_px) ** 2)
+
+
+def largest_phase_gap_px(position_px: Tensor) -> Tensor:
+    """Widest stretch along the normal, within one pixel's period, in which no row samples the edge, (B,)."""
+    phases = torch.sort(position_px.remainder(1.0), dim=1).values
+    around = torch.cat([phases, phases[:, :1] + 1], dim=1)
+    return torch.diff(around, dim=1).amax(1) * cosine(position_px)
+
+
+def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
+    """Reach of the edge, levels and noise in strips beside it, as wide or ``STRIP_PX``; and the upright edge."""
+    width = values.shape[2]
+    half = int(torch.maximum(position_px.amax(), width - position_px.amin()).ceil()) + 1
+    first = position_px.floor().long() - half
+    columns = first[:, :, None] + torch.arange(2 * half + 1)
+    inside = ((columns >= 0) & (columns < width)).to(torch.float64)
+    upright = Upright(values.gather(2, columns.clamp_(0, width - 1)), inside, first)
+    reach_px, rise, too_small, structured = _reach(upright)
+    upright = upright.within(2 * max(int(reach_px.max().ceil()), int(STRIP_PX)) + 3)
+    end = reach_px + reach_px.clamp_min(STRIP_PX)
+    middle = upright.values.shape[2] // 2
+    distance = upright.distance_px(position_px)
+    of_sides, left = [], []
+    for side, outward in ((slice(None, middle + 1), -1), (slice(middle, None), 1)):
+        away, near = outward * distance[..., side], upright.values[..., side]
+        strip = upright.inside[..., side] * ((away > reach_px[:, None, None]) & (away <= end[:, None, None]))
+        count, total = strip.sum(2), (near * strip).sum(2)
+        pixels = count.sum(1).clamp_min(1)
+        level, place = total.sum(1) / pixels, (distance[..., side] * strip).sum((1, 2)) / pixels
+        off = _about_plane(near, strip, level)
+        of_sides.append((level, place, count, total, (off**2).sum(2)))
+        left.append((off, strip))
+    level, place, count, total, square = (torch.stack(each, dim=-1) for each in zip(*of_sides, strict=True))
+    pixels = count.sum(1)
+    variance = square.sum(1) / (pixels - 3).clamp_min(1)
+    too_small |= (pixels < 2 * upright.values.shape[1]).any(1)
+    noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated
+    sums = count, total, square, too_small, structured
+    return Sides(reach_px, rise, level, variance, place, *sums, *correlation_of(left, noisy)), upright
+
+
+def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """How far the edge is off lines through the outer halves of its sides; their rise; too_small; structured."""
+    inside, height = upright.inside, upright.values.shape[1]
+    seen = upright.values * inside
+    counts, totals = (
+        torch.stack([part.sum(1) for part in torch.split(each, max(height // 4, 1), 1)], 1)
+        for each in (inside, seen)
+    )
+    count = counts.sum(1)
+    profile = totals.sum(1) / count.clamp_min(1)
+    scatter = torch.linalg.vector_norm(seen, dim=1) ** 2 / count.clamp_min(1) - profile**2
+    patches = totals - profile[:, None] * counts, counts
+    # Left and right alike, outward from the edge: (B, 2, J + 1).
+    middle = profile.shape[1] // 2
+    profile, scatter, count = (
+        torch.stack([each[:, : middle + 1].flip(1), each[:, middle:]], dim=1)
+        for each in (profile, scatter, count)
+    )
+    place = torch.arange(profile.shape[2], dtype=torch.float64)
+    valid = count >= height / 4
+    length = valid.sum(2)
+    start = length / 2
+    for _ in range(2):  # once the reach is known, all that lies beyond it tells the lines
+        outer = valid & (place >= start[..., None])
+        whole = outer & (count >= WHOLE * height)  # of some rows alone, light that grows along the edge shows
+        outer = torch.where(whole.sum(2, keepdim=True) >= BLOCK_PX, whole, outer)
+        noise = (scatter.clamp_min(0) * outer).sum(2) / outer.sum(2).clamp_min(1)
+        rise, level, centre, error, error_of_rise = _line(place, profile, noise[..., None], count, outer)
+        step = (level[:, 1] - level[:, 0]).abs()[:, None, None]
+        off = (profile - level[..., None] - rise[..., None] * (place - centre[..., None])).abs()
+        flat = (off <= torch.maximum(FLAT * step, 3 * error)) & valid
+        three = flat[..., :-2] & flat[..., 1:-1] & flat[..., 2:]
+        blur = three.to(torch.uint8).argmax(2).amax(1).to(torch.float64)
+        start = torch.minimum(REACH_FACTOR * blur[:, None] + REACH_PX, length / 2)
+    sure = RISING * error_of_rise
+    sloping = (rise * length).abs() > SLOPING * step[..., 0]
+    too_small = (~three.any(2)).any(1) | (sloping.any(1) & ~_lit(rise, level, length, step[:, 0, 0], sure))
+    rise = torch.where(rise.abs() > sure, rise, 0.0) * torch.tensor([-1.0, 1.0], dtype=torch.float64)
+    px = REACH_FACTOR * blur + REACH_PX
+    beyond = (place > px[:, None, None]) & valid
+    structured = (beyond & (off > torch.maximum(STRUCTURE * step, 6 * error))).any(2).any(1)
+    structured |= _shelf(profile, level, error[..., 0].amax(1))
+    structured |= _patchy(*patches, px, step[:, 0], noise.amax(1).sqrt())
+    return px, rise, too_small, structured
+
+
+def _line(
+    place: Tensor, profile: Tensor, noise: Tensor, count: Tensor, used: Tensor
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Slope, mean and mean place of the profile (B, 2, n) where ``used``; its error about that line; the slope's."""
+    number = used.sum(-1, keepdim=True).clamp_min(1)
+    share = used / number
+    middle, mean = (share * place).sum(-1), (share * profile).sum(-1)
+    about = place - middle[..., None]
+    spread = (share * about**2).sum(-1).clamp_min(1e-12)
+    rise = (share * about * profile).sum(-1) / spread
+    pixels = (count * used).sum(-1, keepdim=True).clamp_min(1)
+    of_line = (1 + about**2 / spread[..., None]) / pixels
+    of_rise = torch.sqrt(noise / pixels)[..., 0] / spread.sqrt()
+    return rise, mean, middle, torch.sqrt(noise * (1 / count.clamp_min(1) + of_line)), of_rise
+
+
+def _lit(rise: Tensor, level: Tensor, length: Tensor, step: Tensor, sure: Tensor) -> Tensor:
+    """Whether the sides' rises (outward, per px) are as their levels, (B,): light that grows across the region.
+
+    Of a blur that fills the region the two sides rise alike, whatever their levels.
+    """
+    rises, levels = rise * length, level.clamp_min(0)
+    bright = levels.amax(1)
+    apart = (rises[:, 0] * levels[:, 1] + rises[:, 1] * levels[:, 0]).abs() / bright
+    noise = (sure * length).amax(1)
+    return (apart < (0.03 * step).maximum(noise)) & (rises.abs().amax(1) < LIT * step)
+
+
+def _shelf(profile: Tensor, level: Tensor, error: Tensor) -> Tensor:
+    """Whether the profile rests half-way up, (B,): two steps with flat ground between them."""
+    whole = torch.cat([profile[:, 0].flip(1), profile[:, 1, 1:]], dim=1)
+    step = level[:, 1:] - level[:, :1]
+    share, noise = (whole - level[:, :1]) / step, error[:, None] / step.abs()
+    core = (share > 0.1) & (share < 0.9)
+    length = core.sum(1, keepdim=True)
+    width = (length // 3).clamp_min(4)
+    later = (torch.arange(share.shape[1]) + width).clamp_max(share.shape[1] - 1)
+    rise = share.gather(1, later) - share
+    return (core & core.gather(1, later) & (rise + 4 * noise < 0.16 * (width / length))).any(1)
+
+
+def _patchy(off: Tensor, count: Tensor, reach_px: Tensor, step: Tensor, noise: Tensor) -> Tensor:
+    """Whether blocks beside the edge are ``off`` the mean of their columns, (B, groups of rows, columns) in sum."""
+    batch, groups, width = off.shape
+    columns = width // BLOCK_PX * BLOCK_PX
+    beside = (torch.arange(width) - width // 2).abs() > reach_px[:, None]
+    off, count = (
+        (each * beside[:, None])[..., :columns].reshape(batch, groups, -1, BLOCK_PX).sum(-1)
+        for each in (off, count)
+    )
+    limit = torch.maximum(STRUCTURE * step[..., None], 6 * noise[:, None, None] / count.clamp_min(1).sqrt())
+    return ((off.abs() / count.clamp_min(1) > limit) & (count >= 2 * BLOCK_PX)).any(2).any(1)
+
+
+def _about_plane(values: Tensor, mask: Tensor, level: Tensor) -> Tensor:
+    """Deviations of the masked values from their plane, 0 elsewhere, (B, H, W)."""
+    row, column = (torch.linspace(-1, 1, count, dtype=torch.float64) for count in values.shape[1:])
+    terms = torch.stack([torch.ones(values.shape[1:]), *torch.meshgrid(row, column, indexing="ij")], dim=-1)
+    masked = mask * (values - level[:, None, None])
+    moments = (mask.flatten(1) @ (terms[..., None] * terms[..., None, :]).flatten(0, 1).flatten(1)).view(
+        -1, 3, 3
+    )
+    sums = masked.flatten(1) @ terms.flatten(0, 1)
+    plane = torch.linalg.pinv(moments, hermitian=True) @ sums[..., None]
+    about: Tensor = masked - mask * (terms @ plane[:, None])[..., 0]
+    return about
