@@ -73,7 +73,7 @@ class Shape:
         return ((covariance @ functionals) * functionals).sum(1).clamp_min(0).sqrt()
 
     def certain(self, places: Tensor | int) -> Tensor:
-        """:func:`certain` of the edge's rows."""
+        """Errors by which one of ``places`` numbers must be off to be no accident."""
         return certain(math.ceil(self.position_px.shape[1] / self.rows_together), places)
 
     def exceed(self, values: Tensor, error: Tensor, least: float) -> Tensor:
@@ -83,10 +83,7 @@ class Shape:
 
 
 def certain(rows: int, places: Tensor | int) -> Tensor:
-    """Errors by which one of ``places`` numbers, or of (B,), must be off to be no accident.
-
-    Bonferroni, and Student's quantile with a degree of freedom per row, by Cornish and Fisher.
-    """
+    """Errors by which one of ``places`` numbers must be off, by Bonferroni and Student's law (Cornish and Fisher)."""
     freedom = max(rows - 1, 4)
     tail = FALSE_ALARM / 2 / torch.as_tensor(places, dtype=torch.float64).clamp_min(1)
     z = -torch.special.ndtri(tail)
@@ -111,10 +108,9 @@ def overshoots(shape: Shape) -> Tensor:
 
 
 def two_humps(shape: Shape) -> Tensor:
-    """Whether the line spread dips between two humps, (B,): two edges, or motion that lingers at its ends.
+    """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,).
 
-    It is averaged over an eighth of the reach, at least half a pixel. Humps closer to the dip than 3/4 px do not
-    count: so does a filter of the picture's own pixels ring.
+    Humps closer to the dip than 3/4 px do not count: so does a filter of the picture's own pixels ring.
     """
     apart = round(0.75 / KNOT_PX)
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
@@ -133,11 +129,10 @@ def two_humps(shape: Shape) -> Tensor:
 
 
 def negative(shape: Shape) -> Tensor:
-    """Whether such an edge asks for less than no light somewhere before the pixels, (B,): clipped, or sharpened.
+    """Whether the edge needs less than no light somewhere before the pixels, (B,): clipped, or sharpened.
 
     The edge spread is that of lens and motion, P, averaged over a pixel: E'(u) = P(u + 1/2) - P(u - 1/2). So P is a
-    sum of E' at places a pixel apart, from the left or from the right, and must never fall: a line spread that
-    ends sooner than a pixel takes to leave it does so. Means over adjacent halves of a pixel are compared.
+    sum of E' at places a pixel apart and must never fall. Means over adjacent halves of a pixel are compared.
     """
     coefficients = shape.spline.coefficients.float()  # enough, and twice as fast
     count = coefficients.shape[1]
@@ -165,10 +160,9 @@ def _rises(count: int) -> Tensor:
 
 
 def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
-    """Whether rows are displaced against each other by more than noise moves them, (B,), and what it costs MTF50.
+    """Whether rows are displaced against each other by more than noise moves them, to MTF50's cost, (B,).
 
-    A row's own place follows from its misfit along the edge's slope; the median over rows represents all of them,
-    for a hot pixel moves one.
+    A row's own place follows from its misfit along the edge's slope; the median, for a hot pixel moves one.
     """
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
@@ -181,18 +175,12 @@ def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
 
 
 def _cost_of_places(variance: Tensor, mtf50: Tensor) -> Tensor:
-    """Share of MTF50 that displacements of this variance, px^2, cost.
-
-    They lower the response at f by 2 (pi f)^2 times it, and MTF50 by that over its slope, -2 ln 2 for a Gaussian.
-    """
+    """Share of MTF50 lost to displacements of variance px^2: 2 (pi f)^2 of it over a Gaussian's slope, 2 ln 2."""
     return 2 * (math.pi * mtf50) ** 2 * variance / (2 * math.log(2))
 
 
 def smoothed(shape: Shape) -> Tensor:
-    """Whether the sides have certainly less noise than the edge between them, (B,): denoised, clipped, curved.
-
-    Of light, noise in between lies between theirs. The median over pixels, for a hot one changes nothing.
-    """
+    """Whether the sides certainly have less noise than the edge between them, (B,): denoised, clipped, curved."""
     sides, pixels, (off, _) = shape.sides, shape.spline.pixels, shape.spline.off
     share = pixels.value - off
     ratio = torch.where((share > 0.1) & (share < 0.9), off**2 / shape.noise.clamp_min(1e-18), torch.nan)
@@ -218,10 +206,7 @@ def quieter(sides: Sides) -> Tensor:
 
 
 def colours_apart(colours: Tensor, mtf50: Tensor) -> Tensor:
-    """Whether the edges of colours (B, 3, H, W) certainly lie so far apart that MTF50 (B,) suffers, (B,).
-
-    That is their luminance's: each colour that has a step counts by its share of it.
-    """
+    """Whether the edges of colours (B, 3, H, W), by their share of luminance, lie so far apart that MTF50 suffers."""
     batch, _, height, width = colours.shape
     line = find_line(colours.flatten(0, 1))
     step = line.right - line.left

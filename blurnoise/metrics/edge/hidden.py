@@ -70,10 +70,10 @@ def _sharpened(level: Tensor, softer: Tensor, u: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Fault:
-    """What a fault of strength u (..., 1), 0 of an honest edge, makes of a level and a softer one (..., K).
+    """What a fault of strength u (..., 1), from low to high, 0 of an honest edge, makes of a level and a softer one.
 
-    parity: 1 where it leaves the edge's halves unequal, which no blur does, else -1. low, high: the range of u.
-    usual: the largest u that is reckoned with where there is no trace of it.
+    parity: 1 where it leaves the edge's halves unequal, which no blur does, else -1. usual: the largest u where there
+    is no trace of it.
     """
 
     change: Callable[[Tensor, Tensor, Tensor], Tensor]
@@ -93,10 +93,8 @@ FAULTS = (
 
 
 def hidden_faults(shape: Shape, mtf50: Tensor) -> tuple[Tensor, Tensor]:
-    """Whether the edge's halves are certainly unequal, (B,), and what hidden faults cost the measured ``mtf50`` (B,).
-
-    The cost, (3, B), is the shares by which they likely raised it, and at most raised and lowered it.
-    """
+    """Whether the edge's halves are certainly unequal, (B,), and the shares by which hidden faults likely raised the
+    measured ``mtf50`` (B,), at most raised and at most lowered it, (3, B)."""
     mtf50 = mtf50.clamp(COARSEST, FINEST)
     place = torch.log(mtf50 / COARSEST) * ((MTF50S - 1) / math.log(FINEST / COARSEST))
     index = place.long().clamp_max(MTF50S - 2)
@@ -147,8 +145,11 @@ def _traced(fault: Fault, costs: Tensor, shape: Shape, mtf50: Tensor) -> tuple[T
     steepness = torch.where(((guess - at).abs() < 1e-3) | (guess - at == 1), 1.0, steepness)
     u, u_error = guess + more / steepness, error / steepness
     if fault.parity < 0:
+        # What is left, in means over 5 knots, may be by noise, or matters little.
+        windows = shape.covariance.unfold(1, 5, 1).unfold(2, 5, 1).diagonal(dim1=1, dim2=2)
+        by_noise = shape.certain(free.sum(1))[:, None] * windows.mean((1, 2)).clamp_min(0).sqrt()
         misfit = avg_pool1d(left - more[:, None] * unit, 5, stride=1, padding=2).abs()
-        fits = (misfit <= _misfit_by_noise(shape)).all(-1)
+        fits = (misfit <= pad(by_noise, (2, 2), "replicate").clamp_min(MISFIT)).all(-1)
         u, u_error = torch.where(fits, u, 0.0), torch.where(fits, u_error, 0.0)
     trace = u.abs() > WITHIN * u_error
     low = torch.where(trace, u.new_tensor(fault.low), max(fault.low, -fault.usual))
@@ -158,13 +159,6 @@ def _traced(fault: Fault, costs: Tensor, shape: Shape, mtf50: Tensor) -> tuple[T
     sure = first.abs() > shape.certain(2) * error  # of two kinds of fault
     matters = _at(costs, torch.minimum(u.abs(), high)) > MATTERS
     return sure & matters & (fault.parity > 0), within
-
-
-def _misfit_by_noise(shape: Shape) -> Tensor:
-    """What the mean over 5 knots of what is left of an edge, (B, K), may be by noise, or matters little."""
-    windows = shape.covariance.unfold(1, 5, 1).unfold(2, 5, 1).diagonal(dim1=1, dim2=2)
-    error = windows.mean((1, 2)).clamp_min(0).sqrt()
-    return pad(shape.certain(shape.free.sum(1))[:, None] * error, (2, 2), "replicate").clamp_min(MISFIT)
 
 
 def _at_knots(coefficients: Tensor) -> Tensor:

@@ -15,26 +15,12 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.checks import counted
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.metrics.edge import faults
+from blurnoise.metrics.edge import faults, place, response
 from blurnoise.metrics.edge.faults import Shape
 from blurnoise.metrics.edge.hidden import hidden_faults
-from blurnoise.metrics.edge.iso import iso_response
-from blurnoise.metrics.edge.noise import block_weights, widening
-from blurnoise.metrics.edge.place import (
-    REACH_FACTOR,
-    REACH_PX,
-    Sides,
-    Upright,
-    find_line,
-    largest_phase_gap_px,
-    measure_sides,
-    only,
-    slope,
-    smooth,
-)
-from blurnoise.metrics.edge.response import Response, exact_response, intervals, numbers
+from blurnoise.metrics.edge.place import Sides, Upright, slope
+from blurnoise.metrics.edge.response import Response
 from blurnoise.metrics.edge.spline import KNOT_PX, LINE_ORDER, knots_px, refine
 from blurnoise.metrics.estimate import Estimate
 from blurnoise.metrics.values import Roi, read_regions
@@ -76,16 +62,10 @@ class Flag(Enum):
     )
 
 
-WITHHELD = frozenset(
-    {
-        Flag.NOT_FINITE,
-        Flag.CLIPPED,
-        Flag.NO_EDGE,
-        Flag.TWO_EDGES,
-        Flag.EDGE_LEAVES_REGION,
-        Flag.REGION_TOO_SMALL,
-    }
-)
+WITHHELD = frozenset({Flag.NOT_FINITE, Flag.CLIPPED, Flag.NO_EDGE, Flag.TWO_EDGES}) | {
+    Flag.EDGE_LEAVES_REGION,
+    Flag.REGION_TOO_SMALL,
+}
 """With one of these every number is NaN."""
 
 
@@ -180,7 +160,7 @@ def slanted_edge(
     outside the picture or below 8 x 8 px, and numbers outside their range.
     """
     checks.one_of("mode", mode, ("exact", "iso"))
-    counted("bootstrap", bootstrap)
+    checks.counted("bootstrap", bootstrap)
     checks.integer("seed", seed, 0, LAST_SEED)
     read = read_regions(image, full_scale=full_scale, black_level=black_level, roi=roi)
     edges = [
@@ -207,8 +187,8 @@ def _measured(
     values: Tensor, colours: Tensor, mode: Mode, horizontal: bool, bootstrap: int, seed: int
 ) -> list[SlantedEdge]:
     """Measure near-vertical edges (B, H, W) of colours (B, C, H, W); horizontal: the regions were transposed."""
-    line = find_line(values)
-    sides, upright = measure_sides(values, line.position_px)
+    line = place.find_line(values)
+    sides, upright = place.measure_sides(values, line.position_px)
     whole = ~line.no_edge & ~line.leaves
     withheld = {
         Flag.NO_EDGE: line.no_edge,
@@ -222,8 +202,9 @@ def _measured(
         if not edges[index].flags:
             alike.setdefault(block, []).append(index)
     for block, kept in alike.items():
-        shape = shape_of(only(upright, kept), line.position_px[kept], only(sides, kept), block)
-        weights = block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
+        zone, beside = (tuple(each[kept] for each in vars(record).values()) for record in (upright, sides))
+        shape = shape_of(Upright(*zone), line.position_px[kept], Sides(*beside), block)
+        weights = response.block_weights(bootstrap, values.shape[1], block, seed) if bootstrap else None
         measured = _edges(shape, values[kept], colours[kept], mode, horizontal, weights)
         for index, edge in zip(kept, measured, strict=True):
             edges[index] = edge
@@ -241,7 +222,7 @@ def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) ->
     away = torch.arange(columns) - columns // 2
     own = (zone.inside > 0) & (away.abs() <= sides.reach_px.ceil()[:, None, None] + 1)
     dark_px = columns - torch.where(own, scaled, (away > 0).to(scaled)).sum(2)
-    again = smooth(zone.first + dark_px, order=LINE_ORDER)
+    again = place.smooth(zone.first + dark_px, order=LINE_ORDER)
     noise = sides.variance / sides.step[:, None] ** 2
     spline, line = refine(replace(zone, values=scaled), again, sides.reach_px, noise)
     if block > 1:  # the covariance that a bootstrap over blocks of rows finds: of noise that is not white
@@ -255,27 +236,27 @@ def _edges(
     """Read the numbers off each shape. weights: (n, H), of the rows in n resamples."""
     sides, rising = shape.sides, shape.sides.step > 0
     if mode == "exact":
-        response = exact_response(shape.spline, sides, weights)
+        curve = response.exact_response(shape.spline, sides, weights)
     else:
         facing_right = torch.where(rising[:, None, None], values, values.flip(2))
-        response = iso_response(facing_right, sides.variance.mean(1), weights)
-    peak = response.peak()
-    scalars = numbers(response.power, response.spacing, peak, sides.level, sides.variance)
+        curve = response.iso_response(facing_right, sides.variance.mean(1), weights)
+    peak = curve.peak()
+    scalars = response.numbers(curve.power, curve.spacing, peak, sides.level, sides.variance)
     mtf50 = scalars["mtf50"]
-    flags, hidden = _doubts(shape, response, colours, mode, mtf50)
+    flags, hidden = _doubts(shape, curve, colours, mode, mtf50)
     ends = torch.stack([~rising, rising], dim=1).long()  # which side is dark, which bright
     samples: list[Resamples | None] = [None] * len(ends)
     limits: dict[str, Any] = {}
-    if response.resampled is not None and weights is not None:
+    if curve.resampled is not None and weights is not None:
         level, variance = sides.resampled(weights)
-        drawn = numbers(response.resampled, response.spacing[:, None], peak[:, None], level, variance)
-        by_noise = intervals(drawn, scalars, widening(values.shape[1], int(sides.block[0])))
+        drawn = response.numbers(curve.resampled, curve.spacing[:, None], peak[:, None], level, variance)
+        by_noise = response.intervals(drawn, scalars, response.widening(values.shape[1], int(sides.block[0])))
         low, high = by_noise["mtf50"].unbind(1)  # 95 % span four standard deviations
         flags[Flag.NOISE_DOMINATED] |= mtf50.isfinite() & ~(high - low <= 4 * NOISY * mtf50)
         limits = {name: each.tolist() for name, each in by_noise.items()}
         samples = [
             Resamples(power, *levels[:, index].T, *variances[:, index].T)
-            for power, index, levels, variances in zip(response.resampled, ends, level, variance, strict=True)
+            for power, index, levels, variances in zip(curve.resampled, ends, level, variance, strict=True)
         ]
     dark, bright = sides.level.gather(1, ends).unbind(1)
     noise_dark, noise_bright = sides.variance.gather(1, ends).unbind(1)
@@ -287,9 +268,9 @@ def _edges(
     upward = torch.where(rising[:, None], coefficients, 1 - coefficients.flip(1))
     left, middle, right = upward[:, :-2], upward[:, 1:-1], upward[:, 2:]
     columns |= {
-        "frequencies": response.frequencies,
-        "power": response.power,
-        "sfr": response.power.clamp_min(0).sqrt(),
+        "frequencies": curve.frequencies,
+        "power": curve.power,
+        "sfr": curve.power.clamp_min(0).sqrt(),
         "esf": dark[:, None] + (bright - dark)[:, None] * (left + 4 * middle + right) / 6,
         "lsf": (right - left) / (2 * KNOT_PX),
         "resamples": samples,
@@ -311,20 +292,20 @@ def _edges(
 
 
 def _doubts(
-    shape: Shape, response: Response, colours: Tensor, mode: Mode, mtf50: Tensor
+    shape: Shape, curve: Response, colours: Tensor, mode: Mode, mtf50: Tensor
 ) -> tuple[dict[Flag, Tensor], Tensor]:
     """Which regions each flag is raised for, (B,) bool, and what hidden faults may cost, (3, B).
 
     mtf50: (B,), inf where the response stays above 50 %.
     """
     sides = shape.sides
-    enough = largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
-    blur_px = (sides.reach_px - REACH_PX) / REACH_FACTOR
+    enough = place.largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
+    blur_px = (sides.reach_px - place.REACH_PX) / place.REACH_FACTOR
     unequal, hidden = hidden_faults(shape, mtf50)
     flags = {
         Flag.TWO_EDGES: faults.structured(shape),
         Flag.NEVER_REACHES_50: torch.isinf(mtf50),
-        Flag.NOISE_DOMINATED: response.scatter(mtf50) > NOISY,
+        Flag.NOISE_DOMINATED: curve.scatter(mtf50) > NOISY,
         Flag.TOO_FEW_PHASES: ~enough,
         Flag.NON_LINEAR_SUSPECTED: faults.quieter(sides) | (unequal & enough),
         Flag.SHARPENED: (faults.overshoots(shape) & enough) | sides.alternates,

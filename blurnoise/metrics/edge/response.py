@@ -1,4 +1,4 @@
-"""Response of an edge to spatial frequency, from its shape: the noise in it, and the numbers read off it.
+"""Response of an edge to spatial frequency, from its spline or by ISO 12233's steps, and the numbers read off it.
 
 Domain: frequencies in cycles/px along the edge's normal. A response is kept as power, its squared modulus less the
 power that noise adds to it, which is right on the average and may be negative where only noise is left.
@@ -13,21 +13,21 @@ from functools import cache
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.edge.place import Sides
+from blurnoise.metrics.edge.place import Sides, cosine, slope, smooth
 from blurnoise.metrics.edge.spline import KNOT_PX, Spline
 
 NYQUIST = 0.5  # cycles/px
 PEAK_CERTAIN = 3.0  # standard errors by which a peak must exceed the response at 0
 FREQUENCIES = torch.arange(513, dtype=torch.float64) / 512
 """0 to 1 cycle/px, at which the response of a spline is given."""
+BINS_PER_PX, ISO_LINE_ORDER, PADDING, LARGEST_CORRECTION = 4, 5, 8, 10.0  # of the standard's steps
 
 
 @dataclass(frozen=True)
 class Response:
-    """power: (B, F), at frequencies from 0 on, evenly spaced by ``spacing`` (B,) cycles/px.
+    """power: (B, F), at frequencies from 0 on, evenly spaced by ``spacing`` (B,); of resamples: resampled, (B, n, F).
 
-    noise: (B, F), the variance of the complex response that was taken off it, or in ``iso`` mode, which takes
-    nothing off, the one that is in it. resampled: (B, n, F), the power of resamples, if any.
+    noise: (B, F), the variance of the complex response that was taken off it, or in ``iso`` mode is in it.
     """
 
     spacing: Tensor
@@ -49,10 +49,7 @@ class Response:
         return torch.where(found.values > 1, found.indices, 0)
 
     def scatter(self, mtf50: Tensor) -> Tensor:
-        """Standard deviation of MTF50 that the noise causes, as a share of it, (B,).
-
-        Noise along the response, half of all, moves the crossing by itself over the response's slope.
-        """
+        """Standard deviation of MTF50 that noise along the response, half of all, causes, as a share of it, (B,)."""
         index = (mtf50.nan_to_num(0, 0, 0) / self.spacing).long().clamp(1, self.power.shape[1] - 2)[:, None]
         rise = (self.power.gather(1, index + 1) - self.power.gather(1, index - 1))[:, 0] / (2 * self.spacing)
         along = torch.sqrt(self.noise.gather(1, index)[:, 0].clamp_min(0) / 2)
@@ -60,24 +57,25 @@ class Response:
 
 
 def exact_response(spline: Spline, sides: Sides, weights: Tensor | None) -> Response:
-    """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H).
+    """Response at FREQUENCIES of the spline, and of its resamples by ``weights`` (n, H), which carry the noise twice.
 
     The derivative of a cubic B-spline is a difference of two quadratic ones, hence the response is the Fourier sum
-    of the coefficients' differences times sinc^3. A resample carries the noise twice.
+    of the coefficients' differences times sinc^3.
     """
     noise, resampled = _noise_power(spline.covariance), None
     if weights is not None:
         level, _ = sides.resampled(weights)
         taller = (level[..., 1] - level[..., 0]) / sides.step[:, None]
-        resampled = _modulus_squared(spline.resampled(weights)) / taller[..., None] ** 2 - 2 * noise[:, None]
+        drawn = spline.coefficients[:, None] + (weights - 1) @ spline.pulls  # to first order
+        resampled = _modulus_squared(drawn) / taller[..., None] ** 2 - 2 * noise[:, None]
     spacing = FREQUENCIES[1].expand(len(noise))
     return Response(spacing, _modulus_squared(spline.coefficients) - noise, noise, resampled)
 
 
 def _modulus_squared(coefficients: Tensor) -> Tensor:
     steps = torch.diff(coefficients, dim=-1)
-    cosine, sine = _waves(steps.shape[-1])
-    return (steps @ cosine).square_() + (steps @ sine).square_()
+    real, imaginary = _waves(steps.shape[-1])
+    return (steps @ real).square_() + (steps @ imaginary).square_()
 
 
 @cache
@@ -98,6 +96,82 @@ def _noise_power(covariance: Tensor) -> Tensor:
     lags = torch.cat([lagged[:, count - 1 : count], 2 * lagged[:, count:]], dim=1)
     angle = 2 * math.pi * KNOT_PX * torch.arange(count, dtype=torch.float64)[:, None] * FREQUENCIES
     return (lags @ torch.cos(angle)) * torch.sinc(KNOT_PX * FREQUENCIES) ** 6
+
+
+def iso_response(values: Tensor, noise: Tensor, weights: Tensor | None) -> Response:
+    """Response by the standard's steps, with sfrmat5's quirks: bins are filled by ceil(), and the derivative's
+    correction, capped at 10, counts frequencies from 1 (ISO 12233:2023, annex D; P. D. Burns, sfrmat5, 2023).
+
+    values: (B, H, W), bright on the right, with noise of variance ``noise`` (B,); weights: (n, H), of resamples. The
+    transform is padded, which gives values between its frequencies and changes none at them. A bin's mean has the
+    noise over its pixels; the difference of two bins, 2/4 px apart, passes sin^2 of it.
+    """
+    total, count, position = _binned(values)
+    bins, pixels = BINS_PER_PX * values.shape[2], count.sum(1)
+    index = torch.arange(bins * PADDING // BINS_PER_PX + 1, dtype=torch.float64) / PADDING
+    angle = math.pi * (index + 1) / (bins // 2 + 2)
+    correction = (angle / torch.sin(angle)).abs().clamp_max(LARGEST_CORRECTION)
+    correction = torch.where(index == 0, 1.0, correction)
+
+    def power(line: Tensor) -> Tensor:
+        modulus: Tensor = torch.fft.rfft(line, bins * PADDING).abs()[..., : len(index)]
+        return (modulus / modulus[..., :1] * correction) ** 2
+
+    line = _line_spread(total.sum(1), pixels)
+    window = _window(torch.arange(bins), torch.tensor([bins // 2])) ** 2
+    held = (window / pixels.clamp_min(1)).sum(-1) * noise / line.sum(-1) ** 2
+    passed = held[:, None] * (torch.sin(2 * math.pi * index / bins) * correction) ** 2
+    resampled = None if weights is None else power(_line_spread(weights @ total, weights @ count))
+    return Response(BINS_PER_PX / (bins * PADDING) / cosine(position), power(line), passed, resampled)
+
+
+def _binned(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Sums and numbers of the pixels in bins of 1/4 px along the row, (B, H, N), of as many rows as take the edge
+    over whole pixels; and its line, (B, H), found row by row."""
+    _, height, width = values.shape
+    column, row = torch.arange(width, dtype=torch.float64), torch.arange(height)
+    across = torch.diff(values, dim=2, prepend=2 * values[:, :, :1] - values[:, :, 1:2]) / 2
+    position = torch.tensor([(width - 1) / 2], dtype=torch.float64)
+    for _ in range(2):
+        seen = across * _window(column, position)
+        mass = seen.sum(2)
+        # A row's centre of mass, half a pixel back, for a difference lies between two pixels.
+        centre = (seen @ column) / torch.where(mass.abs() > 1e-12, mass, torch.inf) - 0.5
+        position = smooth(centre, order=ISO_LINE_ORDER)
+    tilt = slope(position)
+    rise = tilt.abs().clamp_min(1e-9)
+    rows = torch.where(rise * height >= 1, torch.round(torch.floor(height * rise) / rise), height)
+    middle = torch.round(BINS_PER_PX * (rows - 1) * tilt / 2)
+    away = position - position[:, :1]
+    index = torch.ceil(BINS_PER_PX * (column - away[:, :, None])) + middle[:, None, None]
+    bins = BINS_PER_PX * width
+    used = ((index >= 0) & (index < bins) & (row < rows[:, None])[:, :, None]).to(torch.float64)
+    index = index.long().clamp_(0, bins - 1)
+    empty = values.new_zeros(*values.shape[:2], bins)
+    total, count = (empty.scatter_add(2, index, each) for each in (values * used, used))
+    return total, count, position
+
+
+def _line_spread(total: Tensor, count: Tensor) -> Tensor:
+    """Central difference of the bins' means (..., N), empty ones from their neighbours, centred, under the window."""
+    mean = total / count.clamp_min(1e-9)
+    left = torch.cat([mean[..., :1], mean[..., :-1]], -1)
+    right = torch.cat([mean[..., 1:], mean[..., -1:]], -1)
+    spread = torch.where(count > 0, mean, (left + right) / 2)
+    line = torch.zeros_like(spread)
+    line[..., 1:-1] = (spread[..., 2:] - spread[..., :-2]) / 2
+    line[..., 0], line[..., -1] = line[..., 1], line[..., -2]
+    bins = line.shape[-1]
+    place = torch.arange(bins)
+    source = place + line.argmax(-1, keepdim=True) - bins // 2
+    moved = line.gather(-1, source.clamp(0, bins - 1)) * ((source >= 0) & (source < bins))
+    return moved * _window(place, torch.tensor([bins // 2]))
+
+
+def _window(place: Tensor, middle: Tensor) -> Tensor:
+    """0.95 of a cosine bell about ``middle`` (...) that ends at the farther end of ``place``, plus 0.05."""
+    half = torch.maximum(middle, float(place[-1]) - middle)[..., None]
+    return 0.525 + 0.475 * torch.cos(math.pi * (place - middle[..., None]) / half)
 
 
 def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
@@ -156,3 +230,25 @@ def intervals(resampled: dict[str, Tensor], plain: dict[str, Tensor], wider: flo
         about = plain[name][:, None]
         found[name] = torch.where(about.isfinite(), about + wider * (each - about), each)
     return found
+
+
+def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
+    """How often each row is drawn, (resamples, rows): as many as there are, in blocks that go on round the end."""
+    generator = torch.Generator().manual_seed(seed)
+    count = math.ceil(rows / block)
+    starts = torch.randint(rows, (resamples, count), generator=generator)
+    drawn = ((starts[:, :, None] + torch.arange(block)) % rows).flatten(1)[:, :rows]
+    one = torch.ones((), dtype=torch.float64).expand(drawn.shape)
+    return torch.zeros(resamples, rows, dtype=torch.float64).scatter_add_(1, drawn, one)
+
+
+def widening(rows: int, block: int) -> float:
+    """By how much intervals from few blocks of rows are too narrow, 1 where rows are drawn one by one.
+
+    Student's 97.5 % over the normal law's, by Cornish and Fisher, and the root of n over n - 1.
+    """
+    if block == 1:
+        return 1.0
+    freedom, z = max(rows / block - 1, 3.0), 1.96
+    student = 1 + (z**2 + 1) / (4 * freedom) + (5 * z**4 + 16 * z**2 + 3) / (96 * freedom**2)
+    return student * math.sqrt(1 + 1 / freedom)

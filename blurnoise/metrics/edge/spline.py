@@ -139,10 +139,6 @@ class Spline:
         """By how much each row, were it there once more, would move the coefficients, (B, H, K)."""
         return self.pixels.sums(self.off[0], per_row=True) @ self.inverse * self.inflation[:, None, None]
 
-    def resampled(self, weights: Tensor) -> Tensor:
-        """Coefficients, (B, n, K), with row r counted weights[:, r] times, to first order; weights (n, H)."""
-        return self.coefficients[:, None] + (weights - 1) @ self.pulls
-
     def bootstrapped(self, block: int) -> Tensor:
         """The coefficients' covariance as a bootstrap over blocks of rows finds it, (B, K, K)."""
         root = torch.stack([rows.sum(1) for rows in torch.split(self.pulls, block, 1)], dim=1)

@@ -7,7 +7,8 @@ import torch
 from edge_cases import Draw, Setting, smoothed
 
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
-from blurnoise.metrics.edge.noise import block_weights, correlation_of, widening
+from blurnoise.metrics.edge.place import correlation_of
+from blurnoise.metrics.edge.response import block_weights, widening
 
 AT = Setting(offset_px=(0.3, 0.1))
 
