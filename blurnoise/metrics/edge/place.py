@@ -241,10 +241,10 @@ def _reach(upright: Upright) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         start = torch.minimum(REACH_FACTOR * blur[:, None] + REACH_PX, length / 2)
     sure = RISING * error_of_rise
     # Of light that grows across the region the sides rise as their levels; of blur that fills it, they rise alike.
-    rises, levels, height = rise * length, level.clamp_min(0), step[:, 0, 0]
+    rises, levels, tall = rise * length, level.clamp_min(0), step[:, 0, 0]
     apart = (rises[:, 0] * levels[:, 1] + rises[:, 1] * levels[:, 0]).abs() / levels.amax(1)
-    lit = (apart < (0.03 * height).maximum((sure * length).amax(1))) & (rises.abs().amax(1) < LIT * height)
-    too_small = (~three.any(2)).any(1) | ((rises.abs().amax(1) > SLOPING * height) & ~lit)
+    lit = (apart < (0.03 * tall).maximum((sure * length).amax(1))) & (rises.abs().amax(1) < LIT * tall)
+    too_small = (~three.any(2)).any(1) | ((rises.abs().amax(1) > SLOPING * tall) & ~lit)
     rise = torch.where(rise.abs() > sure, rise, 0.0) * torch.tensor([-1.0, 1.0], dtype=torch.float64)
     px = REACH_FACTOR * blur + REACH_PX
     beyond = (place > px[:, None, None]) & valid
