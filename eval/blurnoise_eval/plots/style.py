@@ -89,5 +89,5 @@ def spread(values: Iterable[T], count: int) -> list[T]:
 
 def line_colours(name: str, count: int) -> list[str]:
     """``count`` hex colours from dark to bright of a perceptually even map, its brightest sixth left out."""
-    even = matplotlib.colormaps[name](np.linspace(0, 0.84, count) if count > 1 else [0.35])
+    even = matplotlib.colormaps[name](np.linspace(0, 0.84, count) if count != 1 else [0.35])
     return [str(matplotlib.colors.to_hex(colour)) for colour in even]

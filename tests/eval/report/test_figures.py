@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import BLUR, SPEED, axis
 from blurnoise_eval.plots import annotate as pictures
-from blurnoise_eval.plots.style import spread
+from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report import figures, words
 from blurnoise_eval.report.figures import MOVES_AS, common_windows, latency_robustness, pareto_front
 from blurnoise_eval.report.page import figures_of
@@ -190,6 +190,10 @@ def test_common_windows_are_the_intersection() -> None:
 def test_spread_keeps_both_ends() -> None:
     assert spread(range(100), 4) == [0, 33, 66, 99]
     assert spread("abc", 5) == ["a", "b", "c"]
+
+
+def test_no_lines_have_no_colours() -> None:
+    assert [len(line_colours("plasma", count)) for count in range(4)] == [0, 1, 2, 3]
 
 
 def test_examples_keep_the_models_of_a_condition_together(tmp_path: Path) -> None:
