@@ -120,9 +120,8 @@ class View:
         sizes = self.width_px, self.height_px
         width, height = (size if most is None else min(size, most) for size in sizes)
         if width * height > LARGEST_PICTURE:
-            raise ValueError(
-                f"width_px, height_px: {width} x {height} pixels; at most {LARGEST_PICTURE} are computed"
-            )
+            must = f"at most {LARGEST_PICTURE} are computed"
+            raise ValueError(f"width_px, height_px: {width} x {height} pixels; {must}")
         x, y = np.linspace(0.0, sizes[0] - 1.0, width), np.linspace(0.0, sizes[1] - 1.0, height)
         return np.stack(np.meshgrid(x, y))
 

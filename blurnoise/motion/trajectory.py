@@ -123,14 +123,12 @@ class Trajectory:
         step = math.sqrt(8 * _SAG_PX / max(amplitude, _SAG_PX)) / omega
         count = math.ceil(2 * half / step) + 1
         if count > _MOST_KNOTS:
-            raise ValueError(
-                f"duration_s = {2 * half:g}: needs {count} knots; at most {_MOST_KNOTS} are allowed"
-            )
+            must = f"at most {_MOST_KNOTS} are allowed"
+            raise ValueError(f"duration_s = {2 * half:g}: needs {count} knots; {must}")
         time = np.linspace(-half, half, max(2, count))
         angle, phase = math.radians(limited("direction_deg", direction_deg)), limited("phase_rad", phase_rad)
-        return cls.of(
-            time, np.outer((math.cos(angle), -math.sin(angle)), amplitude * np.sin(omega * time + phase))
-        )
+        along = amplitude * np.sin(omega * time + phase)
+        return cls.of(time, np.outer((math.cos(angle), -math.sin(angle)), along))
 
     def window(self, start_s: float, stop_s: float) -> tuple[Floats, Floats]:
         """Knots (2, K), px, and durations (K - 1,), s, between two times; one knot if these are equal.
@@ -301,9 +299,8 @@ def from_rates(time_s: NDArray[Any], rates_rad_s: NDArray[Any], *, focal_px: flo
         raise ValueError("focal_px: must be the camera's, px, for rates of rotation")
     time, rates = np.asarray(time_s, float), np.asarray(rates_rad_s, float)
     if time.ndim != 1 or len(time) < 2 or rates.shape != (3, len(time)):
-        raise ValueError(
-            f"time_s, rates_rad_s: shapes are {time.shape}, {rates.shape}; must be (K,), (3, K), K >= 2"
-        )
+        shapes = f"{time.shape}, {rates.shape}"
+        raise ValueError(f"time_s, rates_rad_s: shapes are {shapes}; must be (K,), (3, K), K >= 2")
     fine = np.interp(np.arange((len(time) - 1) * _FINE + 1) / _FINE, np.arange(len(time)), time)
     between = np.stack([np.interp(fine, time, rate) for rate in (-rates[1], rates[0])])
     angles = sums((between[:, 1:] + between[:, :-1]) / 2 * np.diff(fine))

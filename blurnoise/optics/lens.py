@@ -93,10 +93,8 @@ class Distortion:
         if self.model == "opencv":
             slack = 3 * (abs(self.coefficients[2]) + abs(self.coefficients[3])) * min(float(r[-1]), 10.0) ** 2
         if float(wanted.max(initial=0.0)) > reached[-1] + slack:
-            raise ValueError(
-                f"images nothing beyond {reached[-1]:.4g} focal lengths from the centre, where it folds or ends; "
-                f"the picture reaches {wanted.max():.4g}"
-            )
+            ends = f"{reached[-1]:.4g} focal lengths from the centre, where it folds or ends"
+            raise ValueError(f"images nothing beyond {ends}; the picture reaches {wanted.max():.4g}")
         found = image * np.where(wanted > 1e-6, np.interp(wanted, reached, r) / np.maximum(wanted, 1e-6), 1.0)
         for _ in range(3 if slack else 1):
             off_x, off_y = image - self.distorted(found)
@@ -149,11 +147,11 @@ def _column(values: Sequence[float], points: Floats) -> Floats:
 class Lens:
     """Changes of a lens over its field; figures of 0 or None leave their effect out.
 
-    field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign;
-    the radius is what remains without its sign. lateral_red, lateral_blue: by which share the picture of these
-    colours is larger than green's. falloff_power: of the field angle's cosine, natural vignetting (the law's is 4);
-    relative_illumination: a measured curve in its place. mtf: measured, in place of the camera's defocus_radius_px
-    and diffraction. Raises ``TypeError`` or ``ValueError`` naming the figure.
+    field_curvature_px: added to the camera's defocus_radius_px times the square of the field height, either sign; the
+    radius is what remains without its sign. lateral_red, lateral_blue: by which share the picture of these colours is
+    larger than green's. falloff_power: of the field angle's cosine, natural vignetting (the law's is 4), or
+    relative_illumination, measured. mtf: measured, in place of disc and diffraction. Raises ``TypeError`` or
+    ``ValueError`` naming the figure.
     """
 
     field_curvature_px: Annotated[Figure, within("field_curvature_px")] = 0.0
@@ -167,9 +165,8 @@ class Lens:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.falloff_power and self.relative_illumination:
-            raise ValueError(
-                f"falloff_power = {self.falloff_power:g}: must be 0 beside relative_illumination, which holds it"
-            )
+            must = "must be 0 beside relative_illumination, which holds it"
+            raise ValueError(f"falloff_power = {self.falloff_power:g}: {must}")
 
     @property
     def displaces(self) -> bool:
@@ -180,8 +177,6 @@ class Lens:
 
 SAME_EVERYWHERE = Lens()
 """A lens that adds nothing to the camera's figures."""
-
-
 Size = tuple[int, int]
 """Of a picture, (H, W)."""
 _COARSE = 33  # points along an axis on which a smooth field is looked at

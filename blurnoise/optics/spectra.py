@@ -65,9 +65,8 @@ class Curve:
 def check_samples(name: str, positions: Sequence[float], values: Sequence[float]) -> None:
     """Raise ``ValueError`` unless there are two samples or more, at positions from 0 to 1e6 that increase."""
     if len(positions) != len(values) or len(positions) < 2:
-        raise ValueError(
-            f"{name}, values: must be as many, at least 2, got {len(positions)} and {len(values)}"
-        )
+        got = f"{len(positions)} and {len(values)}"
+        raise ValueError(f"{name}, values: must be as many, at least 2, got {got}")
     if positions[0] < 0 or any(after <= before for before, after in pairwise(positions)):
         raise ValueError(f"{name} = {shown(positions)}: must be >= 0 and increase")
     in_range(f"{name}: the last", positions[-1], 0.0, 1e6, above=True)
