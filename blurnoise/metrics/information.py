@@ -30,7 +30,7 @@ from blurnoise._core import checks
 from blurnoise._core.checks import counted
 from blurnoise.metrics import values
 from blurnoise.metrics.edge.measurement import Resamples, SlantedEdge
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 
 Number = float | Tensor
 NOT_WHITE = "noise_not_white"
@@ -47,12 +47,11 @@ def shannon_capacity_radial(
 ) -> Tensor:
     """Shannon information capacity of an isotropic picture, bits/px: 2π ∫ log2(1 + S/N) f df from 0 to 1/2.
 
-    frequency: (F,), from 0. power: (..., F). signal_pp: peak-to-peak signal, DN. noise_variance: DN² per
-    pixel; for noise that is not white, its spectrum at ``frequency``. A value per curve is shaped (..., 1).
-    Returns (...). S = (signal_pp MTF)²/12, the variance of amplitudes spread evenly over signal_pp
-    (I. N. Lin et al. 2024, Sensors 24(16) 5135, eq. 7; N. Koren, Imatest). The disc of radius 1/2 has an area of
-    π/4: :func:`shannon_capacity_square` counts the corners, too, and does not take motion for isotropic.
-    Power below 0 counts with its sign down to S/N = -0.9, so that noise averages out. Infinite without noise.
+    frequency: (F,), from 0. power: (..., F). signal_pp: peak-to-peak signal, DN. noise_variance: DN² per pixel, or
+    the noise's spectrum at ``frequency``. A value per curve is shaped (..., 1). S = (signal_pp MTF)²/12
+    of amplitudes spread evenly over signal_pp (I. N. Lin et al. 2024, Sensors 24(16) 5135, eq. 7; N. Koren, Imatest).
+    The disc's area is π/4: :func:`shannon_capacity_square` counts the corners, too. Power below 0 counts with its
+    sign down to S/N = -0.9, so that noise averages out. Infinite without noise.
     """
     bits = _bits(values.real("power", power, dims=1), signal_pp, noise_variance)
     axis = _axis("frequency", frequency, "power", bits)
@@ -87,11 +86,9 @@ def neq(power: Tensor, *, mean_signal: Number, noise_power_spectrum: Number) -> 
 def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectrum: Number) -> Tensor:
     """SNR at which an ideal observer tells two pictures apart: SNR² = ∫∫ |ΔG|² |MTF|² / NPS over the square.
 
-    difference: (..., H, W), what the target adds to the picture before the blur, DN, with a margin for it,
-    since the picture counts as periodic. power and noise_power_spectrum (DN² px²): numbers, or (..., H, W) at
-    ``torch.fft.fftfreq``'s frequencies (:func:`at` and :func:`separable` bring measured curves there).
-    Returns (...), a ratio. A w x w square of height dQ in white noise without blur: dQ w / sigma. Infinite
-    without noise. Source: ICRU report 54.
+    difference: (..., H, W), what the target adds to the picture before the blur, DN, with a margin: it is periodic.
+    power and noise_power_spectrum (DN² px²): numbers, or (..., H, W) at ``torch.fft.fftfreq``'s frequencies. Returns
+    (...), a ratio: of a w x w square of height dQ in white noise dQ w / sigma. Source: ICRU report 54.
     """
     target = values.real("difference", difference, dims=2)
     density = torch.fft.fft2(target).abs() ** 2
@@ -115,11 +112,8 @@ def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -
 
 
 def separable(power_x: Tensor, power_y: Tensor) -> Tensor:
-    """Two-dimensional power (..., Fy, Fx) of one edge across x (..., Fx) and one across y (..., Fy).
-
-    True for motion along an axis, square pixels and Gaussian spread, not for defocus. Negative where either is,
-    and where both are.
-    """
+    """Two-dimensional power (..., Fy, Fx) of one edge across x (..., Fx) and one across y (..., Fy), negative where
+    either is: true for motion along an axis, square pixels and Gaussian spread, not for defocus."""
     x = values.real("power_x", power_x, dims=1)[..., None, :]
     y = values.real("power_y", power_y, dims=1)[..., :, None]
     return torch.where((x < 0) & (y < 0), -x * y, x * y)

@@ -1,4 +1,4 @@
-"""Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show the contrast.
+"""Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show it; similarity of pictures.
 
 Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
 flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite". All
@@ -11,41 +11,41 @@ import math
 from statistics import NormalDist
 from typing import NamedTuple
 
+import kornia.metrics
 import torch
 from torch import Tensor
 
 from blurnoise._core import checks
 from blurnoise._core.checks import LIMITS, limited
 from blurnoise.metrics import values
-from blurnoise.metrics.estimate import BatchEstimate
+from blurnoise.metrics.values import BatchEstimate
 
+Z = NormalDist().inv_cdf(0.975)
 TREND_SHARE = 0.1
 """Variance of the trend over that of the noise from which on a patch is not even."""
 FEWEST_PIXELS = 100
 """Below it the deviation is known to no better than 7 %, and the normal interval is too narrow."""
+SSIM_WINDOW_PX = 11
+"""Gaussian of sigma 1.5 px, Z. Wang et al. 2004."""
 
 
 def patch_snr(
     image: Tensor,
     *,
     roi: values.Roi | float = 0.5,
-    detrend: bool = True,
     limits_dn: tuple[float, float] | None = None,
-    level: float = 0.95,
 ) -> BatchEstimate:
     """SNR of an even patch of ``image`` (..., H, W), mean over standard deviation as a ratio.
 
-    roi: (x, y, width, height) in px, or the centre's share of each side. detrend: subtract a surface of second
-    order, with its six degrees of freedom, since shading is no noise; the flag "non_uniform" tests that surface in
-    either case. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0 and 255
-    for 8-bit pictures, and for others no test of clipping. Where the deviation is 0, below the converter's step or
-    in saturation, the ratio is infinite without interval, and "noiseless".
+    roi: (x, y, width, height) in px, or the centre's share of each side. A surface of second order, with its six
+    degrees of freedom, is subtracted, since shading is no noise; the flag "non_uniform" tests it. limits_dn: least
+    and greatest number a pixel can hold, black level removed; by default 0 and 255 for 8-bit pictures, and for others
+    no test of clipping. Where the deviation is 0, the ratio is infinite without interval, and "noiseless".
 
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
-    the interval is r -+ z times its root, too narrow for noise that is correlated between pixels.
+    the 95 % interval is too narrow for noise that is correlated between pixels.
     Source: EMVA 1288 release 4, SNR.
     """
-    z = _normal_quantile(level)
     if limits_dn is None and isinstance(image, Tensor) and image.dtype == torch.uint8:
         limits_dn = (0, 255)
     image = values.real("image", image, dims=2)
@@ -61,12 +61,11 @@ def patch_snr(
     freedom = max(count - order, 1)
     noise_variance = (patch - trend).square().sum((-2, -1)) / freedom
     trend_variance = (trend - mean[..., None, None]).square().mean((-2, -1))
-    total = (patch - mean[..., None, None]).square().sum((-2, -1)) / max(count - 1, 1)
     rounding = patch.abs().amax((-2, -1)) * 1e-12  # that double precision leaves of a constant patch
-    std = (noise_variance if detrend else total).sqrt()
+    std = noise_variance.sqrt()
     std = torch.where(rounding >= std, 0.0, std) if count > order else torch.full_like(std, math.nan)
     snr = torch.where(finite, mean / std, math.nan)
-    margin = z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
+    margin = Z * torch.sqrt(1 / count + snr**2 / (2 * freedom))
     margin = torch.where(torch.isfinite(margin), margin, math.nan)
     seen = TREND_SHARE + 5 * (order - 1) / count  # noise alone has a trend, too: on average (order - 1)/count
     flags = {
@@ -90,7 +89,7 @@ class PatchContrast(NamedTuple):
     cnr: BatchEstimate
 
 
-def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> PatchContrast:
+def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     """Michelson contrast and contrast-to-noise ratio of two patches (..., H, W) of any sizes, of two pixels or more.
 
     Neither clipping nor shading is tested: :func:`patch_snr` does that. Intervals: normal, with the means' and
@@ -98,19 +97,18 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
     infinite or NaN without interval; of michelson "near_black", a mean is less than three of its own standard errors
     above black.
     """
-    z = _normal_quantile(level)
     a, b = _pixels(bright=bright, dark=dark)
     n_a, n_b = a.shape[-1], b.shape[-1]
     mean_a, mean_b, var_a, var_b = a.mean(-1), b.mean(-1), a.var(-1), b.var(-1)
     step, total = mean_a - mean_b, mean_a + mean_b
     se_a, se_b = (var_a / n_a).sqrt(), (var_b / n_b).sqrt()
     # d/da (a - b)/(a + b) = 2b/(a + b)², d/db = -2a/(a + b)²
-    michelson, margin = step / total, 2 * z * torch.hypot(mean_b * se_a, mean_a * se_b) / total**2
+    michelson, margin = step / total, 2 * Z * torch.hypot(mean_b * se_a, mean_a * se_b) / total**2
     noise = (var_a + var_b) / 2
     cnr = step / noise.sqrt()
     # of the mean variance: each variance has 2 var²/(n - 1), and its root halves the relative error
     noise_se2 = (var_a**2 / (n_a - 1) + var_b**2 / (n_b - 1)) / (2 * noise**2)
-    cnr_margin = z * torch.sqrt((se_a**2 + se_b**2) / noise + cnr**2 * noise_se2 / 4)
+    cnr_margin = Z * torch.sqrt((se_a**2 + se_b**2) / noise + cnr**2 * noise_se2 / 4)
     flags = {"noiseless": noise == 0, "not_finite": ~torch.isfinite(a.sum(-1) + b.sum(-1))}
     near_black = {"near_black": (mean_a <= 3 * se_a) | (mean_b <= 3 * se_b)}
     return PatchContrast(
@@ -120,7 +118,7 @@ def patch_contrast(bright: Tensor, dark: Tensor, *, level: float = 0.95) -> Patc
 
 
 def detection_probability(
-    patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str, level: float = 0.95
+    patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str
 ) -> BatchEstimate:
     """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
 
@@ -134,7 +132,6 @@ def detection_probability(
     Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
     Autonomous Vehicles".
     """
-    z = _normal_quantile(level)
     low, high = _ratio_bounds(nominal, tolerance, kind)
     a, b = _pixels(patch_a=patch_a, patch_b=patch_b)
     n_a, n_b = a.shape[-1], b.shape[-1]
@@ -144,8 +141,8 @@ def detection_probability(
     p = torch.where(finite, share_a.mean(-1), math.nan)
     variance = share_a.var(-1) / n_a + share_b.var(-1) / n_b
     flips = torch.where(variance > 0, p * (1 - p) / variance, float(min(n_a, n_b)))
-    centre = (p + z**2 / (2 * flips)) / (1 + z**2 / flips)
-    margin = z / (1 + z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (z / (2 * flips)) ** 2)
+    centre = (p + Z**2 / (2 * flips)) / (1 + Z**2 / flips)
+    margin = Z / (1 + Z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (Z / (2 * flips)) ** 2)
     flags = {
         "noiseless": a.var(-1) + b.var(-1) == 0,
         "too_few_pixels": torch.full_like(finite, min(n_a, n_b) < 30),
@@ -154,8 +151,26 @@ def detection_probability(
     return BatchEstimate(p, (centre - margin).clamp(min=0), (centre + margin).clamp(max=1), flags)
 
 
-def _normal_quantile(level: float) -> float:
-    return NormalDist().inv_cdf((1 + checks.in_range("level", level, 0.5, 0.9999)) / 2)
+def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
+    """Peak signal-to-noise ratio ``kornia.metrics.psnr``, dB, (B,): infinite for equal pictures.
+
+    Of pictures (B, C, H, W), of one shape; data_range: from black to white in their units. Differentiable, as
+    :func:`ssim` is; NaN where a picture holds NaN. Both raise ``ValueError`` for values further apart than the range.
+    """
+    a, b, peak = _checked(picture, reference, data_range)
+    return torch.stack([kornia.metrics.psnr(one, other, peak) for one, other in zip(a, b, strict=True)])
+
+
+def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
+    """Structural similarity ``kornia.metrics.ssim``, (B,), 1 for equal pictures, mean over pixels and channels.
+
+    K1 0.01, K2 0.03, only where the whole window lies inside the picture, which must be 11 px or more per side.
+    """
+    a, b, peak = _checked(picture, reference, data_range)
+    if min(a.shape[-2:]) < SSIM_WINDOW_PX:
+        raise ValueError(f"picture: must be {SSIM_WINDOW_PX} px or more per side, got {tuple(a.shape[-2:])}")
+    per_pixel: Tensor = kornia.metrics.ssim(a, b, SSIM_WINDOW_PX, peak, eps=0.0, padding="valid")
+    return per_pixel.mean((1, 2, 3))
 
 
 def _trend(patch: Tensor) -> tuple[Tensor, int]:
@@ -208,3 +223,17 @@ def _pixels(**patches: Tensor) -> list[Tensor]:
             got = tuple(patches[name].shape)
             raise ValueError(f"{name}: must be two pixels or more, and {leading} before H and W, got {got}")
     return flat
+
+
+def _checked(picture: Tensor, reference: Tensor, data_range: float) -> tuple[Tensor, Tensor, float]:
+    a, b = values.real("picture", picture, dims=4), values.real("reference", reference, dims=4)
+    shapes = tuple(a.shape), tuple(b.shape)
+    if a.ndim != 4 or shapes[0] != shapes[1]:
+        raise ValueError(f"picture, reference: must both be (B, C, H, W), got {shapes[0]} and {shapes[1]}")
+    peak = limited("data_range", data_range)
+    for finite in (pixels.detach()[torch.isfinite(pixels)] for pixels in (a, b)):
+        if len(finite) and float(span := finite.max() - finite.min()) > peak * (1 + 1e-6):
+            raise ValueError(
+                f"data_range = {data_range!r}: must be from black to white, but the pictures span {span:g}"
+            )
+    return a, b, peak

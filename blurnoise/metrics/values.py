@@ -1,7 +1,10 @@
-"""Input of the metrics: tensors of real numbers and regions of pictures, in double precision."""
+"""What goes into metrics, tensors of real numbers and regions of pictures, and what they give: estimates."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -17,6 +20,31 @@ SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
 """Share of pixels at black or full scale above which a region counts as clipped."""
 _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number between ``low`` and ``high`` at 95 %, NaN without interval; flags say why it is NaN, or doubtful."""
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+    flags: frozenset[str] = frozenset()
+
+    @property
+    def told(self) -> bool:
+        """Whether there is a number."""
+        return math.isfinite(self.value)
+
+
+@dataclass(frozen=True)
+class BatchEstimate:
+    """A number per item of a batch, its interval and its flags by name, as tensors of one shape."""
+
+    value: Tensor
+    low: Tensor
+    high: Tensor
+    flags: Mapping[str, Tensor]
 
 
 def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:

@@ -22,8 +22,7 @@ from blurnoise.metrics.edge.hidden import hidden_faults
 from blurnoise.metrics.edge.place import Sides, Upright, slope
 from blurnoise.metrics.edge.response import Response
 from blurnoise.metrics.edge.spline import KNOT_PX, LINE_ORDER, knots_px, refine
-from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.values import Roi, read_regions
+from blurnoise.metrics.values import Estimate, Roi, read_regions
 
 Mode = Literal["exact", "iso"]
 Side = Literal["left", "right", "top", "bottom"]
@@ -212,10 +211,7 @@ def _measured(
 
 
 def shape_of(upright: Upright, position_px: Tensor, sides: Sides, block: int) -> Shape:
-    """Fit the edges' splines and lines; block: rows of them whose noise belongs together.
-
-    The line is found again from the dark area of every row within the edge's reach, where less noise lies.
-    """
+    """Fit the edges' splines and lines, from the dark area of every row within reach; block: rows drawn together."""
     zone = upright.within(int(sides.reach_px.max().ceil()) + 2)
     scaled = sides.scaled(zone, position_px)
     columns = scaled.shape[2]
@@ -275,14 +271,22 @@ def _edges(
         "lsf": (right - left) / (2 * KNOT_PX),
         "resamples": samples,
     }
-    tilts, flips = slope(shape.position_px).tolist(), (~rising).tolist()
+    tilts, signs = slope(shape.position_px).tolist(), sides.step.sign().tolist()
     edges = []
     for index, names in enumerate(_by_region(flags)):
         if Flag.TWO_EDGES in names:
             edges.append(SlantedEdge(mode, frozenset({Flag.TWO_EDGES})))
             continue
         row = {name: column[index] for name, column in columns.items()}
-        row["angle_deg"], row["bright_side"] = _facing(tilts[index], flips[index], horizontal)
+        tilt, sign = tilts[index], signs[index]
+        if (
+            horizontal
+        ):  # the normal, (x, y) and y down, is sign * (-tilt, 1) of the picture that was transposed
+            row["angle_deg"] = math.degrees(math.atan2(-sign, -sign * tilt))
+            row["bright_side"] = "top" if sign < 0 else "bottom"
+        else:
+            row["angle_deg"] = math.degrees(math.atan2(sign * tilt, sign))
+            row["bright_side"] = "left" if sign < 0 else "right"
         row["noise_intervals"] = {name: (each[index][0], each[index][1]) for name, each in limits.items()}
         row["intervals"] = _with_hidden(row, hidden[:, index].tolist())
         row["orientation"] = "horizontal" if horizontal else "vertical"
@@ -294,10 +298,7 @@ def _edges(
 def _doubts(
     shape: Shape, curve: Response, colours: Tensor, mode: Mode, mtf50: Tensor
 ) -> tuple[dict[Flag, Tensor], Tensor]:
-    """Which regions each flag is raised for, (B,) bool, and what hidden faults may cost, (3, B).
-
-    mtf50: (B,), inf where the response stays above 50 %.
-    """
+    """Which regions each flag is raised for, (B,) bool, and what hidden faults may cost, (3, B)."""
     sides = shape.sides
     enough = place.largest_phase_gap_px(shape.position_px) <= LARGEST_GAP_PX[mode]
     blur_px = (sides.reach_px - place.REACH_PX) / place.REACH_FACTOR
@@ -337,11 +338,3 @@ def _with_hidden(row: Mapping[str, Any], hidden: list[float]) -> dict[str, tuple
             least = middle / (1 + likely) - math.hypot(middle - low, middle * (largest - likely))
             wider[name] = least, middle + math.hypot(high - middle, middle * lowered)
     return wider
-
-
-def _facing(tilt: float, flipped: bool, horizontal: bool) -> tuple[float, Side]:
-    """Angle, degrees, and the bright side. tilt: px along the rows (of the transposed picture) per row."""
-    sign = -1.0 if flipped else 1.0
-    if horizontal:  # the normal, (x, y) and y down, is sign * (-tilt, 1)
-        return math.degrees(math.atan2(-sign, -sign * tilt)), "top" if flipped else "bottom"
-    return math.degrees(math.atan2(sign * tilt, sign)), "left" if flipped else "right"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import levels
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.levels import Floats, Level, Pattern, columns

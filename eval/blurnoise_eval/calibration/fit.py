@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from blurnoise._core.checks import integer
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import checks, levels
 from blurnoise_eval.calibration.checks import Doubt, Linearity, Z
 from blurnoise_eval.calibration.frames import Folder, Size

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.calibration.fit import Measurement
 

@@ -13,7 +13,7 @@ from blurnoise_eval.cli._options import Json, Region, new_file, region
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
-    from blurnoise.metrics.estimate import Estimate
+    from blurnoise.metrics.values import Estimate
     from blurnoise_eval.quality.picture import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters

@@ -15,7 +15,7 @@ import torch
 from scipy.optimize import brentq
 
 from blurnoise.blur import convolution
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.paper.item import Check, Figure, Line, Parts, all_near, falls, listed, spread

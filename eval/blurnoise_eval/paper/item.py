@@ -8,7 +8,7 @@ from itertools import pairwise
 from statistics import NormalDist
 from typing import NamedTuple
 
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.paper.measurement import CHAINS, Chain, NotRun
 
 AGREES, DIFFERS, NOT_RUN, NOT_JUDGED = "agrees", "differs", "not run", "not judged"

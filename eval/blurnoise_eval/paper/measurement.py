@@ -22,7 +22,7 @@ import torch
 
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, slanted_edge
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet, Target

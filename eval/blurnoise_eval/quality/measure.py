@@ -27,9 +27,8 @@ from torch import Tensor
 
 from blurnoise import charts, simulate
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
-from blurnoise.metrics.estimate import BatchEstimate, Estimate
-from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr
-from blurnoise.metrics.similarity import psnr, ssim
+from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
+from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px

@@ -21,8 +21,7 @@ from blurnoise._core import checks
 from blurnoise._core.files import read_text
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
-from blurnoise.metrics.estimate import Estimate
-from blurnoise.metrics.values import CLIPPED_SHARE, Roi
+from blurnoise.metrics.values import CLIPPED_SHARE, Estimate, Roi
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges

@@ -7,7 +7,7 @@ import math
 import torch
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 
 
 def test_what_is_not_finite_is_not_told() -> None:

@@ -197,7 +197,6 @@ def test_patch_in_the_dark_is_flagged() -> None:
         ({"nominal": -0.8}, ValueError, "between -1"),
         ({"nominal": 0.9, "kind": "michelson"}, ValueError, "between -1 and 1"),
         ({"nominal": math.nan}, ValueError, "nominal"),
-        ({"level": 2.0}, ValueError, "level"),
         ({"patch_a": torch.ones(1, 1)}, ValueError, "patch_a: must be two pixels"),
         ({"patch_b": torch.ones(3, 4, 4)}, ValueError, "patch_b"),
         ({"patch_b": torch.ones(0, 4)}, ValueError, "patch_b"),
@@ -216,8 +215,10 @@ def test_wrong_arguments_are_named(change: dict[str, object], error: type[Except
 
 def test_snr_of_two_values_by_hand() -> None:
     patch = torch.tensor([[9.0, 11.0], [11.0, 9.0]]).repeat(10, 10)
-    got = patch_snr(patch, roi=1.0, detrend=False)
-    assert float(got.value) == pytest.approx(10 / math.sqrt(400 / 399), rel=1e-12)
+    got = patch_snr(patch, roi=1.0)
+    assert float(got.value) == pytest.approx(
+        10 / math.sqrt(400 / 394), rel=1e-3
+    )  # the surface takes next to nothing
 
 
 @pytest.mark.parametrize("side_px", [10, 30])
@@ -226,8 +227,6 @@ def test_intervals_hold_the_truth_as_often_as_they_say(side_px: int) -> None:
     got = patch_snr(patches, roi=1.0)
     covered = float(((got.low < 20) & (got.high > 20)).double().mean())
     assert 0.935 <= covered <= 0.965  # binomial, p 0.95, n 2000: -+ 3 sigma
-    narrow = patch_snr(patches, roi=1.0, level=0.8)
-    assert 0.77 <= float(((narrow.low < 20) & (narrow.high > 20)).double().mean()) <= 0.83
     # mean of 1/std is 1/sigma (1 + 3/(4v)); its own standard error is 1/sqrt(2 v n)
     freedom = side_px**2 - 6
     assert abs(float(got.value.mean()) / 20 - 1 - 3 / (4 * freedom)) < 5 / math.sqrt(2 * freedom * 2000)
@@ -243,9 +242,7 @@ def test_shading_is_no_noise_but_is_flagged() -> None:
     assert float((flat + shading).mean() / shaded.value) == pytest.approx(std, rel=1e-6)
     assert not bool(even.flags["non_uniform"])
     assert bool(shaded.flags["non_uniform"])
-    raw = patch_snr(flat + shading, roi=1.0, detrend=False)
-    assert bool(raw.flags["non_uniform"])
-    assert float((flat + shading).mean() / raw.value) > 3 * std
+    assert float((flat + shading).std()) > 3 * std
 
 
 def test_edge_and_vignette_are_not_even() -> None:
@@ -309,7 +306,7 @@ def test_snr_of_a_simulated_patch_is_the_camera_s() -> None:
     mean = simulate(picture, camera, **light, noise=False, quantised=False)
     signal = float(mean[0, 0, 0, 0]) - camera.black_level_dn
     variance = camera.system_gain_dn_per_e * signal + camera.dark_variance_dn2()
-    got = patch_snr(dn, roi=1.0, level=0.999)
+    got = patch_snr(dn, roi=1.0)
     assert float(got.low) < signal / math.sqrt(variance) < float(got.high)
     assert float(got.high) < 1.05 * float(got.low)
 
@@ -327,7 +324,6 @@ def test_snr_of_a_simulated_patch_is_the_camera_s() -> None:
         (lambda: patch_snr(torch.ones(9, 9), roi=0.0), ValueError, "roi"),
         (lambda: patch_snr(torch.ones(9, 9), roi=(0, 0, 5)), TypeError, "roi"),
         (lambda: patch_snr(torch.ones(9, 9), limits_dn=(5.0, 5.0)), ValueError, "limits_dn"),
-        (lambda: patch_snr(torch.ones(9, 9), level=1.0), ValueError, "level"),
     ],
 )
 def test_wrong_arguments_of_snr_are_named(call, error, message) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from blurnoise.metrics.similarity import psnr, ssim
+from blurnoise.metrics.patches import psnr, ssim
 
 
 def picture(*shape: int, seed: int = 1) -> Tensor:

@@ -15,7 +15,7 @@ from blurnoise_eval.paper import chart_items, network_items, table
 from blurnoise_eval.paper.item import Item, Outcome, Parts
 from blurnoise_eval.paper.measurement import CHAINS, Charts, Measurements, NotRun, Saturation, Signs
 
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 
 WITHHELD = Estimate(math.nan)
 SIC = partial(chart_items.peaks, "sic_square", "SIC", "bits/px")

@@ -26,7 +26,7 @@ from torch import Tensor
 from blurnoise import Camera, charts, simulate
 from blurnoise.blur.convolution import motion_blur
 from blurnoise.metrics import Flag, information
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]

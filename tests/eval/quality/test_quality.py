@@ -24,7 +24,7 @@ from plans import plan as swept
 
 from blurnoise import Camera, charts
 from blurnoise.metrics import information
-from blurnoise.metrics.estimate import Estimate
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import staggered
 from blurnoise.optics.radiometry import photoelectrons
 
