@@ -80,10 +80,7 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
 
 
 def _suggested(names: Sequence[str], shown: Labels) -> str | None:
-    """A pattern by which the names of pictures cluster about as their scenes do, None where none of those tried does.
-
-    Tried are each number in the names with the text before it, all before the last number, and the folder.
-    """
+    """A pattern by which the names of pictures cluster about as their scenes do, None where none does."""
     sizes = np.bincount(shown)
     best: tuple[float, str] | None = None
     for pattern in _candidates(names):
@@ -99,6 +96,7 @@ def _suggested(names: Sequence[str], shown: Labels) -> str | None:
 
 
 def _candidates(names: Sequence[str]) -> Iterator[str]:
+    """Each number in the names with the text before it, all before the last number, and the folder."""
     before = Counter(
         found[-_BEFORE:] for name in names for found in {each.group(1) for each in _NUMBERED.finditer(name)}
     )

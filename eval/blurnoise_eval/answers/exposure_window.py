@@ -187,9 +187,7 @@ def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> 
 
 
 def _pictures_to_tell(curve: Curve, threshold: float) -> tuple[int | None, int | None]:
-    """How many pictures like these would be enough, in half of the cases and in most: for the exposure that is most
-    clearly above the threshold, or else for all to be clearly below. Exposures at which fewer than two clusters were
-    measured do not count."""
+    """How many would be enough, in half of the cases and in most: for one exposure to be above, or all below."""
     n = np.isfinite(curve.influence).sum(axis=0)
     known = n > 1
     if not known.any():

@@ -271,8 +271,7 @@ class _Panels:
 
 
 def _panels(data: RunData, settings: Settings, most: int = MAX_PANELS) -> _Panels:
-    """At most so many empty panels: a row of settings per target group, first of all groups of one model, then of the
-    next."""
+    """At most so many empty panels: a row of settings per target group, model by model."""
     sizes: dict[tuple[str, str], int] = {}
     for answer in data.answers:
         key = answer["model"], answer["group"]
