@@ -5,18 +5,14 @@ New threads begin with memory of their own to fetch, and fresh pages cost more t
 
 from __future__ import annotations
 
-import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
-import numpy as np
 import torch
-from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 Job = TypeVar("Job")
@@ -25,9 +21,7 @@ R = TypeVar("R")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
 _PIECE = 1 << 17  # values: they stay in a core's cache, and threads seldom wait for each other's Python
-_KEEP_BYTES = 1 << 26
 _pools: dict[int, ThreadPoolExecutor] = {}
-_free: list[NDArray[np.uint8]] = []
 _lock = threading.Lock()
 _state = threading.local()
 
@@ -100,29 +94,3 @@ def in_pieces(work: Callable[[slice], object], values: int, threads: int) -> Non
     """``work(piece)`` for consecutive slices of ``values`` values, so that what it makes stays in the cache."""
     pieces = [slice(start, start + _PIECE) for start in range(0, values, _PIECE)]
     side_by_side(work, pieces, threads if values >= WORTH_IT else 1)
-
-
-@contextmanager
-def borrowed(shapes: Sequence[tuple[int, ...]], dtype: DTypeLike) -> Iterator[list[NDArray[Any]]]:
-    """Arrays of ``shapes`` with arbitrary contents, for use within the context only. Safe among threads."""
-    kind = np.dtype(dtype)
-    sizes = [math.prod(shape) * kind.itemsize for shape in shapes]
-    taken = [_taken(size) for size in sizes]
-    try:
-        yield [
-            memory[:size].view(kind).reshape(shape)
-            for memory, size, shape in zip(taken, sizes, shapes, strict=True)
-        ]
-    finally:
-        with _lock:
-            _free.extend(taken)
-            while sum(kept.size for kept in _free) > _KEEP_BYTES:
-                _free.pop(0)
-
-
-def _taken(size: int) -> NDArray[np.uint8]:
-    with _lock:
-        for place in reversed(range(len(_free))):
-            if size <= _free[place].size <= 4 * size + 4096:
-                return _free.pop(place)
-    return np.empty(size, np.uint8)

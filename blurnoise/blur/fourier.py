@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import Border, continued, extended
-from blurnoise._core.threads import borrowed, plain, side_by_side
+from blurnoise._core.threads import plain, side_by_side
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import SHARP, Optics
 
@@ -108,8 +108,8 @@ class Response(ABC):
         """Spread of a point (down, across); 0 along an axis without blur."""
 
     @abstractmethod
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
-        """For one picture, each as :func:`pack` gives it, in ``out`` or kept; of one axis as a row."""
+    def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
+        """For one picture, each as :func:`pack` gives it, not to be written to; of one axis as a row."""
 
     @abstractmethod
     def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
@@ -217,56 +217,54 @@ def _planes(
 ) -> None:
     """One picture (C, H, W) through OpenCV's transform over both axes, plane by plane and tile by tile."""
     y, x, lengths, kind = layout.y, layout.x, layout.lengths, sources.dtype
-    weights = response.weights
-    with borrowed([lengths, (len(sources), y.span, x.span)], kind) as (memory, planes):
-        factors = response.packed(lengths, memory)
-        for source, plane in zip(sources, planes, strict=True):
-            continued(source, plane, (y.before, x.before), border)
+    factors, weights = response.packed(lengths, kind), response.weights
+    planes = np.empty((len(sources), y.span, x.span), kind)
+    for source, plane in zip(sources, planes, strict=True):
+        continued(source, plane, (y.before, x.before), border)
 
-        def blur(job: tuple[int, tuple[slice, slice, slice], tuple[slice, slice, slice]]) -> None:
-            channel, (window_y, down, inner_y), (window_x, across, inner_x) = job
-            target = targets[channel, down, across]
-            with borrowed([lengths] * (2 if weights is None else 3), kind) as (spectrum, blurred, *more):
-                filtered = more[0] if more else spectrum
-                cv2.dft(planes[channel, window_y, window_x], spectrum)
-                for place, each in enumerate(factors):
-                    response.multiply(spectrum, each, filtered)
-                    cv2.dft(filtered, blurred, cv2.DFT_INVERSE)
-                    seen = blurred[inner_y, inner_x]
-                    if weights is not None:
-                        seen = np.multiply(seen, weights[place, down, across], out=seen)
-                    if place:
-                        target += seen
-                    else:
-                        target[:] = seen
+    def blur(job: tuple[int, tuple[slice, slice, slice], tuple[slice, slice, slice]]) -> None:
+        channel, (window_y, down, inner_y), (window_x, across, inner_x) = job
+        target = targets[channel, down, across]
+        spectrum, blurred = np.empty((2, *lengths), kind)
+        filtered = spectrum if weights is None else np.empty(lengths, kind)
+        cv2.dft(planes[channel, window_y, window_x], spectrum)
+        for place, each in enumerate(factors):
+            response.multiply(spectrum, each, filtered)
+            cv2.dft(filtered, blurred, cv2.DFT_INVERSE)
+            seen = blurred[inner_y, inner_x]
+            if weights is not None:
+                seen = np.multiply(seen, weights[place, down, across], out=seen)
+            if place:
+                target += seen
+            else:
+                target[:] = seen
 
-        side_by_side(blur, product(range(len(planes)), y.tiles, x.tiles), threads)
+    side_by_side(blur, product(range(len(planes)), y.tiles, x.tiles), threads)
 
 
 def _rows(
     sources: Plane, response: Response, layout: Layout, border: Border, targets: Plane, threads: int
 ) -> None:
     """Pictures (C, H, W) along their rows, in strips of rows that stay in a core's cache from border to result."""
-    channels, height, _ = sources.shape
+    (channels, height, _), kind = sources.shape, sources.dtype
     x = layout.x if -1 in layout.dims else layout.y
     strip = min(height, max(1, _STRIP // x.span))
-    with borrowed([(strip, x.length)], sources.dtype) as (factors,):
-        factors[:] = response.packed(layout.lengths, factors[:1])[0]
+    factors = np.repeat(response.packed(layout.lengths, kind)[0], strip, axis=0)
 
-        def blur(job: tuple[int, int]) -> None:
-            channel, top = job
-            source, target = sources[channel, top : top + strip], targets[channel, top : top + strip]
-            rows = len(source)
-            with borrowed([(rows, x.span), (rows, x.length), (rows, x.length)], sources.dtype) as work:
-                plane, spectrum, blurred = work
-                continued(source, plane, (0, x.before), border)
-                for window, core, inner in x.tiles:
-                    cv2.dft(plane[:, window], spectrum, cv2.DFT_ROWS)
-                    np.multiply(spectrum, factors[:rows], out=spectrum)
-                    cv2.dft(spectrum, blurred, cv2.DFT_ROWS | cv2.DFT_INVERSE)
-                    target[:, core] = blurred[:, inner]
+    def blur(job: tuple[int, int]) -> None:
+        channel, top = job
+        source, target = sources[channel, top : top + strip], targets[channel, top : top + strip]
+        rows = len(source)
+        plane = np.empty((rows, x.span), kind)
+        spectrum, blurred = np.empty((2, rows, x.length), kind)
+        continued(source, plane, (0, x.before), border)
+        for window, core, inner in x.tiles:
+            cv2.dft(plane[:, window], spectrum, cv2.DFT_ROWS)
+            np.multiply(spectrum, factors[:rows], out=spectrum)
+            cv2.dft(spectrum, blurred, cv2.DFT_ROWS | cv2.DFT_INVERSE)
+            target[:, core] = blurred[:, inner]
 
-        side_by_side(blur, product(range(channels), range(0, height, strip)), threads)
+    side_by_side(blur, product(range(channels), range(0, height, strip)), threads)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,11 +288,9 @@ class Straight(Response):
             return y + self.optics.reach_px + STILL_PX, x + self.optics.reach_px + STILL_PX
         return y if y > STILL_PX / 2 else 0.0, x if x > STILL_PX / 2 else 0.0
 
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
+    def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
         x, y = self.displacement_px[0].tolist()
-        if 1 in lengths:
-            return [row_factors((x, y), self.optics, lengths, out.dtype)]
-        return [_packed((x, y), self.optics, lengths, out)]
+        return [(row_factors if 1 in lengths else _factors)((x, y), self.optics, lengths, kind)]
 
     def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
         moved = self.displacement_px
@@ -305,12 +301,13 @@ class Straight(Response):
         return [response[:, None]]
 
 
-def pack(response: Plane, out: Plane) -> Plane:
-    """Lay out a real transfer function as a packed spectrum in ``out``, over its size, for the way back.
+def pack(response: Plane) -> Plane:
+    """A real transfer function as a packed spectrum (h, w), or (1, w), over its size for the way back; w is even.
 
     response: (h, w / 2 + 1), at the frequencies of ``rfft2`` and even in both axes together, or for transforms
-    of rows alone (1, w / 2 + 1). out: (h, w) or (1, w), w even.
+    of rows alone (1, w / 2 + 1).
     """
+    out = np.empty((len(response), 2 * response.shape[1] - 2), response.dtype)
     out[:, 1:-1:2] = out[:, 2:-1:2] = response[:, 1:-1]
     down = (np.arange(len(response)) + 1) // 2
     out[:, 0], out[:, -1] = response[down, 0], response[down, -1]
@@ -318,19 +315,18 @@ def pack(response: Plane, out: Plane) -> Plane:
     return out
 
 
-@lru_cache(maxsize=256)
-def row_factors(
+def _factors(
     motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]
 ) -> Plane:
-    """Factors of a row (1, L), or of a column, cached for sweeps that move many pictures alike; read only."""
-    return _packed(motion_px, optics, lengths, np.empty((1, max(lengths)), kind))
-
-
-def _packed(motion_px: tuple[float, float], optics: Optics, lengths: tuple[int, int], out: Plane) -> Plane:
-    response = motion_response(motion_px, lengths, out.dtype)
+    """The factors of uniform motion and a lens; of a column turned into a row."""
+    response = motion_response(motion_px, lengths, kind)
     if optics != SHARP:
-        response *= lens_response(optics, lengths, out.dtype)
-    return pack(response.reshape(-1, out.shape[1] // 2 + 1), out)
+        response *= lens_response(optics, lengths, kind)
+    return pack(response.T if lengths[1] == 1 else response)
+
+
+row_factors = lru_cache(maxsize=256)(_factors)
+"""The same, cached for sweeps that move many pictures alike along an axis; read only."""
 
 
 def motion_response(motion_px: tuple[float, float], lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
@@ -349,7 +345,7 @@ def motion_response(motion_px: tuple[float, float], lengths: tuple[int, int], ki
 @lru_cache(maxsize=64)
 def lens_factors(optics: Optics, lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
     """A lens's response as :func:`pack` gives it, cached; read only."""
-    return pack(lens_response(optics, lengths, kind), np.empty(lengths, kind))
+    return pack(lens_response(optics, lengths, kind))
 
 
 @lru_cache(maxsize=8)

@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -53,8 +54,8 @@ class _Discs(fourier.Response):
         reach = max(self.radii_px) + _TAIL_PX
         return reach, reach
 
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
-        return [fourier.lens_factors(Optics(radius), lengths, out.dtype) for radius in self.radii_px]
+    def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
+        return [fourier.lens_factors(Optics(radius), lengths, kind) for radius in self.radii_px]
 
     def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
         fy, fx = (torch.from_numpy(f).to(image) for f in fourier.frequencies(lengths))

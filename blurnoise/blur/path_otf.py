@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -55,9 +56,9 @@ class Path(fourier.Response):
         x, y = self.knots_px.detach().abs().amax(1).tolist()
         return y + self.optics.reach_px + fourier.STILL_PX, x + self.optics.reach_px + fourier.STILL_PX
 
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
+    def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
         knots, shares = (each.detach().numpy().tobytes() for each in (self.knots_px, self.shares))
-        return [_packed(knots, shares, self.optics, lengths, out.dtype)]
+        return [_packed(knots, shares, self.optics, lengths, kind)]
 
     @staticmethod
     def multiply(spectrum: Plane, factors: Plane, out: Plane) -> None:

@@ -37,8 +37,8 @@ class _Prefilter(fourier.Response):
     variable = torch.empty(0)
     reach_px = (1.0, 1.0)
 
-    def packed(self, lengths: tuple[int, int], out: Plane) -> Sequence[Plane]:
-        return [_packed_prefilter(lengths, out.dtype)]
+    def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
+        return [_packed_prefilter(lengths, kind)]
 
     def at(self, lengths: tuple[int, int], image: Tensor) -> Sequence[Tensor]:
         return [torch.from_numpy(_prefilter(lengths)).to(image)]
@@ -85,7 +85,7 @@ def _prefilter(lengths: tuple[int, int]) -> Floats:
 
 @lru_cache(maxsize=4)
 def _packed_prefilter(lengths: tuple[int, int], kind: np.dtype[Any]) -> Plane:
-    return fourier.pack(_prefilter(lengths), np.empty(lengths, kind))
+    return fourier.pack(_prefilter(lengths).astype(kind))
 
 
 def _folded(position: Floats, size: int, border: Border) -> Floats:

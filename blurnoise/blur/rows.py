@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, continued, extended
 from blurnoise._core.checks import finite, image_batch, one_of
-from blurnoise._core.threads import borrowed, differentiable, plain, side_by_side, threads_for
+from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
 from blurnoise.motion.trajectory import sums
@@ -112,21 +112,22 @@ def _at_once(
     bands = _bands(taps[0].numpy(), taps[1].numpy(), kind)
 
     def see(place: int) -> None:
-        with borrowed([(high, wide), (high, wide + 2), (height, wide + 2)], kind) as (plane, waves, seen):
-            continued(sources[place], plane, before, border)
-            cv2.dft(_closed(plane), waves[:, 1:-1], cv2.DFT_ROWS)
-            waves[:, 0] = waves[:, 1]
-            waves[:, [1, -1]] = 0
-            spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
-            spectra *= response
-            spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
-            for rows, needed, band in bands:
-                np.matmul(band, spectra[needed], out=seen[rows])
-            moved = seen.view(wave)
-            np.multiply(moved, phases, out=moved)
-            seen[:, 1] = seen[:, 0]
-            cv2.dft(seen[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
-            targets[place] = plane[:height, before[1] : before[1] + width]
+        plane, waves = np.empty((high, wide), kind), np.empty((high, wide + 2), kind)
+        seen = np.empty((height, wide + 2), kind)
+        continued(sources[place], plane, before, border)
+        cv2.dft(_closed(plane), waves[:, 1:-1], cv2.DFT_ROWS)
+        waves[:, 0] = waves[:, 1]
+        waves[:, [1, -1]] = 0
+        spectra = fft(waves.view(wave), axis=0, overwrite_x=True)
+        spectra *= response
+        spectra = ifft(spectra, axis=0, overwrite_x=True).view(kind)
+        for rows, needed, band in bands:
+            np.matmul(band, spectra[needed], out=seen[rows])
+        moved = seen.view(wave)
+        np.multiply(moved, phases, out=moved)
+        seen[:, 1] = seen[:, 0]
+        cv2.dft(seen[:, 1:-1], plane[:height], cv2.DFT_ROWS | cv2.DFT_INVERSE)
+        targets[place] = plane[:height, before[1] : before[1] + width]
 
     side_by_side(see, range(len(targets)), threads_for(light))
     return out
@@ -195,12 +196,12 @@ def times(light: Tensor, factors: Tensor | NDArray[Any], margin: int, length: in
     def move(at: tuple[int, int]) -> None:
         place, top = at
         source, target = sources[place, top : top + strip], targets[place, top : top + strip]
-        with borrowed([(len(source), length)] * 2, factors.dtype) as (plane, spectrum):
-            continued(source, plane, (0, margin), border)
-            cv2.dft(_closed(plane), spectrum, cv2.DFT_ROWS)
-            cv2.mulSpectrums(spectrum, factors[top : top + strip], cv2.DFT_ROWS, spectrum)
-            cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
-            target[:] = plane[:, margin : margin + width]
+        plane, spectrum = np.empty((2, len(source), length), factors.dtype)
+        continued(source, plane, (0, margin), border)
+        cv2.dft(_closed(plane), spectrum, cv2.DFT_ROWS)
+        cv2.mulSpectrums(spectrum, factors[top : top + strip], cv2.DFT_ROWS, spectrum)
+        cv2.dft(spectrum, plane, cv2.DFT_ROWS | cv2.DFT_INVERSE)
+        target[:] = plane[:, margin : margin + width]
 
     jobs = [(place, top) for place in range(len(sources)) for top in range(0, height, strip)]
     side_by_side(move, jobs, threads_for(light))

@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import cv2
@@ -30,7 +29,7 @@ from torch.nn import functional
 
 from blurnoise._core.borders import BORDERS, OPENCV, Border, Window, extended, folded
 from blurnoise._core.checks import finite, image_batch, limited_motion, one_of, real_tensor
-from blurnoise._core.threads import borrowed, differentiable, no_torch_compile, side_by_side, threads_for
+from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 
 SPACING_PX = 2.0
@@ -150,11 +149,10 @@ def _means(sheets: Sequence[Sheet], window: Window, bands: Sequence[Band], *, fi
             sums = [total + each for total, each in zip(sums, _shown(sheets, looks, at), strict=False)]
         means[rows.start] = [total[: len(first)] / len(times) for total in sums]
 
-    with ExitStack() as memory:
-        span = window._replace(top=window.top + moving[0].start, height=moving[-1].stop - moving[0].start)
-        by: Callable[..., Look] = partial(_by_opencv, memory) if fast else _by_torch
-        looks = [by(sheet, span, factor, covers=place > 0) for place, sheet in enumerate(sheets)]
-        side_by_side(expose, bands, threads_for(first) if fast else 1)
+    span = window._replace(top=window.top + moving[0].start, height=moving[-1].stop - moving[0].start)
+    by: Callable[..., Look] = _by_opencv if fast else _by_torch
+    looks = [by(sheet, span, factor, covers=place > 0) for place, sheet in enumerate(sheets)]
+    side_by_side(expose, bands, threads_for(first) if fast else 1)
     return [torch.cat(parts, -2) for parts in zip(*(means[rows.start] for rows, _ in bands), strict=True)]
 
 
@@ -189,7 +187,7 @@ def _places(sheet: Sheet, window: Window, band: Band, factor: int, *, counted: b
         yield at if path is None else at - factor * torch.from_numpy(path[moment]).to(at)[..., None]
 
 
-def _by_opencv(memory: ExitStack, sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
+def _by_opencv(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:
     """On the CPU: four channels at a time, a third of the time of three, or one."""
     count, height, width = sheet.planes.shape
     top, bottom = 0, height
@@ -200,7 +198,7 @@ def _by_opencv(memory: ExitStack, sheet: Sheet, window: Window, factor: int, *, 
         top, bottom = (top, bottom) if top < bottom else (0, height)
     wide = _with_margin(sheet.planes.detach(), sheet.border).numpy()[:, top : bottom + 2 * _MARGIN]
     size = factor * height, factor * width, count if count == 1 else max(4, count)
-    (values,) = memory.enter_context(borrowed([size], np.float32))
+    values = np.empty(size, np.float32)
     _finer(wide, values[factor * top : factor * bottom], factor, _lossy(sheet, window, factor))
     values = values[: _whole(height, sheet.border, factor), : _whole(width, sheet.border, factor)]
     if covers:
@@ -290,13 +288,13 @@ def _finer(
     (height, width), channels = planes.shape[1:], into.shape[2]
     pixels = into.view(np.dtype((np.void, 4 * channels)))[..., 0]
     inside = slice(_MARGIN, -_MARGIN)
-    with borrowed([(height, width, channels)] * 3, np.float32) as (wide, across, found):
-        cv2.merge([*planes, *[planes[0]] * (channels - len(planes))], wide)
-        for column in range(factor):
-            cv2.filter2D(wide, -1, _kernel(column / factor, lossy[0])[None], across)
-            for row in range(factor):
-                cv2.filter2D(across, -1, _kernel(row / factor, lossy[1])[:, None], found)
-                pixels[row::factor, column::factor] = found.view(pixels.dtype)[inside, inside, 0]
+    wide, across, found = np.empty((3, height, width, channels), np.float32)
+    cv2.merge([*planes, *[planes[0]] * (channels - len(planes))], wide)
+    for column in range(factor):
+        cv2.filter2D(wide, -1, _kernel(column / factor, lossy[0])[None], across)
+        for row in range(factor):
+            cv2.filter2D(across, -1, _kernel(row / factor, lossy[1])[:, None], found)
+            pixels[row::factor, column::factor] = found.view(pixels.dtype)[inside, inside, 0]
 
 
 @lru_cache(maxsize=8)

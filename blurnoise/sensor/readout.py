@@ -21,7 +21,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import Numbers, image_batch, limited_per_image, one_of
 from blurnoise._core.lookup import look_up, look_up_codes
-from blurnoise._core.threads import borrowed, differentiable, plain, side_by_side, threads_for
+from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.light.conditions import Conditions
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons
@@ -259,48 +259,45 @@ def _write_piece(
     (normal, read, gain, offset_e), camera, law = fields, at.camera, at.law
     whites_e, darks_e = at.white_e.flatten().tolist(), at.dark_e.flatten().tolist()
     gain_dn, black_dn, well_e = camera.system_gain_dn_per_e, camera.black_level_dn, camera.well_limit_e
-    with (
-        borrowed([(5, *light.shape)], light.dtype) as (work,),
-        borrowed([light.shape], np.uint16) as (codes,),
-    ):
-        lit, signal, noise, skew, bend = work
-        given = light if gain is None else np.multiply(light, gain, out=lit)
-        most = _BEYOND_DN / gain_dn / max(min(whites_e), _FAINT_E)
-        # NumPy would take three times as long.
-        torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
+    work, codes = np.empty((5, *light.shape), light.dtype), np.empty(light.shape, np.uint16)
+    lit, signal, noise, skew, bend = work
+    given = light if gain is None else np.multiply(light, gain, out=lit)
+    most = _BEYOND_DN / gain_dn / max(min(whites_e), _FAINT_E)
+    # NumPy would take three times as long.
+    torch.clamp(torch.from_numpy(given), min=0.0, max=most, out=torch.from_numpy(lit))
+    if law == "merged" and normal is not None:
+        np.multiply(normal, normal, out=bend)
+        bend -= 1.0
+    for white_e, dark_e, frame in zip(whites_e, darks_e, out, strict=True):
+        # Light, dark charge and noise are in units of unit_e electrons: one pass less.
+        mean, unit_e = lit, white_e
+        if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
+            mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
+            mean += dark_e
+        added, scale_e, full = mean, 0.0, None
         if law == "merged" and normal is not None:
-            np.multiply(normal, normal, out=bend)
-            bend -= 1.0
-        for white_e, dark_e, frame in zip(whites_e, darks_e, out, strict=True):
-            # Light, dark charge and noise are in units of unit_e electrons: one pass less.
-            mean, unit_e = lit, white_e
-            if dark_e > 0.0 or white_e <= _FAINT_E or law == "counts" or offset_e is not None:
-                mean, unit_e = np.multiply(lit, white_e, out=signal), 1.0
-                mean += dark_e
-            added, scale_e, full = mean, 0.0, None
-            if law == "merged" and normal is not None:
-                scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
-                added = noise
-                if read is not None:
-                    full = _where_full(mean, unit_e, camera, normal, read, offset_e)
-            else:
-                if law == "counts" and normal is not None:
-                    mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
-                added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
-                if read is not None:
-                    added, scale_e = read, camera.read_noise_e
-            if offset_e is not None:
-                mean += offset_e
-            # Gain, black level, rounding, and the limits of 16 bits.
-            of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
-            cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
-            if full is not None:
-                np.putmask(codes, *full)
-            if table is None:
-                np.minimum(codes, camera.full_scale_dn, out=codes)
-                np.copyto(frame, codes, casting="unsafe")
-            else:
-                look_up_codes(table, codes, frame)
+            scale_e = _merged_noise(mean, unit_e, camera.read_noise_e, normal, bend, noise, skew)
+            added = noise
+            if read is not None:
+                full = _where_full(mean, unit_e, camera, normal, read, offset_e)
+        else:
+            if law == "counts" and normal is not None:
+                mean[:] = rng.poisson_of_normal(torch.from_numpy(mean), torch.from_numpy(normal))
+            added = mean = np.minimum(mean, min(well_e, _BEYOND_DN / gain_dn) / unit_e, out=signal)
+            if read is not None:
+                added, scale_e = read, camera.read_noise_e
+        if offset_e is not None:
+            mean += offset_e
+        # Gain, black level, rounding, and the limits of 16 bits.
+        of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
+        cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
+        if full is not None:
+            np.putmask(codes, *full)
+        if table is None:
+            np.minimum(codes, camera.full_scale_dn, out=codes)
+            np.copyto(frame, codes, casting="unsafe")
+        else:
+            look_up_codes(table, codes, frame)
 
 
 def _where_full(

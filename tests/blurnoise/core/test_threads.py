@@ -9,11 +9,10 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
 import pytest
 
 from blurnoise._core import threads
-from blurnoise._core.threads import borrowed, side_by_side
+from blurnoise._core.threads import side_by_side
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -78,21 +77,3 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout.strip() == "7"
-
-
-def test_borrowed_memory_is_ones_own() -> None:
-    """Many threads write their own number and find it still there; what was used is used again."""
-
-    def check(number: int) -> bool:
-        with borrowed([(50, 40), (3,)], np.float32) as (large, small):
-            large[:], small[:] = number, -number
-            with borrowed([(50, 40)], np.float64) as (inner,):
-                inner[:] = 0
-            return bool((large == number).all() and (small == -number).all())
-
-    with ThreadPoolExecutor(8) as pool:
-        assert all(pool.map(check, range(400)))
-    with borrowed([(50, 40)], np.float32) as (first,):
-        address = first.ctypes.data
-    with borrowed([(50, 40)], np.float32) as (second,):
-        assert second.ctypes.data == address
