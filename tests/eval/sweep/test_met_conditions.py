@@ -112,7 +112,7 @@ def test_conditions_name_what_training_pictures_are_not_taken_under(
     held = table(plan)
     assert held[name] == plan.to_dict()[name]  # plain values, no sentence
     (tmp_path / FILE).write_text(json.dumps(held))
-    with pytest.raises(ValueError, match="training pictures are not taken so"):
+    with pytest.raises(ValueError, match="training pictures are taken without"):
         ExposureTable.of_run(tmp_path)
 
 
