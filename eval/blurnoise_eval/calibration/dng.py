@@ -12,14 +12,13 @@ import warnings
 from collections import ChainMap
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import in_range
-from blurnoise.optics.camera import Camera
-from blurnoise_eval.calibration.to_camera import Known, on_base
+from blurnoise_eval.calibration.to_camera import Known, Stated, on_base
 from blurnoise_eval.system.files import check_regular
 
 NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
@@ -30,15 +29,6 @@ _MOST_DIRECTORIES = 64
 _GREEN = 1  # of NoiseProfile's planes, in the order red, green, blue
 Tags = Mapping[int, Any]
 _PATTERN = {b"\0\1\1\2": "RGGB", b"\1\0\2\1": "GRBG", b"\1\2\0\1": "GBRG", b"\2\1\1\0": "BGGR"}
-
-
-class Stated(NamedTuple):
-    """Contents of a DNG file. exposure_s, iso, cfa: None where it does not state them."""
-
-    camera: Camera
-    exposure_s: float | None
-    iso: float | None
-    cfa: str | None
 
 
 def stated_by(path: Path, *, base: str = "imx250") -> Stated:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,7 +33,6 @@ Plane = NDArray[np.uint8] | NDArray[np.uint16]
 Size = tuple[int, int]
 SMALLEST_PX = 32
 FEWEST_FLAT = 3
-_COLUMNS, _OPTIONAL = ("file", "kind", "exposure_s"), ("photons_per_px",)
 _NAME = re.compile(r"(dark|flat)_(\d+(?:\.\d+)?)(ns|us|ms|s)(?:_[^.]*)?\.\w+", re.IGNORECASE)
 _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 _LOSSY = {b"\xff\xd8\xff": "JPEG", b"RIFF": "WebP", b"\x00\x00\x00\x0cJXL": "JPEG XL"}
@@ -42,7 +41,10 @@ _LOSSY_SUFFIXES = (".jpg", ".jpeg", ".webp", ".heic", ".heif", ".avif", ".jxl")
 
 @dataclass(frozen=True)
 class Frame:
-    """A file and how it was taken. photons_per_px: mean, during the exposure; None where unknown."""
+    """A file and how it was taken; a column of frames.csv for each further field.
+
+    photons_per_px: of flat frames, mean during the exposure; None where unknown.
+    """
 
     path: Path
     kind: Kind
@@ -57,6 +59,10 @@ class Frame:
         """What frames of one level have in common, in the order of levels."""
         light = -1.0 if self.photons_per_px is None else self.photons_per_px
         return self.exposure_s, light, self.kind == "flat"
+
+
+_COLUMNS = ("file", "kind", "exposure_s")
+_OPTIONAL = tuple(each.name for each in fields(Frame) if each.default is None)
 
 
 class Folder:
@@ -161,20 +167,19 @@ def _listed(path: Path) -> list[Frame]:
             if not texts["file"]:
                 raise ValueError("file: must not be empty")
             kind: Any = texts["kind"]
-            lit = kind == "flat" and texts.get("photons_per_px")
-            photons = _number(texts, "photons_per_px") if lit else None
-            file = path.parent / inside(texts["file"])
-            found.append(Frame(file, kind, _number(texts, "exposure_s"), photons))
+            given = ["exposure_s", *(name for name in _OPTIONAL if kind == "flat" and texts.get(name))]
+            numbers = {name: _number(name, texts[name]) for name in given}
+            found.append(Frame(path.parent / inside(texts["file"]), kind, **numbers))
         except (TypeError, ValueError) as error:
             raise ValueError(f"line {rows.line_num}: {error}") from None
     return found
 
 
-def _number(texts: Mapping[str, str], name: str) -> float:
+def _number(name: str, text: str) -> float:
     try:
-        return float(texts[name])
+        return float(text)
     except ValueError:
-        raise ValueError(f"{name} = {shown(texts[name])}: must be a number") from None
+        raise ValueError(f"{name} = {shown(text)}: must be a number") from None
 
 
 def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Any
+from typing import Any, NamedTuple
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
@@ -13,6 +13,15 @@ from blurnoise_eval.calibration.fit import Measurement
 
 Known = dict[str, tuple[Any, str]]
 """Values and their sources, by the camera's field."""
+
+
+class Stated(NamedTuple):
+    """What a file states of a camera. exposure_s, iso, cfa: None where it does not state them."""
+
+    camera: Camera
+    exposure_s: float | None
+    iso: float | None
+    cfa: str | None
 
 
 def camera_of(
