@@ -20,7 +20,7 @@ from blurnoise_eval.paper.item import AGREES, COLUMNS, DIFFERS, NOT_JUDGED, NOT_
 from blurnoise_eval.paper.measurement import CAMERA, CHAINS, Chain, camera_of, picture
 from blurnoise_eval.paper.table import NOT_COMPARED, PAPER
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, tidy
-from blurnoise_eval.report.findings import sourced
+from blurnoise_eval.report import findings
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -86,7 +86,8 @@ def _page(outcomes: Sequence[Outcome], facts: dict[str, str]) -> str:
         seen_as=f"sign of {_SHOWN_PX} px, 50 lux, {_SHOWN_DX:g} px/s",
         not_compared=NOT_COMPARED,
         facts=facts,
-        camera=sourced(Camera.preset(CAMERA).to_dict()),
+        camera=findings.sourced(Camera.preset(CAMERA).to_dict()),
+        findings=findings,
     )
 
 
