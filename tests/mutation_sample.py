@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 import yaml
 
@@ -89,7 +90,7 @@ def passes(tree: Path, fault: Mapping[str, str]) -> bool:
 
 
 def run_tests(tree: Path, tests: Sequence[str]) -> int:
-    """The exit code of pytest; 5, that there are no tests, is an error."""
+    """0 where all pass, 1 where one fails or takes far too long. Raises ``RuntimeError`` where none can be run."""
     parts = [tree, tree / "eval", tree / "models"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, parts)), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "", *tests]
