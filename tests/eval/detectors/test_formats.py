@@ -214,7 +214,31 @@ def test_suppression_looks_past_a_crowd_of_duplicates() -> None:
     np.testing.assert_array_equal(kept.boxes_xyxy, [[0, 0, 10, 10], [20, 20, 30, 30]])
 
 
+def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
+    """Nine apart, enough copies of the first to fill the first look, and a tenth: all ten are kept."""
+    corners = np.stack([20.0 * np.arange(10), np.zeros(10)], axis=1)
+    apart = np.hstack([corners, corners + 10]).astype(np.float32)
+    boxes = np.concatenate([apart[:9], np.tile(apart[:1], (60, 1)), apart[9:]])
+    scores = np.linspace(0.9, 0.1, len(boxes), dtype=np.float32)
+    kept = suppress(Candidates(boxes, scores, np.zeros(len(boxes), np.int64)), 0.5, 10)
+    np.testing.assert_array_equal(kept.boxes_xyxy, apart)
+
+
+def test_of_equal_scores_the_first_are_kept() -> None:
+    corners = np.stack([20.0 * np.arange(60), np.zeros(60)], axis=1)
+    boxes = np.hstack([corners, corners + 10]).astype(np.float32)
+    kept = suppress(Candidates(boxes, np.full(60, 0.5, np.float32), np.zeros(60, np.int64)), 0.5, 10)
+    np.testing.assert_array_equal(kept.boxes_xyxy, boxes[:10])
+
+
 # --- pictures into the network, boxes back ---
+
+
+def test_an_odd_border_has_its_smaller_half_first() -> None:
+    """As YOLOv5's and Ultralytics' letterboxes: 3 rows beside a picture, 1 above and 2 below."""
+    contract = Contract("yolov8", ("a",), resize="letterbox", value_range="0-255", pad_value=0)
+    blob, _ = lay_in(np.full((5, 8, 3), 200, np.uint8), contract, (8, 8))
+    np.testing.assert_array_equal(blob[0, 0, :, 0] > 0, [False, True, True, True, True, True, False, False])
 
 
 def corner_marks(height: int, width: int) -> NDArray[np.uint8]:

@@ -160,6 +160,7 @@ def test_a_high_region_is_laid_on_its_side() -> None:
     assert crop.shape == (20, 80, 3)
     assert crop[10, 5].tolist() == [255, 0, 0]  # what was above is on the left
     assert crop[10, 75].tolist() == [0, 255, 0]
+    assert straighten(image, corners_of((50, 50), (40, 61), 0).astype(np.float32)).shape == (40, 61, 3)
     assert straighten(image, corners_of((50, 50), (60, 80), 0).astype(np.float32)).shape == (80, 60, 3)
 
 
