@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Literal, cast
+from typing import Literal, cast, get_args
 
 import numpy as np
 import torch
@@ -36,7 +36,7 @@ from blurnoise.optics import transfer
 from blurnoise.optics.transfer import SHARP, Optics
 
 Method = Literal["auto", "none", "transfer", "tiles", "kornia"]
-METHODS = ("auto", "none", "transfer", "tiles", "kornia")
+METHODS = get_args(Method)
 _LONGEST_KERNEL_PX = 2000  # whose cost in time and memory grows as its square
 NEGLIGIBLE = 1e-5
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
