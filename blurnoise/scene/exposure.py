@@ -108,8 +108,7 @@ class Exposure:
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None, *, swept: bool) -> Tensor:
-        """Boxes (N, 4) after the effects. Where each place has its own motion: the hull of what becomes of the
-        corners, the sides' middles and the box's own."""
+        """Boxes (N, 4) after the effects; where places differ in motion, the hull of corners and middles."""
         boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
         size = None if size is None else picture_size("size", size)
         x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)

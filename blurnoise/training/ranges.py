@@ -137,7 +137,7 @@ class ExposureRanges(Draws):
         }
         for name in (*DRAWN, "shake_px", *_INSTEAD):
             if name not in _INSTEAD or getattr(self, name) is not None:
-                checked[name] = _bounds(name, getattr(self, name))
+                checked[name] = bounds(name, getattr(self, name))
         vars(self).update(checked)
         check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
         warn_of_milliseconds(*checked["exposure_s"])
@@ -254,7 +254,8 @@ def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> 
     ]
 
 
-def _bounds(name: str, value: Range) -> tuple[float, float]:
+def bounds(name: str, value: Range) -> tuple[float, float]:
+    """The two ends of a range. Raises ``TypeError`` or ``ValueError`` outside the limits of its name."""
     value = _plain(value)
     ends = (value, value) if isinstance(value, Real) else value
     if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2:
@@ -287,7 +288,7 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
     if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
         must = "must be a number, (low, high), 'auto' or an AutoExposure"
         raise TypeError(f"gain_db = {shown(gain_db)}: {must}")
-    low, high = _bounds("gain_db", gain_db)
+    low, high = bounds("gain_db", gain_db)
     for camera in cameras:
         camera.at_gain(low), camera.at_gain(high)
     return low if low == high else (low, high)

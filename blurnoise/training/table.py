@@ -1,9 +1,8 @@
 """Table of conditions to draw from: those of a deployment, as a sweep's folder or a grid has them.
 
 Convention: speeds px/s, directions counter-clockwise as displayed. Rows are equally likely. Exposure, light and speed
-are drawn between a row's value and the middles to its neighbours among the values of all rows (in the logarithm for
-exposure and light), so that draws lie between two values of a grid, too, and none beyond its ends; a row at rest
-stays at rest. All else is the row's, a gain, too; for rows without one auto-exposure sets it.
+are drawn between a row's value and the middles to its neighbours among all rows (in the logarithm for exposure and
+light), none beyond a grid's ends; a row at rest stays at rest. All else is the row's; a gain of None is automatic.
 Of a run the rows are those that its camera would use: at each light and motion the exposures that the run recommends,
 or the best where none works, and none that saturates more than a tenth of the picture while another does not.
 """
@@ -83,8 +82,7 @@ class ExposureTable(ranges.Draws):
             if row.gain_db is not None:
                 self.cameras[row.camera].at_gain(row.gain_db)
         if self.direction_deg is not None:
-            ends = ranges.ExposureRanges(direction_deg=self.direction_deg).direction_deg
-            vars(self).update(direction_deg=ends)
+            vars(self).update(direction_deg=ranges.bounds("direction_deg", self.direction_deg))
 
     @classmethod
     def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:

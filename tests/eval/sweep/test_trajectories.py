@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
+from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.deciding.question import what_breaks
 from blurnoise_eval.detectors.detector import Detector
@@ -24,9 +25,10 @@ from blurnoise_eval.sweep.exposing import Scene, frames
 from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 
-from blurnoise import Exposure, mattes, simulate
+from blurnoise import Exposure, simulate
 from blurnoise.motion import trajectory as paths
 from blurnoise.picture.develop import develop_8bit
+from blurnoise.scene import cutting
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
 LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"
@@ -69,7 +71,7 @@ def test_targets_move_beside_the_shake_and_before_it() -> None:
     light = torch.nn.functional.avg_pool2d(
         torch.rand(1, 3, 46, 63, generator=torch.Generator().manual_seed(2)), 5, 1, 2
     )
-    cut = mattes.cut_out(light, [mattes.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
+    cut = cutting.cut_out(light, [segmentation.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
     path = paths.shake(5, 9.0, 0.02)
     taken = Exposure(CAMERA, 0.02, 100.0, (600.0, 0.0), seed=7, trajectory=path, moves="targets")
     (frame,) = CutScene(cut).frames([taken])
