@@ -116,5 +116,6 @@ def weights(u: Plane, radii_px: tuple[float, ...]) -> Plane:
     apart = u - nodes
     apart[apart == 0] = np.finfo(u.dtype).tiny
     signs = (-1.0) ** np.arange(count) * np.sin((np.arange(count) + 0.5) * np.pi / count)
-    found = signs.astype(u.dtype).reshape(nodes.shape) / apart
-    return np.asarray(found / found.sum(0))
+    np.divide(signs.astype(u.dtype).reshape(nodes.shape), apart, out=apart)
+    apart /= apart.sum(0)
+    return np.asarray(apart)
