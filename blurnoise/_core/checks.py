@@ -281,7 +281,8 @@ class _Short(reprlib.Repr):
     """Cuts what is large before it is written: Python refuses to write integers of 4300 digits."""
 
     def repr_int(self, value: int, level: int) -> str:
-        return repr(value) if value.bit_length() <= 128 else f"<integer of {value.bit_length()} bits>"
+        few = value.bit_length() <= 10_000
+        return super().repr_int(value, level) if few else f"<integer of {value.bit_length()} bits>"
 
 
 _SHORT = _Short()

@@ -21,6 +21,7 @@ import yaml
 
 LARGEST_TEXT_BYTES = 64 << 20
 """Of a table as CSV: a day of readings at 20 Hz, or an hour at 500 Hz."""
+_MOST_ALIASES = 16  # each may hold two of another, and so on
 _LARGEST_BYTES = 1 << 20  # of a document: YAML is read at 50 kB a second
 
 
@@ -164,7 +165,16 @@ def yaml_of(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which one would be lost. 1:30 is text, not 90 as in YAML 1.1."""
+    """Refuses a key that stands twice, of which one would be lost, and many aliases, with which a short text holds a
+    billion values. 1:30 is text, not 90 as in YAML 1.1."""
+
+    aliases = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self.aliases += self.check_event(yaml.AliasEvent)
+        if self.aliases > _MOST_ALIASES:
+            raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
+        return super().compose_node(parent, index)
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)

@@ -119,7 +119,7 @@ def test_road_speeds(street: Path, capsys: Output) -> None:
         (["--object", "1,2,3"], "must be MASK.png or X,Y,WIDTH,HEIGHT"),
         (["--object", "500,2,3,4"], "covers nothing"),
         (["--object", "5,2,-3,4"], "box: x, width = -3"),
-        (["--object", "0,0,120,80"], "give a plate"),
+        (["--object", "0,0,120,80"], "there must be a plate"),
         (["--object", "none.png"], "none.png"),
         (["--object", WHERE, "--object-dx", "1e9"], "object_dx = 1000000000.0"),
         (["--object", WHERE, "--plate", "street.png", "--grey-anchor", "mean"], "neither grey_anchor"),

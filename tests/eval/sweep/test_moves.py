@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from commands import main
 from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
 
-from blurnoise.scene import scene
+from blurnoise.scene import exposure
 from blurnoise.scene.scene import Exposure
 
 KINDS = (0.0, 1.0, 2.0)
@@ -45,7 +45,7 @@ def labelled() -> PictureSet:
 
 
 def test_names_are_those_of_the_simulator() -> None:
-    assert MOVES.choices == scene.MOVES
+    assert MOVES.choices == get_args(exposure.Moves)
 
 
 def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detector: Detector) -> None:
