@@ -68,7 +68,6 @@ def evaluate(
     cluster: str | None = None,
     engine: str | Engine = "threads",
     threads: int | None = None,
-    address: str | None = None,
     part: str | None = None,
     refine: bool = True,
     progress: bool | None = None,
@@ -86,8 +85,7 @@ def evaluate(
     :mod:`blurnoise_eval.answers.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.
     engine: "threads", "processes", "ray", or an :class:`~blurnoise_eval.sweep.engines.Engine`.
-    threads: how many of the engine's workers, by default one per core. address: of the cluster,
-    for "ray"; without it one is started on this machine. part: "1/4": only the first quarter of the
+    threads: how many of the engine's workers, by default one per core. part: "1/4": only the first quarter of the
     pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. refine: whether to compute
     more exposures where a window ends between two tested ones, to a quarter of a stop
     (:mod:`blurnoise_eval.sweep.refining`); a part refines nothing. progress: whether to draw a
@@ -98,7 +96,7 @@ def evaluate(
     (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
     """
     folder = working_folder(output)
-    computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
+    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     stated_camera = None if camera is None else _camera(camera)  # before anything is opened
     opened = _opened(models)
     shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)

@@ -30,6 +30,7 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
     from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.evaluation import evaluate
     from blurnoise_eval.grid.parts import Part
+    from blurnoise_eval.sweep.engines import engine_of
     from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", given.cluster)
@@ -50,9 +51,8 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
             keep=given.keep,
             score=given.score,
             cluster=given.cluster,
-            engine=given.engine,
+            engine=engine_of(given.engine, workers, given.address) if given.address else given.engine,
             threads=workers,
-            address=given.address,
             part=given.part,
             refine=given.refine,
             progress=True,
