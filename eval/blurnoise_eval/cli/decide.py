@@ -42,9 +42,8 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
             score=given.score,
             cluster=given.cluster,
             precision=Precision(given.regret, given.edge_stops, given.most_nodes),
-            engine=given.engine,
+            engine=given_by.engine(given, workers),
             threads=workers,
-            address=given.address,
             progress=True,
             command=given_by.command(),
         )

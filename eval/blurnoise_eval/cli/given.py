@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.plan_file import PlanFile
     from blurnoise_eval.scoring.on_picture import Model
+    from blurnoise_eval.sweep.engines import Engine
     from blurnoise_eval.system.urls import Location
 
 Labels = Literal["coco", "yolo", "bdd", "text"]
@@ -172,6 +173,13 @@ def command() -> str:
     from blurnoise_eval.system.urls import without_secrets
 
     return without_secrets(" ".join(["blurnoise", *sys.argv[1:]]))
+
+
+def engine(plan: PlanFile, workers: int | None) -> str | Engine:
+    """Who computes, by name, or connected to the cluster at the address that is given."""
+    from blurnoise_eval.sweep.engines import engine_of
+
+    return plan.engine if plan.address is None else engine_of(plan.engine, workers, plan.address)
 
 
 def threads(count: int | None) -> int:

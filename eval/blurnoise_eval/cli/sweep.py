@@ -30,7 +30,6 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
     from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.evaluation import evaluate
     from blurnoise_eval.grid.parts import Part
-    from blurnoise_eval.sweep.engines import engine_of
     from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", given.cluster)
@@ -51,7 +50,7 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
             keep=given.keep,
             score=given.score,
             cluster=given.cluster,
-            engine=engine_of(given.engine, workers, given.address) if given.address else given.engine,
+            engine=given_by.engine(given, workers),
             threads=workers,
             part=given.part,
             refine=given.refine,

@@ -107,7 +107,6 @@ def decided(
     precision: Precision = Precision(),
     engine: str | Engine = "threads",
     threads: int | None = 1,
-    address: str | None = None,
     progress: bool | None = None,
     command: str = "blurnoise_eval.decided",
 ) -> Decision:
@@ -133,8 +132,7 @@ def decided(
     if not question.searched:
         evaluate(
             list(models), pictures, camera, plan, folder,
-            **enough, cluster=cluster, engine=engine, threads=threads, address=address, progress=progress,
-            command=command,
+            **enough, cluster=cluster, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
         with Store(folder.path) as store:
             note_question(store, question)
@@ -146,7 +144,7 @@ def decided(
     if nodes.cuts:
         check_cut(pictures, nodes.objects)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
-    computed_by = engine_of(engine, threads, address) if isinstance(engine, str) else engine
+    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     facts = {"command": command, **engine_facts(engine, threads)}
     with (
         begun_or_gone(folder.path),

@@ -37,9 +37,12 @@ def note_question(store: Store, question: Question) -> None:
 
 
 def question_of(store: Store) -> Question | None:
-    """What was asked of the run last; None of a sweep."""
+    """What was asked of the run last; None of a sweep. Raises ``StoreError`` for one of other software."""
     held = store.about(_QUESTION)
-    return None if held is None else Question(**held)
+    try:
+        return None if held is None else Question(**held)
+    except TypeError:
+        raise store.damaged(_QUESTION, "must have grid, because and cheaper") from None
 
 
 def on_lines(store: Store, measured: Tables) -> Tables:

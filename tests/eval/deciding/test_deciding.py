@@ -20,7 +20,7 @@ from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.deciding import deciding
 from blurnoise_eval.deciding.deciding import Precision, decided
-from blurnoise_eval.deciding.decision import Decision
+from blurnoise_eval.deciding.decision import Decision, question_of
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import evaluate
@@ -240,6 +240,13 @@ def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> Non
         with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
             decide(tmp_path / "run", detector, **wrong)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_question_of_other_software_is_named(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        store.set_about("question", {"exposures_s": [0.01, 0.1]})
+        with pytest.raises(StoreError, match=r"made by other software \(question: must have grid"):
+            question_of(store)
 
 
 @pytest.mark.slow
