@@ -41,7 +41,7 @@ from blurnoise._core.checks import (
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout, spread_px
-from blurnoise.blur.sub_exposures import SPACING_PX, Sheet
+from blurnoise.blur.sub_exposures import Sheet
 from blurnoise.optics.transfer import SHARP
 
 _PLACE_PX = 1 << 20
@@ -130,7 +130,6 @@ def expose_layers(
     exposure_s: Numbers,
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
     border: Border = "reflect",
-    step_px: float = SPACING_PX,
 ) -> Tensor:
     """The mean light (B, C, H, W) of an exposure of backgrounds (B, C, H, W), float32 or float64, and their layers.
 
@@ -139,7 +138,6 @@ def expose_layers(
     """
     image_batch("background", background)
     one_of("border", border, BORDERS)
-    in_range("step_px", step_px, 0.05, 1e5)
     per_picture = layers_per_picture(layers, background)
     exposure = limited_per_image("exposure_s", exposure_s, len(background), background)
     moved_px = convolution.motions("velocity_px_s", velocity_px_s, background) * exposure[:, None]
@@ -149,7 +147,7 @@ def expose_layers(
         for by, lasting in zip(moved_px, exposure, strict=True)
     ]
     pictures = zip(torch.split(background, 1), per_picture, moves, strict=True)
-    seen = [exposed(picture, own, by, border, step_px) for picture, own, by in pictures]
+    seen = [exposed(picture, own, by, border) for picture, own, by in pictures]
     return seen[0] if len(seen) == 1 else torch.cat(seen)
 
 
@@ -169,11 +167,7 @@ def moved(picture: Tensor, moves: Displacement, border: Border) -> Tensor:
 
 
 def exposed(
-    background: Tensor,
-    layers: Sequence[Layer],
-    moves: Displacement,
-    border: Border = "reflect",
-    step_px: float = SPACING_PX,
+    background: Tensor, layers: Sequence[Layer], moves: Displacement, border: Border = "reflect"
 ) -> Tensor:
     """:func:`expose_layers` of one picture (1, C, H, W); moves: the background's, before any camera."""
     size = (background.shape[-2], background.shape[-1])
@@ -207,7 +201,7 @@ def exposed(
                 each = _Alike((*last.layers, *each.layers), last.moves, window)
             near.append(each)
         if len(near) > 1 or not (moves.still or near[0].moves.still):
-            seen = _sub_exposed(near, window, ground, blurred, moves, border, step_px)
+            seen = _sub_exposed(near, window, ground, blurred, moves, border)
         else:
             colour, share = _blurred(near[0], window, background, border)
             seen = colour + (1 - share) * blurred[..., *window.within]
@@ -247,7 +241,6 @@ def _sub_exposed(
     blurred: Tensor,
     moves: Displacement,
     border: Border,
-    step_px: float,
 ) -> Tensor:
     """The window (1, C, h, w) as a mean of sub-exposures of what varies together; what does not, the light of the
     foremost and what is uncovered of the background, is as exact as elsewhere."""
@@ -265,7 +258,7 @@ def _sub_exposed(
         if each is front and not front.moves.each_row_differs:  # its light is added below
             plane = plane[-1:]
         sheets.append(Sheet(plane, each.moves, work.top, work.left))
-    light, uncovered = sub_exposures.exposed_together(sheets, window, step_px)
+    light, uncovered = sub_exposures.exposed_together(sheets, window)
     if not front.moves.each_row_differs:
         colour, share = _blurred(front, window, ground, border)
         light = light + colour[0]

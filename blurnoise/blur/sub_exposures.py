@@ -115,14 +115,12 @@ def exposed(sheet: Sheet, window: Window | None = None) -> Tensor:
     return _means([sheet], window, bands, fine=fine)[0]
 
 
-def exposed_together(
-    sheets: Sequence[Sheet], window: Window, spacing_px: float = SPACING_PX
-) -> tuple[Tensor, Tensor]:
+def exposed_together(sheets: Sequence[Sheet], window: Window) -> tuple[Tensor, Tensor]:
     """Mean (C, h, w) of sheets, hindmost first, less that of the hindmost times how much of it is uncovered on
-    average; and the latter, (1, h, w). spacing_px: between two sub-exposures, at most."""
+    average; and the latter, (1, h, w)."""
     every = [sheet.moves for sheet in sheets]
     fine = any(moves.each_row_differs for moves in every)
-    bands = _bands(every, window, min(spacing_px, _FINE_PX) if fine else spacing_px)
+    bands = _bands(every, window, _FINE_PX if fine else SPACING_PX)
     light, hindmost, uncovered = _means(sheets, window, bands, fine=fine)
     return light - uncovered * hindmost, uncovered
 

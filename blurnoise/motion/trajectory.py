@@ -215,12 +215,14 @@ def per_picture(
     """A trajectory or None for each picture of a batch; () if all are None. Raises ``TypeError``."""
     if trajectory is None:
         return ()
-    each = (trajectory,) * batch if isinstance(trajectory, Trajectory) else tuple(trajectory)
-    if any(one is not None and not isinstance(one, Trajectory) for one in each):
-        raise TypeError("trajectory: must be a blurnoise.Trajectory, or one or None for each picture")
+    each = (trajectory,) * batch if isinstance(trajectory, Trajectory) else trajectory
+    known = isinstance(each, Sequence) and all(isinstance(one, Trajectory | None) for one in each)
+    if not known:
+        must = "must be a blurnoise.Trajectory, or a sequence of one or None for each picture"
+        raise TypeError(f"trajectory = {shown(trajectory)}: {must}")
     if len(each) != batch:
         raise ValueError(f"trajectory: got {len(each)} for a batch of {batch}; must be one per picture")
-    return each if any(each) else ()
+    return tuple(each) if any(each) else ()
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:

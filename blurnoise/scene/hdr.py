@@ -94,21 +94,13 @@ def captured(
     return frames
 
 
-def fuse(
-    frames: Sequence[Tensor],
-    camera: Camera,
-    captures: Sequence[Capture],
-    *,
-    blend: tuple[float, float] = BLEND,
-) -> Tensor:
+def fuse(frames: Sequence[Tensor], camera: Camera, captures: Sequence[Capture]) -> Tensor:
     """Electrons of the first capture, of digital numbers of all of them; floats of any sign.
 
-    Black level off, over K, times R_k; up to ``blend[0]`` of its range a capture counts alone, from ``blend[1]`` on
+    Black level off, over K, times R_k; up to ``BLEND[0]`` of its range a capture counts alone, from ``BLEND[1]`` on
     the next, between them both, linearly. Raises ``ValueError`` naming the argument.
     """
-    if not isinstance(blend, tuple) or len(blend) != 2 or not 0 < blend[0] < blend[1] <= 1:
-        raise ValueError(f"blend = {shown(blend)}: must be two shares of the range, 0 < low < high <= 1")
-    low, high = blend
+    low, high = BLEND
     readers = _readers(camera, captures)
     if len(frames) != len(captures) or any(frame.shape != frames[0].shape for frame in frames):
         raise ValueError(f"frames: got {len(frames)}; must be one per capture, {len(captures)}, of one shape")

@@ -168,9 +168,9 @@ def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Cur
 
     Of a camera whose pictures are grey by what its pixels make of them.
     """
-    means = batch_shaped("light", light).mean(dim=(-2, -1))
-    if light.shape[1] != len(LUMINANCE):
-        return means.mean(dim=1)
-    if camera is None or camera.cfa not in ("mono", "RCCC"):
-        return means @ means.new_tensor(LUMINANCE)
-    return means @ means.new_tensor(colour_shares(camera, illuminant))
+    channels = batch_shaped("light", light).shape[1]
+    weights = LUMINANCE if channels == 3 else (1 / channels,) * channels
+    if channels == 3 and camera is not None and camera.cfa in ("mono", "RCCC"):
+        weights = colour_shares(camera, illuminant)
+    by = light.new_tensor(weights)  # picture by picture: sums over a batch have other bits
+    return torch.cat([picture.mean(dim=(-2, -1)) @ by for picture in torch.split(light, 1)])

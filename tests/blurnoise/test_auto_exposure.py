@@ -92,3 +92,11 @@ def test_without_noise_the_picture_does_not_depend_on_the_light() -> None:
 def test_what_cannot_be_is_named(figures: dict[str, float], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         AutoExposure(**figures)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_a_picture_is_metered_alike_alone_and_in_a_batch(channels: int) -> None:
+    """Values of float16, whose sums round differently in another order."""
+    light = torch.rand(5, channels, 301, 403, generator=torch.Generator().manual_seed(1)).half().float()
+    alone = torch.cat([mean_luma(picture) for picture in torch.split(light, 1)])
+    assert torch.equal(mean_luma(light), alone)

@@ -15,7 +15,7 @@ from blurnoise.optics.camera import Capture, dual_gain, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
-from blurnoise.scene.hdr import BLEND, Flicker, captured, developed, fuse
+from blurnoise.scene.hdr import Flicker, captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
 FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
@@ -31,11 +31,10 @@ def fused(
     light: torch.Tensor,
     camera: Camera,
     captures: tuple[Capture, ...],
-    blend: tuple[float, float] = BLEND,
     **taken: object,
 ) -> torch.Tensor:
     """Electrons of the first capture."""
-    return fuse(captured(ExposedScene(light), camera, captures, **taken), camera, captures, blend=blend)
+    return fuse(captured(ExposedScene(light), camera, captures, **taken), camera, captures)
 
 
 def flat(electrons: float, captures: tuple[Capture, ...], seed: int = 1, **options: object) -> torch.Tensor:
@@ -197,6 +196,10 @@ class TestGhost:
     FINENESS = 16
     X = (torch.arange(80 * FINENESS) + 0.5) / FINENESS - 40.0
 
+    @pytest.fixture(autouse=True)
+    def switches_at_saturation(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(hdr, "BLEND", (0.999, 1.0))
+
     def seen(self, captures: tuple[Capture, ...]) -> torch.Tensor:
         """Electrons along the row, as shares of saturation."""
         light = torch.where(self.X.abs() < 10, 4.0, 0.0)[None, None, None]
@@ -210,7 +213,6 @@ class TestGhost:
             generator=[0],
             noise=False,
             quantised=False,
-            blend=(0.999, 1.0),
         )
         return electrons.flatten() / WELL_E
 
@@ -306,8 +308,6 @@ def test_bad_numbers() -> None:
         Capture(0.0)
     with pytest.raises(ValueError, match="must be one per capture, 2"):
         fuse([torch.ones(1, 1, 2, 3)], IMX250, staggered(16))
-    with pytest.raises(ValueError, match=r"blend = .*: must be two shares"):
-        fuse([torch.ones(1, 1, 2, 3)] * 2, IMX250, staggered(16), blend=(0.9, 0.8))
 
 
 def test_a_camera_file_states_captures(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (
         blurnoise.expose_layers,
         {"background": PICTURES, "layers": [blurnoise.Layer(**LAYER)], "exposure_s": 0.05,
-         "velocity_px_s": (0.0, 9.0), "border": "reflect", "step_px": 2.0},
+         "velocity_px_s": (0.0, 9.0), "border": "reflect"},
     ),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
     (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),

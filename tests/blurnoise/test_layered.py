@@ -11,6 +11,7 @@ from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, STILL, Moti
 from torch import Tensor
 
 from blurnoise import Layer, expose_layers, motion_blur
+from blurnoise.blur import sub_exposures as blur_sub_exposures
 from blurnoise.blur.layers import seen_behind
 
 
@@ -109,7 +110,7 @@ def test_a_scene_rendered_finer_with_what_is_hidden() -> None:
     [(0.0, -10.0, 0.2488), (0.0, 10.0, 0.2500), (1.0, 5.0, 0.164), (1.0, -10.0, 0.074), (1.0, 0.0, 0.0)],
 )
 def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
-    white: float, background_px: float, largest: float
+    monkeypatch: pytest.MonkeyPatch, white: float, background_px: float, largest: float
 ) -> None:
     """An object 20 px wide that moves 10 px: a black one, the background a step at its edge, and a white one
     before (1 + cos(2 pi x / 7)) / 2. Sixteen samples a pixel; sub-exposures a twentieth of
@@ -119,7 +120,8 @@ def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
     alpha = (x.abs() < 10).double()[None]
     behind = (1 + torch.cos(2 * math.pi * x / 7)) / 2 if white else (x < -10).double()
     light = torch.full((1, *alpha.shape), white, dtype=torch.float64)
-    fine = {"exposure_s": 1.0, "velocity_px_s": (background_px * finer, 0.0), "step_px": 0.05 * finer}
+    monkeypatch.setattr(blur_sub_exposures, "SPACING_PX", 0.05 * finer)
+    fine = {"exposure_s": 1.0, "velocity_px_s": (background_px * finer, 0.0)}
     background = behind[None, None, None]
     found = expose_layers(background, [Layer(light, alpha, (10.0 * finer, 0.0))], **fine)
     a = motion_blur(alpha[None, None], (10.0 * finer, 0.0))

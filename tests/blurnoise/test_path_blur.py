@@ -214,7 +214,8 @@ def test_boxes_stay_and_sweep_what_the_path_covers() -> None:
 @pytest.mark.parametrize(
     ("trajectory", "error", "words"),
     [
-        ("left", TypeError, "trajectory: must be a blurnoise.Trajectory"),
+        ("left", TypeError, "trajectory = .left.: must be a blurnoise.Trajectory"),
+        (3, TypeError, "trajectory = 3: must be a blurnoise.Trajectory"),
         ([None], ValueError, "trajectory: got 1 for a batch of 2"),
         (straight_path((1.0, 0.0), 0.001), ValueError, "must hold the exposure, -0.005 to 0.005 s"),
     ],

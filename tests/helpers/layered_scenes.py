@@ -37,11 +37,9 @@ BACKGROUND, OBJECT, OTHER = (texture(*SIZE, seed) for seed in (1, 2, 3))
 MATTE, SECOND = disc(*SIZE, 58.3, 44.6, 12.0), disc(*SIZE, 68.0, 40.0, 9.0)
 
 
-def seen(
-    moved: Motion, background: Motion, *, light: Tensor = OBJECT, alpha: Tensor = MATTE, step_px: float = 2.0
-) -> Tensor:
+def seen(moved: Motion, background: Motion, *, light: Tensor = OBJECT, alpha: Tensor = MATTE) -> Tensor:
     layer = Layer(light, alpha, moved)
-    return expose_layers(BACKGROUND[None], [layer], exposure_s=1.0, velocity_px_s=background, step_px=step_px)
+    return expose_layers(BACKGROUND[None], [layer], exposure_s=1.0, velocity_px_s=background)
 
 
 def close(one: Tensor, other: Tensor, tolerance: float = 1e-9) -> None:
