@@ -217,7 +217,17 @@ def _by_torch(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Loo
     values = _finer_torch(wide, sheet.border, factor, _lossy(sheet, window, factor))
     if covers:
         values = torch.cat([values[:, :-1], values[:, -1:].clamp(0, 1)], 1)
-    return lambda at: _seen_torch(values, at[0], at[1], sheet.border)
+    border, (height, width) = sheet.border, values.shape[-2:]  # two values more on every side
+
+    def look(at: Tensor) -> Tensor:
+        x, y = (
+            (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
+            for place, inside in ((at[0], width - 4), (at[1], height - 4))
+        )
+        grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
+        return functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)[0]
+
+    return look
 
 
 def _led(sheet: Sheet) -> Sheet:
@@ -324,15 +334,3 @@ def _between(plane: Tensor, factor: int, lossy: bool) -> Tensor:
         unused = _MARGIN - len(kernel) // 2
         parts.append(functional.conv1d(lines[..., unused : lines.shape[-1] - unused], kernel[None, None]))
     return torch.cat(parts, 1).mT.reshape(*plane.shape[:2], -1)
-
-
-def _seen_torch(values: Tensor, x: Tensor, y: Tensor, border: Border) -> Tensor:
-    """Finer values (1, C, H, W), two more on every side, at places (h, w) in them: (C, h, w)."""
-    height, width = values.shape[-2:]
-    x, y = (
-        (place.clamp(-2, inside + 1) if border == "constant" else folded(place, inside, border)) + 2
-        for place, inside in ((x, width - 4), (y, height - 4))
-    )
-    grid = torch.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], -1)
-    seen: Tensor = functional.grid_sample(values, grid[None], "bilinear", "border", align_corners=True)
-    return seen[0]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -125,7 +125,6 @@ class Objects(LightEffect):
         return at.objects
 
 
-@dataclass(frozen=True)
 class Motion(LightEffect):
     """Motion by its transfer function: straight of any length and angle, or a path of straight segments."""
 
@@ -182,7 +181,6 @@ class Motion(LightEffect):
         return at.displacement_px, at.trajectories
 
 
-@dataclass(frozen=True)
 class MotionVariation(_Moving):
     """Motion that differs from pixel to pixel, as a moving camera's; left out, one motion serves the picture."""
 
@@ -202,7 +200,6 @@ class MotionVariation(_Moving):
         return at.variation_px
 
 
-@dataclass(frozen=True)
 class RollingShutter(_Moving):
     """Rows that are exposed one after another, or with global reset begin together and end one after another."""
 
@@ -246,9 +243,8 @@ class RollingShutter(_Moving):
         if not at.camera.row_time_s or not len(boxes_xyxy):
             return boxes_xyxy
         moves = displacement(at)
-        left, top, right, bottom = (
-            boxes_xyxy.detach().cpu().double().numpy().T - 0.5
-        )  # between pixels' centres
+        between = boxes_xyxy.detach().cpu().double().numpy() - 0.5  # pixels' centres
+        left, top, right, bottom = between.T
         top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
         x, _ = moves.mean_px((top + bottom) / 2)
         return torch.from_numpy(np.stack([left + x, top, right + x, bottom], 1) + 0.5).to(boxes_xyxy)

@@ -98,11 +98,7 @@ def _toned(picture: Tensor, at: Development) -> Tensor:
 
 
 def _compressed(picture: Tensor, at: Development) -> Tensor:
-    """A round trip through libjpeg at ``Camera.jpeg_quality``; linear light is not a file's, and stays.
-
-    Each picture by itself; three planes are colours, any other number are grey pictures. Gradients pass through
-    unchanged.
-    """
+    """A round trip through libjpeg of each picture; three planes are colours, others grey; gradients pass."""
     if at.encoding != "srgb" or picture.ndim < 3 or at.camera.jpeg_quality is None:
         return picture
     quality = at.camera.jpeg_quality

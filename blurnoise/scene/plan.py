@@ -139,7 +139,7 @@ def _plan(
     spread_dn = math.hypot(*(bounds[name] for name in bounds if name in spreading & left_out))
     rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
-    reduced = _without(camera, figures)
+    reduced = replace(camera, **dict.fromkeys(figures, 0.0)) if figures else camera  # type: ignore[arg-type]
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     kept = [effect for effect in of_light if effect.name not in left_out]
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in kept}
@@ -179,9 +179,3 @@ def _rounding_dn2(camera: Camera, spread_dn: float) -> float:
         return 0.0
     from_border_dn = abs(camera.black_level_dn % 1 - 0.5)
     return _ROUNDING_DN2 if from_border_dn < 4 * spread_dn else min(spread_dn, _ROUNDING_DN2)
-
-
-@lru_cache(maxsize=64)
-def _without(camera: Camera, figures: frozenset[str]) -> Camera:
-    """The camera with these figures 0."""
-    return replace(camera, **dict.fromkeys(figures, 0.0)) if figures else camera  # type: ignore[arg-type]

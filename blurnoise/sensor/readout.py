@@ -252,7 +252,7 @@ def _write_piece(
         of_mean, of_noise = gain_dn * unit_e, gain_dn * scale_e
         cv2.addWeighted(mean, of_mean, added, of_noise, black_dn, dst=codes, dtype=cv2.CV_16U)
         if full is not None:
-            np.putmask(codes, *full)
+            codes[full[0]] = full[1]
         if table is None:
             np.minimum(codes, camera.full_scale_dn, out=codes)
             np.copyto(frame, codes, casting="unsafe")
@@ -263,7 +263,7 @@ def _write_piece(
 def _where_full(
     mean: Plane, unit_e: float, camera: Camera, normal: Plane, read: Plane, offset_e: Plane | None
 ) -> tuple[NDArray[np.bool_], Plane] | None:
-    """Pixels whose charge may reach the full well, and all codes with the well applied to them; None if none do."""
+    """Pixels whose charge may reach the full well, and their codes with the well applied; None if none do."""
     where = mean >= stages.nearly_full_e(camera) / unit_e
     if not where.any():
         return None
@@ -274,24 +274,19 @@ def _where_full(
         charge += offset_e[where]
     charge *= camera.system_gain_dn_per_e
     charge += camera.black_level_dn
-    codes = np.zeros(mean.shape, np.uint16)
-    codes[where] = np.rint(charge).clip(0, 65_535)
-    return where, codes
+    return where, np.rint(charge).clip(0, 65_535).astype(np.uint16)
 
 
 def _merged_noise(
     mean: Plane, unit_e: float, read_noise_e: float, normal: Plane, bend: Plane, noise: Plane, skew: Plane
 ) -> float:
-    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns its unit in electrons.
-
-    mean: in units of unit_e. bend: z^2 - 1. skew: scratch.
-    """
-    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # / unit_e
+    """``stages.noisy_electrons`` less the mean, s z + k (z^2 - 1), into ``noise``; returns its unit in electrons."""
+    variance = np.add(mean, read_noise_e**2 / unit_e, out=noise)  # mean and variance: / unit_e
     np.divide(mean, variance, out=skew)  # 6 k
     noise_, skew_ = torch.from_numpy(noise), torch.from_numpy(skew)
     noise_.addcmul_(skew_, skew_, value=-2 / 36 / unit_e)
     cv2.sqrt(noise, dst=noise)
     np.multiply(noise, normal, out=noise)
     root_e = math.sqrt(unit_e)
-    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)
+    noise_.addcmul_(skew_, torch.from_numpy(bend), value=1 / 6 / root_e)  # bend: z^2 - 1
     return root_e
