@@ -78,15 +78,13 @@ def siemens_star(
     angle_deg: float = 0.0,
     dark: float = 0.1,
     bright: float = 0.8,
-    binary: bool = False,
     supersample: int = 8,
 ) -> Tensor:
     """Siemens star of diameter ``size_px`` in the picture's centre, (1, 1, H, W), linear reflectance.
 
-    The reflectance is m + c cos(cycles (φ - angle)), or its sign if ``binary``, with m = (bright + dark)/2 and
-    c = (bright - dark)/2. Around the star, and in the hub where a period is shorter than two sample points (radius
-    < cycles/(π supersample) px), it is m. At radius r the frequency is cycles/(2πr) cycles/px. The picture is as
-    large as the star if ``height_px`` and ``width_px`` are None.
+    The reflectance is m + c cos(cycles (φ - angle)), m = (bright + dark)/2, c = (bright - dark)/2. Around the star,
+    and in the hub where a period is shorter than two sample points (radius < cycles/(π supersample) px), it is m. At
+    radius r the frequency is cycles/(2πr) cycles/px. height_px, width_px: of the picture, or None: the star's.
     """
     radius = limited("size_px", size_px) / 2
     height, width = (
@@ -101,7 +99,6 @@ def siemens_star(
     def wave(x: Tensor, y: Tensor) -> Tensor:
         r = torch.hypot(x, y)
         value = torch.cos(cycles * (torch.atan2(-y, x) - turn))
-        value = value.sign() if binary else value
         return torch.where((r < radius) & (r >= hub), value, 0.0)[None]
 
     mean, contrast = (bright + dark) / 2, (bright - dark) / 2

@@ -4,9 +4,8 @@ Domain: linear digital numbers with the black level removed, frequencies in cycl
 is measured, its noise floor has been subtracted, and it may dip below 0.
 
 Functions of curves are differentiable and broadcast against ``power``; NaN in a curve gives NaN for it. A frequency
-axis rises from 0, for both signs, or from -1/2; power (..., Fy, Fx) that is not even in fx and fy apart (motion along
-a diagonal) needs one axis with both signs. Integrals are trapezoidal, cut at 1/2: pad the line spread function to
-twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
+axis rises from 0 to 1/2 or beyond and stands for both signs. Integrals are trapezoidal, cut at 1/2: pad the line
+spread function to twice its length, or more, since power is resolved every 1/(2w) cycles/px only.
 
 Functions of edges take :func:`blurnoise.metrics.slanted_edge`'s with a bootstrap, and give 95 % intervals. They
 assume white noise; where it certainly is not, NEQ(0) takes its power at frequency 0, and the flag is
@@ -27,7 +26,6 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from blurnoise._core import checks
-from blurnoise._core.checks import counted
 from blurnoise.metrics import values
 from blurnoise.metrics.edge.measurement import Resamples, SlantedEdge
 from blurnoise.metrics.values import Estimate
@@ -54,9 +52,7 @@ def shannon_capacity_radial(
     sign down to S/N = -0.9, so that noise averages out. Infinite without noise.
     """
     bits = _bits(values.real("power", power, dims=1), signal_pp, noise_variance)
-    axis = _axis("frequency", frequency, "power", bits)
-    if float(axis[0]) != 0:
-        raise ValueError(f"frequency: must start at 0 for a radial integral, got {float(axis[0]):g}")
+    axis = _axis("frequency", frequency, bits.shape[-1])
     return _sum(bits, _weights(axis) * axis) * math.pi  # the weights hold both signs
 
 
@@ -65,8 +61,7 @@ def shannon_capacity_square(
 ) -> Tensor:
     """Shannon information capacity, bits/px: log2(1 + S/N) over the whole square |fx|, |fy| < 1/2.
 
-    power: (..., Fy, Fx), as :func:`separable` makes it of two edges; a value per curve is shaped (..., 1, 1). The
-    rest as in :func:`shannon_capacity_radial`.
+    power: (..., Fy, Fx); a value per curve is shaped (..., 1, 1). The rest as in :func:`shannon_capacity_radial`.
     """
     bits = _bits(values.real("power", power, dims=2), signal_pp, noise_variance)
     return square_integral(frequency_x, frequency_y, bits)
@@ -80,7 +75,7 @@ def neq(power: Tensor, *, mean_signal: Number, noise_power_spectrum: Number) -> 
     """
     power = values.real("power", power)
     signal = values.beside("mean_signal", mean_signal, power) ** 2 * power
-    return _ratio(signal, values.not_negative("noise_power_spectrum", noise_power_spectrum, signal))
+    return _ratio(signal, values.beside("noise_power_spectrum", noise_power_spectrum, signal, low=0))
 
 
 def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectrum: Number) -> Tensor:
@@ -93,7 +88,7 @@ def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectru
     target = values.real("difference", difference, dims=2)
     density = torch.fft.fft2(target).abs() ** 2
     signal = density * values.beside("power", power, density)
-    noise = values.not_negative("noise_power_spectrum", noise_power_spectrum, signal)
+    noise = values.beside("noise_power_spectrum", noise_power_spectrum, signal, low=0)
     squared = _ratio(signal, noise)
     if squared.shape[-2:] != target.shape[-2:]:
         raise ValueError(
@@ -106,30 +101,9 @@ def ideal_observer_snr(difference: Tensor, *, power: Number, noise_power_spectru
 def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -> Tensor:
     """Integral of ``density`` (..., Fy, Fx) over the square |fx|, |fy| < 1/2, area 1. Returns (...)."""
     density = values.real("density", density, dims=2)
-    fx = _axis("frequency_x", frequency_x, "density", density)
-    fy = _axis("frequency_y", frequency_y, "density", density, -2)
+    fx = _axis("frequency_x", frequency_x, density.shape[-1])
+    fy = _axis("frequency_y", frequency_y, density.shape[-2])
     return _sum(_sum(density, _weights(fx)), _weights(fy))
-
-
-def separable(power_x: Tensor, power_y: Tensor) -> Tensor:
-    """Two-dimensional power (..., Fy, Fx) of one edge across x (..., Fx) and one across y (..., Fy), negative where
-    either is: true for motion along an axis, square pixels and Gaussian spread, not for defocus."""
-    x = values.real("power_x", power_x, dims=1)[..., None, :]
-    y = values.real("power_y", power_y, dims=1)[..., :, None]
-    return torch.where((x < 0) & (y < 0), -x * y, x * y)
-
-
-def at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
-    """``power`` (..., F) at ``frequency`` (F,), from 0, interpolated at ``wanted`` (K,), either sign: (..., K)."""
-    power = values.real("power", power, dims=1)
-    axis = _axis("frequency", frequency, "power", power)
-    place = values.real("wanted", wanted, dims=1).abs()
-    first, last = float(axis[0]), float(axis[-1])
-    if first != 0 or not bool((place <= last).all()):
-        raise ValueError(f"wanted: must lie in a curve from 0, here {first:g} to {last:g}")
-    right = torch.searchsorted(axis, place).clamp(1, len(axis) - 1)
-    share = (place - axis[right - 1]) / (axis[right] - axis[right - 1])
-    return torch.lerp(power[..., right - 1], power[..., right], share)
 
 
 def capacity_radial(edge: SlantedEdge) -> Estimate:
@@ -145,7 +119,10 @@ def capacity_radial(edge: SlantedEdge) -> Estimate:
 
 
 def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
-    """:func:`shannon_capacity_square` of two edges, bits/px, of blur that is separable in x and y."""
+    """:func:`shannon_capacity_square` of two edges, bits/px, of blur that is separable in x and y.
+
+    Motion along an axis, square pixels and Gaussian spread are separable, defocus is not.
+    """
 
     def bits(at: _Draws) -> Tensor:
         power = at.power.clamp_min(0)
@@ -178,7 +155,7 @@ def neq_integral(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
 
 def square_snr(across_x: SlantedEdge, across_y: SlantedEdge, *, side_px: int) -> Estimate:
     """:func:`ideal_observer_snr` (a ratio) of a square of ``side_px`` as bright as one side, on the other."""
-    counted("side_px", side_px, "target_px")
+    checks.counted("side_px", side_px, "target_px")
     target = torch.zeros(_CANVAS_PX, _CANVAS_PX, dtype=torch.float64)
     target[:side_px, :side_px] = 1
     grid = torch.fft.fftfreq(_CANVAS_PX, dtype=torch.float64)
@@ -210,12 +187,26 @@ def _draws(
             torch.as_tensor(getattr(source, each.name), dtype=torch.float64) for each in fields(Resamples)
         )
         power = power.reshape(-1, len(edge.frequencies))
-        curves.append(power if grid is None else at(edge.frequencies, power[:_RESAMPLES_2D], grid))
+        curves.append(power if grid is None else _at(edge.frequencies, power[:_RESAMPLES_2D], grid))
         levels.append(torch.stack([each.reshape(-1)[: len(curves[0])] for each in level]))
-    power = curves[0] if grid is None else separable(*curves)
+    power = curves[0] if grid is None else _separable(*curves)
     beside_power = (4, -1, *[1] * (power.ndim - 1))
     dark, bright, noise_dark, noise_bright = torch.stack(levels).mean(0).view(beside_power)
     return _Draws(power, bright - dark, (noise_dark + noise_bright) / 2, bright, noise_bright)
+
+
+def _at(frequency: Tensor, power: Tensor, wanted: Tensor) -> Tensor:
+    """``power`` (n, F) at ``frequency`` (F,), from 0, interpolated at ``wanted`` (K,), either sign: (n, K)."""
+    place = wanted.abs()
+    right = torch.searchsorted(frequency, place).clamp(1, len(frequency) - 1)
+    share = (place - frequency[right - 1]) / (frequency[right] - frequency[right - 1])
+    return torch.lerp(power[:, right - 1], power[:, right], share)
+
+
+def _separable(power_x: Tensor, power_y: Tensor) -> Tensor:
+    """Power (n, Fy, Fx) of an edge across x (n, Fx) and one across y (n, Fy), negative where either is."""
+    x, y = power_x[:, None, :], power_y[:, :, None]
+    return torch.where((x < 0) & (y < 0), -x * y, x * y)
 
 
 def _estimate(number: Callable[[_Draws], Tensor], grid: Tensor | None, **named: SlantedEdge) -> Estimate:
@@ -248,7 +239,7 @@ def _flags(*edges: SlantedEdge) -> frozenset[str]:
 
 def _bits(power: Tensor, signal_pp: Number, noise_variance: Number) -> Tensor:
     signal = values.beside("signal_pp", signal_pp, power) ** 2 / 12 * power
-    noise = values.not_negative("noise_variance", noise_variance, signal)
+    noise = values.beside("noise_variance", noise_variance, signal, low=0)
     return torch.log2(1 + _ratio(signal, noise).clamp(min=_LEAST))
 
 
@@ -258,15 +249,12 @@ def _ratio(signal: Tensor, noise: Tensor) -> Tensor:
     return torch.where(nothing, 0.0, signal / torch.where(nothing, 1.0, noise))
 
 
-def _axis(name: str, frequency: Tensor, of: str, curve: Tensor, dim: int = -1) -> Tensor:
+def _axis(name: str, frequency: Tensor, count: int) -> Tensor:
     axis = values.real(name, frequency, dims=1)
-    if axis.ndim != 1 or not bool(torch.isfinite(axis).all()) or not bool((axis.diff() > 0).all()):
-        raise ValueError(f"{name}: must be one rising axis of finite cycles/px, got {tuple(axis.shape)}")
-    first, last = float(axis[0]), float(axis[-1])
-    if last < NYQUIST or (first != 0 and first > -NYQUIST):
-        raise ValueError(f"{name}: must run from 0 or -1/2 to 1/2 cycles/px, got {first:g} to {last:g}")
-    if curve.shape[dim] != len(axis):
-        raise ValueError(f"{of}: shape {tuple(curve.shape)} does not fit {name}'s {len(axis)} values")
+    rising = axis.shape == (count,) and float(axis[0]) == 0 and bool((axis.diff() > 0).all())
+    if not rising or not NYQUIST <= float(axis[-1]) < math.inf:
+        must = f"must be {count} frequencies that rise from 0 to 1/2 cycles/px or beyond"
+        raise ValueError(f"{name} = {checks.shown(axis)}: {must}")
     return axis
 
 
@@ -276,7 +264,7 @@ def _weights(axis: Tensor) -> Tensor:
     start, stop = left.clamp(-NYQUIST, NYQUIST), right.clamp(-NYQUIST, NYQUIST)
     share = ((start + stop) / 2 - left) / (right - left)  # of the right end's value in the middle
     weights = pad((stop - start) * (1 - share), (0, 1)) + pad((stop - start) * share, (1, 0))
-    return weights * 2 if float(axis[0]) == 0 else weights
+    return weights * 2
 
 
 def _sum(curve: Tensor, weights: Tensor) -> Tensor:

@@ -29,32 +29,21 @@ SSIM_WINDOW_PX = 11
 """Gaussian of sigma 1.5 px, Z. Wang et al. 2004."""
 
 
-def patch_snr(
-    image: Tensor,
-    *,
-    roi: values.Roi | float = 0.5,
-    limits_dn: tuple[float, float] | None = None,
-) -> BatchEstimate:
-    """SNR of an even patch of ``image`` (..., H, W), mean over standard deviation as a ratio.
+def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) -> BatchEstimate:
+    """SNR of an even patch (..., H, W), mean over standard deviation as a ratio.
 
-    roi: (x, y, width, height) in px, or the centre's share of each side. A surface of second order, with its six
-    degrees of freedom, is subtracted, since shading is no noise; the flag "non_uniform" tests it. limits_dn: least
-    and greatest number a pixel can hold, black level removed; by default 0 and 255 for 8-bit pictures, and for others
-    no test of clipping. Where the deviation is 0, the ratio is infinite without interval, and "noiseless".
+    A surface of second order, with its six degrees of freedom, is subtracted, since shading is no noise; the flag
+    "non_uniform" tests it. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0
+    and 255 of 8 bits, else no test of clipping. Where the deviation is 0, the ratio is infinite without interval, and
+    "noiseless".
 
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
     the 95 % interval is too narrow for noise that is correlated between pixels.
     Source: EMVA 1288 release 4, SNR.
     """
-    if limits_dn is None and isinstance(image, Tensor) and image.dtype == torch.uint8:
+    if limits_dn is None and isinstance(patch, Tensor) and patch.dtype == torch.uint8:
         limits_dn = (0, 255)
-    image = values.real("image", image, dims=2)
-    if isinstance(roi, (int, float)):
-        share = checks.in_range("roi", roi, 0.0, 1.0, above=True)
-        height, width = image.shape[-2:]
-        h, w = max(1, round(height * share)), max(1, round(width * share))
-        roi = (width - w) // 2, (height - h) // 2, w, h
-    patch = values.cut(image, roi)
+    patch = values.real("patch", patch, dims=2)
     count, finite = patch.shape[-2] * patch.shape[-1], torch.isfinite(patch).all(-1).all(-1)
     mean = patch.mean((-2, -1))
     trend, order = _trend(patch)
@@ -118,21 +107,25 @@ def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
 
 
 def detection_probability(
-    patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float, kind: str
+    patch_a: Tensor, patch_b: Tensor, *, nominal: float, tolerance: float
 ) -> BatchEstimate:
     """Contrast detection probability of two patches (..., H, W) of any sizes and any distributions.
 
-    The probability that the contrast of a pixel of A to one of B lies within ``nominal`` (1 -+ ``tolerance``),
-    where ``nominal`` is the scene's, of ``kind`` "weber", A/B - 1, or "michelson", (A - B)/(A + B) (IEEE P2020).
-    With the bounds c of the contrast those of the ratio are r = 1 + c, or (1 + c)/(1 - c): a pair of pixels counts
-    where both are above black and rL B <= A <= rH B. The share of all pairs is a two-sample
-    U-statistic of variance var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is
-    Wilson's for as many coin flips as have that variance; it stays within [0, 1], and open where all pairs agree.
+    The probability that the Weber contrast A/B - 1 of a pixel of A to one of B lies within ``nominal``
+    (1 -+ ``tolerance``), where ``nominal`` is the scene's (IEEE P2020). A pair of pixels counts where both are above
+    black and rL B <= A <= rH B, r = 1 + contrast. The share of all pairs is a two-sample U-statistic of variance
+    var_A/nA + var_B/nB of the pixels' own shares (E. DeLong et al. 1988). The interval is Wilson's for as many coin
+    flips as have that variance; it stays within [0, 1], and open where all pairs agree.
     Flags: "noiseless", both patches are constant (often: saturated); "too_few_pixels", below 30 in a patch.
     Source: M. Geese, U. Seger, A. Paolillo 2018, "Detection Probabilities: Performance Prediction for Sensors of
     Autonomous Vehicles".
     """
-    low, high = _ratio_bounds(nominal, tolerance, kind)
+    middle = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high)
+    limited("tolerance", tolerance, "contrast")
+    low, high = sorted((1 + middle * (1 - tolerance), 1 + middle * (1 + tolerance)))
+    if not 0 < low < high:
+        must = f"the contrasts {low - 1:g} to {high - 1:g} must differ and lie above -1"
+        raise ValueError(f"nominal = {nominal:g}, tolerance = {tolerance:g}: {must}")
     a, b = _pixels(patch_a=patch_a, patch_b=patch_b)
     n_a, n_b = a.shape[-1], b.shape[-1]
     finite = torch.isfinite(a.sum(-1) + b.sum(-1))
@@ -198,20 +191,6 @@ def _share_between(own: Tensor, other: Tensor, low: float, high: float) -> Tenso
     below = torch.searchsorted(ordered, (own * low).contiguous())
     up_to = torch.searchsorted(ordered, (own * high).contiguous(), right=True)
     return torch.where(own > 0, (up_to - below) / other.shape[-1], 0.0).double()
-
-
-def _ratio_bounds(nominal: float, tolerance: float, kind: str) -> tuple[float, float]:
-    checks.one_of("kind", kind, ("weber", "michelson"))
-    limited("tolerance", tolerance, "contrast")
-    most = math.inf if kind == "weber" else 1.0
-    centre = checks.in_range("nominal", nominal, -1.0, min(most, LIMITS["contrast"].high))
-    low, high = sorted((centre * (1 - tolerance), centre * (1 + tolerance)))
-    if low == high or low <= -1 or high >= most:
-        raise ValueError(
-            f"nominal = {nominal:g}, tolerance = {tolerance:g}: the {kind} contrasts {low:g} to {high:g} must "
-            f"differ and lie between -1 and {most:g}"
-        )
-    return (1 + low, 1 + high) if kind == "weber" else ((1 + low) / (1 - low), (1 + high) / (1 - high))
 
 
 def _pixels(**patches: Tensor) -> list[Tensor]:

@@ -61,21 +61,15 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
     return value.double()
 
 
-def beside(name: str, value: float | Tensor, like: Tensor) -> Tensor:
-    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` if both do not broadcast."""
+def beside(name: str, value: float | Tensor, like: Tensor, *, low: float = -math.inf) -> Tensor:
+    """``value`` as float64 on ``like``'s device. Raises ``ValueError`` where it is below ``low``, or shapes clash."""
     tensor = checks.real_tensor(name, value).to(like.device, torch.float64)
     try:
         torch.broadcast_shapes(tensor.shape, like.shape)  # type: ignore[no-untyped-call]
     except RuntimeError:
         raise ValueError(f"{name}: shape {tuple(tensor.shape)} does not fit {tuple(like.shape)}") from None
-    return tensor
-
-
-def not_negative(name: str, value: float | Tensor, like: Tensor) -> Tensor:
-    """:func:`beside`. Raises ``ValueError`` where it is below 0; NaN passes."""
-    tensor = beside(name, value, like)
-    if bool((tensor.detach() < 0).any()):
-        raise ValueError(f"{name}: must be >= 0, the least is {float(tensor.detach().nan_to_num().min()):g}")
+    if bool((tensor.detach() < low).any()):
+        raise ValueError(f"{name}: must be >= {low:g}, got {checks.shown(tensor)}")
     return tensor
 
 

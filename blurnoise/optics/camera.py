@@ -28,8 +28,6 @@ from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
-DARK_NOISE = ("read_noise_e",)
-"""Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 
 
@@ -135,11 +133,8 @@ class Camera:
         for name in self.sources:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
-        starts, last_db, lens = (
-            [row.from_db for row in self.conversion_gains],
-            self.analogue_gain_max_db,
-            self.lens,
-        )
+        starts = [row.from_db for row in self.conversion_gains]
+        last_db, lens = self.analogue_gain_max_db, self.lens
         pinhole = lens.falloff_power or (
             lens.displaces and not (lens.distortion and lens.distortion.focal_px)
         )
@@ -191,7 +186,7 @@ class Camera:
         """From here on a pixel counts as saturated: full scale, or a lower well less three deviations of noise."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
-        noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_e)
+        noise_e = 3 * math.hypot(self.read_noise_e, self.dsnu_e)
         least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
         return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
 
@@ -230,14 +225,9 @@ class Camera:
         """
         return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), *rng.item_seeds(seed, 1))
 
-    @property
-    def dark_noise_e(self) -> float:
-        """Temporal noise without light or dark current, e- rms: of all ``DARK_NOISE``."""
-        return math.hypot(*(getattr(self, name) for name in DARK_NOISE))
-
     def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
-        """Temporal variance without light, DN^2: K^2 (dark_noise_e^2 + dark_e) + 1/12 (rounding)."""
-        return self.system_gain_dn_per_e**2 * (self.dark_noise_e**2 + dark_e) + 1 / 12
+        """Temporal variance without light, DN^2: K^2 (read_noise_e^2 + dark_e) + 1/12 (rounding)."""
+        return self.system_gain_dn_per_e**2 * (self.read_noise_e**2 + dark_e) + 1 / 12
 
     @property
     def snr_max_db(self) -> float:

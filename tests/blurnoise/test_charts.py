@@ -46,7 +46,7 @@ def centred(n: int) -> Tensor:
         (flat_patch(3, 5), (1, 1, 3, 5)),
         (slanted_edge(3, 5), (1, 1, 3, 5)),
         (siemens_star(8.5), (1, 1, 9, 9)),
-        (siemens_star(8, height_px=7, width_px=11, binary=True), (1, 1, 7, 11)),
+        (siemens_star(8, height_px=7, width_px=11), (1, 1, 7, 11)),
         (stop_sign(5), (1, 3, 10, 10)),
         (stop_sign(5, height_px=7, width_px=11), (1, 3, 7, 11)),
     ],
@@ -196,15 +196,6 @@ def test_star_has_converged() -> None:
     coarse, fine = siemens_star(60, cycles=24), siemens_star(60, cycles=24, supersample=40)
     assert (coarse - fine).abs().max() < 0.02
     assert (siemens_star(60, cycles=24, supersample=1) - fine).abs().max() > 0.1
-
-
-def test_binary_star_has_two_levels_in_equal_parts() -> None:
-    picture = siemens_star(200, cycles=8, dark=0.1, bright=0.8, binary=True)[0, 0]
-    y, x = centred(200)[:, None], centred(200)[None, :]
-    inside = (torch.hypot(x, y) < 99) & (torch.hypot(x, y) > 5)
-    dark, bright = (picture - 0.1).abs() < 1e-6, (picture - 0.8).abs() < 1e-6
-    assert (dark | bright)[inside].float().mean() > 0.9
-    assert dark[inside].sum().item() == pytest.approx(bright[inside].sum().item(), rel=0.01)
 
 
 # --- stop sign -------------------------------------------------------------

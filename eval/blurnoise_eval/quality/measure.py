@@ -111,7 +111,7 @@ class Charts:
         """Mean over deviation of the bright and of the dark patch."""
         black = self._camera.black_level_dn
         limits = (-black, self._camera.saturated_dn - black)
-        bright, dark = (patch_snr(patch, roi=1.0, limits_dn=limits) for patch in self.patches)
+        bright, dark = (patch_snr(patch, limits_dn=limits) for patch in self.patches)
         return bright, dark
 
     def of_patches(self, batch: BatchEstimate) -> list[Estimate]:
@@ -177,7 +177,7 @@ def _neq_0(charts: Charts) -> list[Estimate]:
 
 
 def _cdp(charts: Charts) -> list[Estimate]:
-    found = detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE, kind="weber")
+    found = detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE)
     return charts.of_patches(found)
 
 
