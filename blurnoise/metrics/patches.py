@@ -21,12 +21,11 @@ from blurnoise.metrics import values
 from blurnoise.metrics.values import BatchEstimate
 
 Z = NormalDist().inv_cdf(0.975)
-TREND_SHARE = 0.1
-"""Variance of the trend over that of the noise from which on a patch is not even."""
-FEWEST_PIXELS = 100
-"""Below it the deviation is known to no better than 7 %, and the normal interval is too narrow."""
-SSIM_WINDOW_PX = 11
-"""Gaussian of sigma 1.5 px, Z. Wang et al. 2004."""
+TREND_SHARE = 0.1  # variance of the trend over that of the noise from which on a patch is not even
+FEWEST_PIXELS = (
+    100  # below it the deviation is known to no better than 7 %: the normal interval is too narrow
+)
+SSIM_WINDOW_PX = 11  # Gaussian of sigma 1.5 px, Z. Wang et al. 2004
 
 
 def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) -> BatchEstimate:

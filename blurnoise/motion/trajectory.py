@@ -24,17 +24,16 @@ from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limi
 from blurnoise.optics.camera import Camera
 
 Floats = NDArray[np.float64]
-SIMPLIFIED_PX = 0.02
-"""How far a simplified path may be from the path at any time: the error of its transfer function is at most 2 pi f
-times that."""
+SIMPLIFIED_PX = (
+    0.02  # between a path and its simplified one at any time: 2 pi f times that in the transfer function
+)
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20
 _SPAN = 4096  # knots simplified together
 _STEPS = 2000  # of a shake during its exposure
 _ANXIETY = 0.005  # of Boracchi and Foi's shakes, as their demonstration has it
 _LENGTH_PX = 64.0  # of a path during an exposure, the unit of their terms
-LONGEST_SHAKE = 500
-"""Duration of a whole shake over the exposure that its extent is of, at most."""
+LONGEST_SHAKE = 500  # duration of a whole shake over the exposure that its extent is of, at most
 _FINE = 8  # places between two readings of a rate
 
 
@@ -175,10 +174,8 @@ def _seen(trajectory: Trajectory, exposure_s: float, velocity_px_s: tuple[float,
 
 
 def simplified(time: Floats, knots: Floats, tolerance_px: float) -> list[int]:
-    """Indices of the knots (2, K) at times (K,) to keep, for an error of at most ``tolerance_px`` at any time.
-
-    After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
-    """
+    """Indices of the knots (2, K) at times (K,) to keep, for an error of at most ``tolerance_px`` at any time."""
+    # After Douglas and Peucker, but with places at equal times compared: speed counts, not shape alone.
     kept = {*range(0, len(time), _SPAN), len(time) - 1}
     spans = list(pairwise(sorted(kept)))
     while spans:

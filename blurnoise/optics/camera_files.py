@@ -23,6 +23,7 @@ from blurnoise.optics.colour import FilterCurves, marked
 
 PRESETS = ("imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "lin2024")
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
+_hints = lru_cache(get_type_hints)
 _NO_FIGURES = ("name", "captures", "defocus_counts_pixel", "white_balance", "demosaic", "tone", "jpeg_quality",
                "sources")  # fmt: skip
 
@@ -34,10 +35,7 @@ def preset(name: str) -> Any:
 
 
 def read(path: Path) -> Any:
-    """Read a camera file; a camera without ``name`` is named after the file.
-
-    Raises ``ValueError`` for another suffix or what is no JSON or YAML, ``OSError`` where it cannot be read.
-    """
+    """Read a camera file; a camera without ``name`` is named after the file. Raises ``ValueError`` or ``OSError``."""
     kind = _kind(path)
     try:
         values = read_document(path)
@@ -49,11 +47,9 @@ def read(path: Path) -> Any:
 def completed(
     given: object, camera: Any, presets: Mapping[str, Any], source: str, folder: Path
 ) -> dict[str, Any]:
-    """Complete ``given`` from its base preset to the fields of the ``camera`` class, each figure with a source.
+    """The fields of the ``camera`` class from ``given`` and its base preset, each figure with a source.
 
-    presets: cameras by name. source: of figures without one of their own. folder: where the paths of tables start.
-    A quantum efficiency that is cut short within the visible band is marked in its source. Raises ``TypeError`` or
-    ``ValueError`` naming the field.
+    source: of figures without one. folder: where the paths of tables start. Raises ``TypeError`` or ``ValueError``.
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"camera: must map fields to values, got {type(given).__name__}")
@@ -118,11 +114,6 @@ def _value(kind: Any, name: str, given: Any, folder: Path) -> Any:
     except (TypeError, ValueError, csv.Error) as error:
         raise within(name, error) from None
     return given
-
-
-@lru_cache
-def _hints(kind: Any) -> Mapping[str, Any]:
-    return get_type_hints(kind)
 
 
 def _records(hint: Any) -> list[Any]:

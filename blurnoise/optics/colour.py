@@ -128,11 +128,6 @@ def inverse(matrix: Matrix | None) -> Matrix:
     return as_rows(np.linalg.inv(np.array(normalised(matrix))))
 
 
-def product(left: Matrix, right: Matrix) -> Matrix:
-    """The matrix product."""
-    return as_rows(np.array(left) @ np.array(right))
-
-
 def as_rows(rows: Iterable[Floats]) -> Matrix:
     """Plain numbers of NumPy's rows: hashable."""
     return cast(Matrix, tuple(tuple(row.tolist()) for row in rows))

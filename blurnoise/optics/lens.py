@@ -175,10 +175,8 @@ class Lens:
         return shape is not None and (shape.model == "fisheye" or any(shape.coefficients))
 
 
-SAME_EVERYWHERE = Lens()
-"""A lens that adds nothing to the camera's figures."""
-Size = tuple[int, int]
-"""Of a picture, (H, W)."""
+SAME_EVERYWHERE = Lens()  # adds nothing to the camera's figures
+Size = tuple[int, int]  # of a picture, (H, W)
 _COARSE = 33  # points along an axis on which a smooth field is looked at
 _AROUND = 64  # points of an ellipse
 
@@ -240,10 +238,8 @@ class Field:
         return self.imaged(self._pinhole_directions(points, size), size) if self.lens.distortion else points
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
-        """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them.
-
-        Each bounds the image of the ellipse inscribed in its box: objects seldom fill the corners, which move most.
-        """
+        """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them."""
+        # Of the ellipses inscribed in them: objects seldom fill the corners, which move most.
         turn = np.arange(_AROUND) * (2 * np.pi / _AROUND)
         low, high = boxes_xyxy.T[:2, :, None] - 0.5, boxes_xyxy.T[2:, :, None] - 0.5
         ellipses = (low + high) / 2 + (high - low) / 2 * np.stack([np.cos(turn), np.sin(turn)])[:, None]
@@ -269,10 +265,7 @@ class Field:
 
 @lru_cache(maxsize=256)
 def farthest_px(field: Field) -> float:
-    """The largest displacement by distortion in a picture of the sensor's size, from edge to edge.
-
-    Raises ``ValueError`` unless the distortion is one to one over the sensor.
-    """
+    """The largest displacement by distortion on the sensor. Raises ``ValueError`` unless it is one to one there."""
     (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
     points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
     try:

@@ -25,8 +25,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, Row
 from blurnoise.optics.spectra import Curve, check_illuminant, photons_per_lux_s_um2
 
-BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))
-"""Red, green and blue of a picture, as bands of the spectrum."""
+BANDS_NM = ((580.0, 700.0), (490.0, 580.0), (400.0, 490.0))  # red, green and blue of a picture
 _LEAST_GREEN = 0.05
 Number = TypeVar("Number", float, Tensor)
 _MOST_DOUBLINGS, _MOST_E = 100.0, 1e15  # single precision holds their products
@@ -59,11 +58,9 @@ def filter_electrons(camera: Camera, illuminant: str | Curve = "D55") -> Mapping
     """Electrons per pixel for one lux second on a white surface, by the filter's letter; "" without a mosaic."""
     on_sensor_um2 = camera.pixel_pitch_um**2 * camera.transmission / (4 * camera.f_number**2)
     curves = camera.quantum_efficiency
-    each = (
-        {letter: curves.of(letter) for letter in camera.cfa}
-        if isinstance(curves, FilterCurves)
-        else {"": curves}
-    )
+    each = {"": curves}
+    if isinstance(curves, FilterCurves):
+        each = {letter: curves.of(letter) for letter in camera.cfa}
     photons = {letter: photons_per_lux_s_um2(illuminant, (curve,)) for letter, curve in each.items()}
     return MappingProxyType({letter: on_sensor_um2 * each for letter, each in photons.items()})
 
@@ -84,10 +81,7 @@ def colour_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[floa
 
 @lru_cache(maxsize=64)
 def clear_shares(camera: Camera, illuminant: str | Curve = "D55") -> tuple[float, float, float]:
-    """Shares of red, green and blue in what clear pixels beside red and blue ones (RCCB) collect of white light.
-
-    Green is what clear has more than both. Raises ``ValueError`` where that is less than a twentieth of it.
-    """
+    """Shares of red, green and blue in what clear pixels beside red and blue ones (RCCB) collect of white light."""
     electrons = filter_electrons(camera, illuminant)
     red, blue, clear = (electrons[letter] for letter in "RBC")
     if not clear - red - blue > _LEAST_GREEN * clear:
@@ -117,10 +111,7 @@ def planes(camera: Camera, colours: int) -> int:
 
 
 def on_sensor(light: Tensor, camera: Camera, illuminant: str | Curve = "D55") -> Tensor:
-    """Light (B, C, H, W) on the camera's pixels: (B, 1, H, W) of a mosaic or one plane, else ``light`` itself.
-
-    Differentiable. Raises ``ValueError`` for other than 1 or 3 colours where there is one plane.
-    """
+    """Light (B, C, H, W) on the camera's pixels: (B, 1, H, W) of a mosaic or one plane, else ``light`` itself."""
     if camera.cfa == "none":
         return light
     planes(camera, light.shape[1])

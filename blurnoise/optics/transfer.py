@@ -125,14 +125,10 @@ class Mtf:
         f = torch.arange(129, dtype=torch.float64) / 256
         return float((1 - self.at(torch.hypot(f, f[:, None]))).abs().max())
 
-    @property
-    def reach_px(self) -> float:
-        """Radius outside which the spread is 1e-4 RMS of white, in white noise."""
-        return _spread_px(self)
-
 
 @lru_cache(maxsize=16)
-def _spread_px(curve: Mtf) -> float:
+def _reach_px(curve: Mtf) -> float:
+    """Radius outside which the spread is 1e-4 RMS of white, in white noise."""
     f = torch.fft.fftfreq(256, dtype=torch.float64)
     spread = torch.fft.irfft2(curve.at(torch.hypot(f[:, None], f[:129].abs())), s=(256, 256))
     radius = torch.hypot(f[:, None] * 256, f * 256).flatten()
@@ -162,7 +158,7 @@ class Optics:
     def reach_px(self) -> float:
         """Radius outside which the spread is too faint to matter: the disc, 5 sigma, 8 Airy radii."""
         airy = 8 * 1.22 * self.diffraction_lambda_n_px
-        measured = self.measured.reach_px if self.measured else 0.0
+        measured = _reach_px(self.measured) if self.measured else 0.0
         return self.defocus_radius_px + 5 * self.gaussian_sigma_px + airy + measured
 
     @property

@@ -176,7 +176,7 @@ def matrix(camera: Camera, illuminant: str | Curve = "D55") -> Matrix:
         return corrected
     red, green, blue = clear_shares(camera, illuminant)
     by_difference = ((1.0, 0.0, 0.0), (-red / green, 1 / green, -blue / green), (0.0, 0.0, 1.0))
-    return colour.product(corrected, by_difference)
+    return colour.as_rows(np.array(corrected) @ np.array(by_difference))
 
 
 @lru_cache(maxsize=64)

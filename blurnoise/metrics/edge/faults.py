@@ -108,11 +108,8 @@ def overshoots(shape: Shape) -> Tensor:
 
 
 def two_humps(shape: Shape) -> Tensor:
-    """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,).
-
-    Humps closer to the dip than 3/4 px do not count: so does a filter of the picture's own pixels ring.
-    """
-    apart = round(0.75 / KNOT_PX)
+    """Whether the line spread, averaged over an eighth of the reach, dips between two humps, (B,)."""
+    apart = round(0.75 / KNOT_PX)  # from a hump to the dip, at least: closer ones are the ringing of a filter
     knots = torch.eye(shape.spline.coefficients.shape[1], dtype=torch.float64)
     found = torch.zeros_like(shape.sides.structured)
     widths = (shape.sides.reach_px / 8 / KNOT_PX).round().long().clamp_min(2)
@@ -160,14 +157,12 @@ def _rises(count: int) -> Tensor:
 
 
 def displaced(shape: Shape, mtf50: Tensor) -> Tensor:
-    """Whether rows are displaced against each other by more than noise moves them, to MTF50's cost, (B,).
-
-    A row's own place follows from its misfit along the edge's slope; the median, for a hot pixel moves one.
-    """
+    """Whether rows are displaced against each other by more than noise moves them, to MTF50's cost, (B,)."""
     (off, pull), by_row = shape.spline.off, shape.spline.pixels.by_row
     curvature = by_row(pull * pull).clamp_min(1e-12)
-    place = by_row(pull * off) / curvature
+    place = by_row(pull * off) / curvature  # of the row alone, from its misfit along the edge's slope
     expected = by_row(pull * pull * shape.noise) / curvature**2
+    # The median over rows, since a hot pixel moves one of them.
     ratio = (place**2 / expected.clamp_min(1e-18)).median(1).values / CHI_SQUARE_MEDIAN
     sure = ratio - 1 > 5 * MEDIAN_ERROR * math.sqrt(2 / place.shape[1])
     excess = ((ratio - 1) * expected.mean(1)).clamp_min(0)

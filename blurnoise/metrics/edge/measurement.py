@@ -51,14 +51,10 @@ class Flag(Enum):
     TWO_HUMPS = "the line spread has two humps: two edges side by side, or motion that lingers"
     TOO_ABRUPT = "the edge is sharper than its pixels allow: clipped, or sharpened and cut"
     DISPLACED = "rows are displaced against each other: jitter, which lowers the response"
-    SMOOTHED = (
-        "the edge is noisier than its sides allow: denoised, compressed, clipped, or after a tone curve"
-    )
+    SMOOTHED = "the edge is noisier than its sides allow: denoised, compressed, clipped, or a tone curve"
     NOISE_CORRELATED = "noise is correlated over too many rows for its intervals: columns, or a strong filter"
     WINDOW_CUTS = "the standard's window cuts into the blur; the region should be wider"
-    NON_LINEAR_SUSPECTED = (
-        "the edge is lopsided, or its bright side quieter: clipping, a tone curve, shifted colours"
-    )
+    NON_LINEAR_SUSPECTED = "a lopsided edge or a quieter bright side: clipping, a tone curve, shifted colours"
 
 
 WITHHELD = frozenset({Flag.NOT_FINITE, Flag.CLIPPED, Flag.NO_EDGE, Flag.TWO_EDGES}) | {
@@ -166,9 +162,8 @@ def slanted_edge(
         SlantedEdge(mode, frozenset({Flag.CLIPPED if each else Flag.NOT_FINITE})) for each in read.finite
     ]
     usable = read.finite & ~read.clipped
-    lying = (
-        slope(read.values.mean(2)).abs() > slope(read.values.mean(1)).abs()
-    )  # a plane through it is steeper down
+    # Of edges that lie, a plane through the region is steeper down than across.
+    lying = slope(read.values.mean(2)).abs() > slope(read.values.mean(1)).abs()
     for horizontal in (False, True):
         todo = (usable & (lying == horizontal)).nonzero()[:, 0].tolist()
         for start in range(0, len(todo), _TOGETHER):
@@ -279,9 +274,7 @@ def _edges(
             continue
         row = {name: column[index] for name, column in columns.items()}
         tilt, sign = tilts[index], signs[index]
-        if (
-            horizontal
-        ):  # the normal, (x, y) and y down, is sign * (-tilt, 1) of the picture that was transposed
+        if horizontal:  # transposed: the normal (x, y), y down, is sign * (-tilt, 1)
             row["angle_deg"] = math.degrees(math.atan2(-sign, -sign * tilt))
             row["bright_side"] = "top" if sign < 0 else "bottom"
         else:

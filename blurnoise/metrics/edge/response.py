@@ -175,16 +175,13 @@ def _window(place: Tensor, middle: Tensor) -> Tensor:
 
 
 def crossing(power: Tensor, spacing: Tensor, level: Tensor) -> Tensor:
-    """First frequency at which ``power`` (..., F) falls below ``level`` (...), inf where it never does.
-
-    spacing: of its frequencies, cycles/px. The cubic through the four points around it is followed, in 32 steps.
-    """
+    """First frequency at which ``power`` (..., F), sampled by ``spacing``, falls below ``level`` (...), else inf."""
     level = level[..., None]
     below = power < level
     index = below.to(torch.uint8).argmax(-1, keepdim=True)
     start = (index - 2).clamp(0, power.shape[-1] - 4)
     y = [power.gather(-1, start + k) - level for k in range(4)]
-    # Newton's form on the places 0, 1, 2, 3.
+    # The cubic through the four points around it, in 32 steps: Newton's form on the places 0, 1, 2, 3.
     first, second = y[1] - y[0], (y[2] - 2 * y[1] + y[0]) / 2
     third = (y[3] - 3 * y[2] + 3 * y[1] - y[0]) / 6
     t = (index - start - 1).clamp_min(0) + torch.linspace(0, 1, 33, dtype=torch.float64)
@@ -243,12 +240,10 @@ def block_weights(resamples: int, rows: int, block: int, seed: int) -> Tensor:
 
 
 def widening(rows: int, block: int) -> float:
-    """By how much intervals from few blocks of rows are too narrow, 1 where rows are drawn one by one.
-
-    Student's 97.5 % over the normal law's, by Cornish and Fisher, and the root of n over n - 1.
-    """
+    """By how much intervals from few blocks of rows are too narrow, 1 where rows are drawn one by one."""
     if block == 1:
         return 1.0
+    # Student's 97.5 % over the normal law's, by Cornish and Fisher, and the root of n over n - 1.
     freedom, z = max(rows / block - 1, 3.0), 1.96
     student = 1 + (z**2 + 1) / (4 * freedom) + (5 * z**4 + 16 * z**2 + 3) / (96 * freedom**2)
     return student * math.sqrt(1 + 1 / freedom)

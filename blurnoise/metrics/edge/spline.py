@@ -146,15 +146,13 @@ class Spline:
 
 
 def refine(upright: Upright, position_px: Tensor, reach_px: Tensor, noise: Tensor) -> tuple[Spline, Tensor]:
-    """Fit the spline and the edge's line together, from a first line (B, H); noise: variance at 0 and 1, (B, 2).
-
-    The line takes one step of Gauss and Newton: it is so close that a second would change nothing.
-    """
+    """Fit the spline and the edge's line together, from a first line (B, H); noise: variance at 0 and 1, (B, 2)."""
     rows = row_basis(position_px.shape[1], LINE_ORDER)
     pixels = Pixels.of(upright, position_px, reach_px)
     off, pull = pixels.off(_fitted(pixels, reach_px)[0])
     curvature = rows.T @ (pixels.by_row(pull * pull)[..., None] * rows)
     wanted = pixels.by_row(pull * off) @ rows
+    # One step of Gauss and Newton: the line is so close that a second would change nothing.
     position_px = position_px - torch.linalg.solve(curvature, wanted[..., None])[..., 0] @ rows.T
 
     upright = replace(upright, values=upright.values - pixels.in_place(pixels.odd(off)))
