@@ -29,8 +29,7 @@ _TIMES = 2049  # at which the rows that are exposed are looked at
 _MOST_PARTS = 6  # of a row's window: beyond that sub-exposures are as fast, and as good
 STILL_PX = 1e-4
 """Less than this is no motion, and motions that differ by less are one: 3e-4 of the finest detail."""
-TAIL_PX = 8
-"""Of a band-limited line beyond its ends, as in :mod:`blurnoise.blur.fourier`; more than interpolation reaches."""
+_TAIL_PX = 8  # of a band-limited line beyond its ends, as in blur.fourier; more than interpolation reaches
 
 
 @dataclass(frozen=True)
@@ -219,8 +218,6 @@ class Displacement:
 
     def passed(self, rest: Window) -> Window:
         """The pixels that an object may cover whose window at rest is ``rest``."""
-        if self.flows:
-            return rest
         if self.way == "rows":
             stretch(self.velocity_px_s[1], self.readout.row_s)
         seen, before = Window(0, 0, self.readout.rows, 1), None
@@ -314,4 +311,4 @@ def _carried(flow: Tensor, by_px: Tensor) -> Tensor:
 
 def spread_px(along_px: float) -> int:
     """How far a blur reaches that displaces by so much, the tail of the band-limited line included."""
-    return math.ceil(along_px) + TAIL_PX if abs(along_px) >= STILL_PX else 0
+    return math.ceil(along_px) + _TAIL_PX if abs(along_px) >= STILL_PX else 0

@@ -19,8 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.borders import BORDERS, Border, continued, extended
-from blurnoise._core.checks import finite, image_batch, one_of
+from blurnoise._core.borders import Border, continued, extended
 from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
@@ -147,7 +146,6 @@ def warped(
     with the readout is read longer. Raises as :func:`blurnoise.blur.displacement.stretch` does.
     """
     velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
-    finite("velocity_px_s", velocity)
     stretch(float(velocity[1].detach()), row_s)
     height = light.shape[-2]
     still = (height - 1) / 2 if middle is None else middle
@@ -375,10 +373,8 @@ def translated(light: Tensor, shift_px: Tensor | Iterable[float], border: Border
     """Pictures (B, C, H, W) displaced by (x, y) px, (2,) or (B, 2); ``light`` itself where that is nothing.
 
     Whole pixels are copied; the rest is a phase, exact for what the samples hold: beside a step that they do not
-    resolve it rings. Differentiable in the light. Raises ``TypeError`` or ``ValueError``.
+    resolve it rings. Differentiable in the light.
     """
-    image_batch("light", light)
-    one_of("border", border, BORDERS)
     shifts = convolution.motions("displacement_px", shift_px, light).detach().tolist()
     if all(abs(along) < STILL_PX for shift in shifts for along in shift):
         return light

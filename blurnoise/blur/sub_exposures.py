@@ -284,7 +284,7 @@ def _paths(count: int) -> NDArray[np.float64]:
 
 
 def _with_margin(planes: Tensor, border: Border) -> Tensor:
-    """NDArray[np.float32]s (C, H, W) continued as far as the kernels reach."""
+    """Planes (C, H, W) continued as far as the kernels reach."""
     height, width = (side + 2 * _MARGIN for side in planes.shape[-2:])
     return extended(planes[None], (_MARGIN, _MARGIN), (height, width), border)[0]
 

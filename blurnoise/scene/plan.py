@@ -28,8 +28,7 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range
 
 TOLERANCE_DN = 0.1
 """Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
-DITHER_DN = 0.5
-"""Normal noise, DN RMS, from which on rounding adds 1/12 DN^2 whatever the mean, to 0.009 DN^2."""
+_DITHER_DN = 0.5  # normal noise, RMS, from which on rounding adds 1/12 DN^2 whatever the mean, to 0.009 DN^2
 _ROUNDING_DN2 = 0.25  # what rounding makes, at most, of a spread that goes to 0
 _SINGLE = 2.0**-24  # relative, of a number in single precision
 
@@ -131,7 +130,7 @@ def _plan(
     bounds |= {stage.name: bound for stage in of_sensor if (bound := stage.bound_dn(at)) is not None}
     stay = {each.name for each in every if each.essential}
     spreading = {stage.name for stage in of_sensor if stage.spreads or stage.draws}
-    dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= DITHER_DN}
+    dithers = {stage.name for stage in of_sensor if stage.dither_dn(at) >= _DITHER_DN}
     left_out, rounding_dn2 = _left_out(camera, bounds, (stay, spreading, dithers), tolerance_dn**2)
     shot, read = stages.SHOT_NOISE.name, stages.READ_NOISE.name
     if shot not in left_out and camera.read_noise_e >= MERGE_READ_NOISE_E:

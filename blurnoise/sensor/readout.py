@@ -31,8 +31,7 @@ Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
 Draw = Callable[[Sequence[int], Tensor, str], Tensor]
 Plane = NDArray[Any]
-MOST_APART = 256.0
-"""The brightest of several lights over the faintest, at most: light is clipped once, for all of them."""
+_MOST_APART = 256.0  # the brightest of several lights over the faintest, as light is clipped once for all
 _FAST_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
 _FAINT_E = 1e-9  # of white: less is no unit to reckon in
 _BEYOND_DN = 2.0**20  # where light is clipped: above any converter, and within the last step's integers
@@ -135,7 +134,7 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
         write_frames(scene[first], frames(first, of), written[of], tones, threads)
 
     one_draw = law == "none" or (law == "merged" and len(set(seeds)) == 1)
-    alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= MOST_APART * float(white.min())
+    alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= _MOST_APART * float(white.min())
     step = len(scene) if alike else 1
     side_by_side(expose_items, [slice(first, first + step) for first in range(0, len(scene), step)], threads)
     return out

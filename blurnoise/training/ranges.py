@@ -33,8 +33,7 @@ Cameras = Camera | str | Sequence[Camera | str]
 Params = dict[str, Tensor]
 Gain = Range | Literal["auto"] | AutoExposure
 """dB, or what auto-exposure sets."""
-LONGEST_USUAL_S = 1.0
-"""A longer exposure was probably meant in milliseconds: there is a warning."""
+_LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """Conditions of every picture."""
 _ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks")
@@ -235,8 +234,8 @@ def chosen(share: Tensor, count: int) -> Tensor:
 
 
 def warn_of_milliseconds(*exposure_s: float) -> None:
-    """Warn of an exposure of more than ``LONGEST_USUAL_S``."""
-    if max(exposure_s, default=0.0) > LONGEST_USUAL_S:
+    """Warn of an exposure of more than a second."""
+    if max(exposure_s, default=0.0) > _LONGEST_USUAL_S:
         each = dict.fromkeys(exposure_s)
         given, meant = (", ".join(f"{seconds * factor:g}" for seconds in each) for factor in (1, 1e-3))
         text = f"exposure_s = ({given}): is in seconds; must be ({meant}) if milliseconds are meant"

@@ -32,8 +32,7 @@ from blurnoise.training.ranges import DRAWN, Cameras, Params, Range
 
 FILE = "conditions.json"
 """In a sweep's folder: its cameras, and the conditions that it has met."""
-MOST_SATURATED = 0.1
-"""Mean share of a picture's values at a limit of the sensor beyond which a run's condition is left out."""
+_MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor; beyond, a run's condition is left out
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _TINY = 1e-30
 _NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor")
@@ -215,12 +214,12 @@ def _used(held: Sequence[Mapping[str, Any]]) -> list[Condition]:
     for row, saturated, _ in met:
         setting, reader = row._replace(exposure_s=0.0), (row.camera, row.gain_db)
         least[setting] = min(least.get(setting, 1.0), saturated)
-        light = row.exposure_s * row.illuminance_lux * (saturated <= MOST_SATURATED)
+        light = row.exposure_s * row.illuminance_lux * (saturated <= _MOST_SATURATED)
         most_lux_s[reader] = max(most_lux_s.get(reader, 0.0), light)
     fit = [
         (row, recommended)
         for row, saturated, recommended in met
-        if saturated <= max(MOST_SATURATED, least[row._replace(exposure_s=0.0)])
+        if saturated <= max(_MOST_SATURATED, least[row._replace(exposure_s=0.0)])
     ]
     answered = {row._replace(exposure_s=0.0) for row, recommended in fit if recommended}
     return [

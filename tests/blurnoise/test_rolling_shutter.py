@@ -207,11 +207,6 @@ def test_short_exposures_along_and_across_rows(exposure_s: float, reset: bool) -
     assert bool(whole.isfinite().all())
 
 
-def test_velocities_that_are_none() -> None:
-    with pytest.raises(ValueError, match="velocity_px_s: contains NaN or Inf"):
-        warped(picture(), (math.nan, 0.0), ROW_S, "reflect")
-
-
 def test_wobble() -> None:
     """Centroids of rows go as a sinc(nu T), over 1 / (nu t_row) rows."""
     readout = Readout(500, 5e-5, 0.004)
