@@ -22,9 +22,7 @@ from blurnoise.metrics.values import BatchEstimate
 
 Z = NormalDist().inv_cdf(0.975)
 TREND_SHARE = 0.1  # variance of the trend over that of the noise from which on a patch is not even
-FEWEST_PIXELS = (
-    100  # below it the deviation is known to no better than 7 %: the normal interval is too narrow
-)
+FEWEST_PIXELS = 100  # below it the deviation is known to 7 % at best: the normal interval is too narrow
 SSIM_WINDOW_PX = 11  # Gaussian of sigma 1.5 px, Z. Wang et al. 2004
 
 

@@ -25,7 +25,7 @@ from blurnoise.optics.camera import Camera
 
 Floats = NDArray[np.float64]
 SIMPLIFIED_PX = (
-    0.02  # between a path and its simplified one at any time: 2 pi f times that in the transfer function
+    0.02  # from a path to its simplified one: the transfer function is off by 2 pi f of it, at most
 )
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20
