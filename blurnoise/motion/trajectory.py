@@ -24,9 +24,7 @@ from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limi
 from blurnoise.optics.camera import Camera
 
 Floats = NDArray[np.float64]
-SIMPLIFIED_PX = (
-    0.02  # from a path to its simplified one: the transfer function is off by 2 pi f of it, at most
-)
+SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20
 _SPAN = 4096  # knots simplified together
