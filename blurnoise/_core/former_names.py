@@ -1,4 +1,4 @@
-"""Former names of modules; importing one works for one release, with a warning."""
+"""Former names of modules that README and guide had; importing one works for one release, with a warning."""
 
 from __future__ import annotations
 
@@ -10,24 +10,17 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 
 _FORMER = {
-    "blur.convolution": "blur.paths path_blur",
-    "blur.layers": "layers",
     "metrics.information": "metrics.edge_information",
     "metrics.patches": "metrics.contrast metrics.noise metrics.similarity",
     "metrics.values": "metrics.estimate",
     "motion.ego": "driving ego_motion",
-    "motion.trajectory": "camera_shake motion.causes trajectory",
-    "optics.camera": "camera capture optics.gains",
-    "optics.colour": "colour encoding",
-    "optics.lens": "distortion lens",
-    "optics.radiometry": "radiometry",
-    "optics.spectra": "spectra",
+    "motion.trajectory": "camera_shake motion.causes",
+    "optics.camera": "capture",
+    "optics.colour": "encoding",
     "optics.transfer": "transfer",
     "scene.cutting": "mattes",
     "scene.hdr": "hdr",
-    "scene.metering": "auto_exposure",
-    "scene.scene": "exposure simulation",
-    "training.augmentation": "augment training.expose",
+    "training.augmentation": "augment",
     "training.ranges": "exposure_ranges",
     "training.table": "exposure_table",
     "training.torchvision": "augment_torchvision",

@@ -7,8 +7,9 @@ dark, where read noise says so; only the converter's limits clip them from below
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any, Literal
 
 import cv2
@@ -30,6 +31,7 @@ from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, Law, SensorStage
 Fidelity = Literal["auto", "full"]
 FixedPattern = tuple[Tensor, Tensor]
 Draw = Callable[[Sequence[int], Tensor, str], Tensor]
+_PIECE = 1 << 15  # values that stay in a core's cache, and for which PyTorch wakes no threads
 Plane = NDArray[Any]
 _MOST_APART = 256.0  # the brightest of several lights over the faintest, as light is clipped once for all
 _FAST_PIECE = 3 << 16  # values: few enough for the last cache, enough to outweigh the calls
@@ -120,9 +122,8 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
 
     if not (known and options.quantised and plain(scene)) or with_gradients:
         every = slice(None)
-        dn, of_all = scene, frames(every, every)
-        for stage in active:
-            dn = stage.apply(dn, of_all)
+        in_pieces = plain(scene) and not with_gradients
+        dn = (_in_pieces if in_pieces else _through)(active, scene, frames(every, every))
         seen = dn if tones is None else look_up(tones, dn)
         return seen if with_gradients or out is None else out.copy_(seen)
     if out is None:
@@ -137,6 +138,45 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
     alike = one_draw and scene.stride(0) == 0 and float(white.max()) <= _MOST_APART * float(white.min())
     step = len(scene) if alike else 1
     side_by_side(expose_items, [slice(first, first + step) for first in range(0, len(scene), step)], threads)
+    return out
+
+
+def _through(some: Iterable[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+    """The signal after all stages: the reference."""
+    for stage in some:
+        signal = stage.apply(signal, at)
+    return signal
+
+
+def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
+    """:func:`_through`, by pieces that stay cached where neighbours are pointwise; they share one plane of memory."""
+    batch, colours, height, width = signal.shape
+    step = max(1, _PIECE // (colours * width))
+    places = [(item, slice(row, row + step)) for item in range(batch) for row in range(0, height, step)]
+    pieces = [(item, rows, at.part(item, rows)) for item, rows in places]
+    plane, exact = torch.empty_like(signal, memory_format=torch.contiguous_format), at.law == "exact"
+    for pointwise, neighbours in groupby(
+        active, lambda stage: stage.pointwise and not (stage.draws and exact)
+    ):
+        if not pointwise:
+            signal = _through(neighbours, signal, at)
+            continue
+        if signal.untyped_storage().data_ptr() == plane.untyped_storage().data_ptr():
+            plane = torch.empty_like(plane)  # a stage may return a view of other places
+        signal = _write_pieces(list(neighbours), signal, pieces, plane)
+    return signal
+
+
+def _write_pieces(
+    some: Sequence[SensorStage], signal: Tensor, pieces: Sequence[tuple[int, slice, Frames]], out: Tensor
+) -> Tensor:
+    written = out.numpy()
+
+    def write(piece: tuple[int, slice, Frames]) -> None:
+        item, rows, at = piece
+        written[item, :, rows] = _through(some, signal[item : item + 1, :, rows], at).numpy()
+
+    side_by_side(write, pieces, threads_for(signal))
     return out
 
 

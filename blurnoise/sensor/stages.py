@@ -21,7 +21,13 @@ from blurnoise.optics.spectra import Curve, Spectrum
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
 
 
-class SpectralIntegration(SensorStage):
+class PointwiseStage(SensorStage):
+    """A stage that treats every pixel by itself."""
+
+    pointwise = True
+
+
+class SpectralIntegration(PointwiseStage):
     """Light to mean photo-electrons; none below 0 (ringing of a blur). Its bound is of a flat spectral curve."""
 
     name = "spectral integration"
@@ -38,7 +44,7 @@ class SpectralIntegration(SensorStage):
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
-class Prnu(SensorStage):
+class Prnu(PointwiseStage):
     """Photo-response non-uniformity: a fixed factor per pixel."""
 
     name = "PRNU"
@@ -53,7 +59,7 @@ class Prnu(SensorStage):
         return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
 
 
-class DarkCurrent(SensorStage):
+class DarkCurrent(PointwiseStage):
     """Dark charge mu_I T, part of what shot noise is drawn from."""
 
     name = "dark current"
@@ -68,7 +74,7 @@ class DarkCurrent(SensorStage):
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
-class ShotNoise(SensorStage):
+class ShotNoise(PointwiseStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
     But for pixels whose charge may reach the full well (:func:`nearly_full_e`), which clips before read noise comes.
@@ -102,7 +108,7 @@ class ShotNoise(SensorStage):
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
 
 
-class FullWell(SensorStage):
+class FullWell(PointwiseStage):
     """The full well, where it ends below the converter's range: charge beyond it is lost. Later noises stay."""
 
     name = "full well"
@@ -112,7 +118,7 @@ class FullWell(SensorStage):
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
 
-class ReadNoise(SensorStage):
+class ReadNoise(PointwiseStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
 
     name = "read noise"
@@ -135,7 +141,7 @@ class ReadNoise(SensorStage):
         return "in the draw of shot noise" if merged else "a normal draw of its own"
 
 
-class Dsnu(SensorStage):
+class Dsnu(PointwiseStage):
     """Dark-signal non-uniformity: a fixed offset per pixel."""
 
     name = "DSNU"
@@ -150,7 +156,7 @@ class Dsnu(SensorStage):
         return within_range_dn(at.camera, at.camera.dsnu_e)
 
 
-class Gain(SensorStage):
+class Gain(PointwiseStage):
     """System gain K and black level: electrons to digital numbers, not yet whole ones."""
 
     name = "gain"
@@ -160,7 +166,7 @@ class Gain(SensorStage):
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
 
-class Quantisation(SensorStage):
+class Quantisation(PointwiseStage):
     """Rounding to whole digital numbers. Gradients pass through unchanged, as the derivative of rounding is 0."""
 
     name = "quantisation"
@@ -174,7 +180,7 @@ class Quantisation(SensorStage):
         return 1 / math.sqrt(12)
 
 
-class Limits(SensorStage):
+class Limits(PointwiseStage):
     """The converter's: 0 and full scale."""
 
     name = "limits"

@@ -12,6 +12,7 @@ from kornia.augmentation import AugmentationSequential
 from made_up import ColumnNoise, Pedestal, Shift, Veil
 
 from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
+from blurnoise._core import threads
 from blurnoise.blur import convolution
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
@@ -90,6 +91,37 @@ def test_the_full_well_clips_what_a_new_stage_before_it_adds(
     assert float(dn.mean()) == pytest.approx(5000 * gain + camera.black_level_dn, abs=0.5)
     expected = math.sqrt((gain * camera.read_noise_e) ** 2 + 1 / 12)
     assert float(dn.std()) == pytest.approx(expected, rel=5 / math.sqrt(2 * dn.numel()))
+
+
+@pytest.mark.parametrize(("place", "full_well_e"), [(1, 20000.0), (3, 5000.0), (6, 5000.0)])
+@pytest.mark.parametrize("fidelity", ["auto", "full"])
+def test_the_reference_in_pieces_is_that_of_whole_pictures(
+    monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int, full_well_e: float
+) -> None:
+    """The same bits, wherever a stage stands that wants the whole picture: here one that rolls it."""
+
+    class Rolled(Pedestal):
+        def apply(self, signal: torch.Tensor, at: Any) -> torch.Tensor:
+            return torch.roll(signal, 7, -2)
+
+    camera = replace(CAMERA, full_well_e=full_well_e)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Rolled(), *stages.STAGES[place:]))
+    given: dict[str, Any] = {"white_e": [4000.0, 9000.0], "exposure_s": 0.01, "temperature_c": 25.0}
+    given |= {
+        "generator": [1, 2],
+        "fidelity": fidelity,
+        "fixed_pattern": camera.fixed_pattern((3, 41, 67), 1),
+    }
+    scene = picture().repeat(2, 1, 1, 1)
+    monkeypatch.setattr(
+        threads, "WORTH_IT", 1
+    )  # the pieces of so small a picture, too, are shared by threads
+    frames = []
+    for values in (1 << 30, 3 * 67 * 5, 1):
+        monkeypatch.setattr(readout, "_PIECE", values)
+        frames.append(read_out(scene, camera, **given))
+    assert torch.equal(frames[0], frames[1])
+    assert torch.equal(frames[0], frames[2])
 
 
 @pytest.mark.parametrize("quantised", [True, False])
