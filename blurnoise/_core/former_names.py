@@ -41,5 +41,4 @@ class _FormerNames(MetaPathFinder, Loader):
 
 def register() -> None:
     """Have former names found, after all present ones."""
-    if not any(isinstance(finder, _FormerNames) for finder in sys.meta_path):
-        sys.meta_path.append(_FormerNames())
+    sys.meta_path.append(_FormerNames())

@@ -68,11 +68,6 @@ def motion_blur(
     return exposure_blur(image, displacement_px, SHARP, method=method, border=border)
 
 
-def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -> Tensor:
-    """Blur by the lens through its transfer function; a lens below ``NEGLIGIBLE`` returns ``image`` itself."""
-    return exposure_blur(image, (0.0, 0.0), optics, border=border)
-
-
 @no_torch_compile
 def path_blur(
     image: Tensor, path: Polyline | Tensor, optics: Optics = SHARP, *, border: Border = "reflect"
@@ -173,7 +168,7 @@ def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> T
     """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
 
     Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
-    :func:`optical_blur` does not.
+    :func:`exposure_blur` does not.
     """
     image_batch("image", image)
     one_of("border", border, BORDERS)

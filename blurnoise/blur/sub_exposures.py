@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from blurnoise._core.borders import BORDERS, OPENCV, Border, Window, extended, folded
-from blurnoise._core.checks import finite, image_batch, limited_motion, one_of, real_tensor
-from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
+from blurnoise._core.borders import OPENCV, Border, Window, extended, folded
+from blurnoise._core.checks import finite, image_batch, limited_motion, real_tensor
+from blurnoise._core.threads import differentiable, side_by_side, threads_for
 from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 
 SPACING_PX = 2.0
@@ -63,29 +63,15 @@ class Sheet(NamedTuple):
     border: Border = "constant"
 
 
-@no_torch_compile
-def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
-    """Blur pictures (B, C, H, W), float32 or float64, by each pixel's displacement, (2, H, W) or (B, 2, H, W), px.
-
-    A pixel of displacement d averages what the picture shows from d/2 before it to d/2 behind. Returns the shape of
-    ``image``; differentiable in both. Where nothing moves ``image`` itself is returned. Raises ``TypeError`` or
-    ``ValueError`` naming the argument.
-    """
-    one_of("border", border, BORDERS)
-    sheets = _flowing(image, displacement_px, border)
-    if all(sheet.moves.still for sheet in sheets):
-        return image
-    return torch.stack([exposed(sheet) for sheet in sheets])
-
-
 def flow_warp(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
-    """Pictures (B, C, H, W) that show at p what was at p - d(p), d as :func:`flow_blur` takes it; differentiable."""
-    sheets, (height, width) = _flowing(image, displacement_px, border), image.shape[-2:]
+    """Pictures (B, C, H, W) that show at p what was at p - d(p), d (2, H, W) or (B, 2, H, W), px; differentiable."""
+    sheets, (height, width) = flowing(image, displacement_px, border), image.shape[-2:]
     window, at_the_end = Window(0, 0, height, width), [(slice(0, height), [1.0])]
     return torch.stack([_means([sheet], window, at_the_end, fine=False)[0] for sheet in sheets])
 
 
-def _flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[Sheet]:
+def flowing(image: Tensor, displacement_px: Tensor, border: Border) -> list[Sheet]:
+    """Sheets that move by each pixel's displacement. Raises ``TypeError`` or ``ValueError`` naming the argument."""
     image_batch("image", image)
     moved = flows("displacement_px", displacement_px, image)
     limited_motion("displacement_px", moved)

@@ -51,7 +51,7 @@ class _ByTransferFunction(LightEffect):
         return Blur(self.optics(at.camera))
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        return convolution.optical_blur(light, self.optics(at.camera), border=border)
+        return convolution.exposure_blur(light, (0.0, 0.0), self.optics(at.camera), border=border)
 
     def key(self, at: Conditions[float]) -> Hashable:
         return self.optics(at.camera)

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.spectra import Floats
 
-Floats = NDArray[np.float64]
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
 _SAG_PX = 1e-3  # of curves between their knots
 _MOST_KNOTS = 1 << 20

@@ -28,6 +28,8 @@ from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
+DARK_NOISE = ("read_noise_e",)
+"""Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 
 
@@ -186,7 +188,7 @@ class Camera:
         """From here on a pixel counts as saturated: full scale, or a lower well less three deviations of noise."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
-        noise_e = 3 * math.hypot(self.read_noise_e, self.dsnu_e)
+        noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_e)
         least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
         return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
 
@@ -225,9 +227,14 @@ class Camera:
         """
         return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), *rng.item_seeds(seed, 1))
 
+    @property
+    def dark_noise_e(self) -> float:
+        """Temporal noise without light or dark current, e- rms: of all ``DARK_NOISE``."""
+        return math.hypot(*(getattr(self, name) for name in DARK_NOISE))
+
     def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
-        """Temporal variance without light, DN^2: K^2 (read_noise_e^2 + dark_e) + 1/12 (rounding)."""
-        return self.system_gain_dn_per_e**2 * (self.read_noise_e**2 + dark_e) + 1 / 12
+        """Temporal variance without light, DN^2: K^2 (dark_noise_e^2 + dark_e) + 1/12 (rounding)."""
+        return self.system_gain_dn_per_e**2 * (self.dark_noise_e**2 + dark_e) + 1 / 12
 
     @property
     def snr_max_db(self) -> float:
@@ -328,11 +335,6 @@ for _name in camera_files.PRESETS:
 def staggered(*ratios: float) -> tuple[Capture, ...]:
     """A capture and shorter ones of it, one after the other: ``staggered(16)``, ``staggered(16, 256)``."""
     return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
-
-
-def dual_gain(gain_db: float) -> tuple[Capture, Capture]:
-    """One exposure read at a gain and at 0 dB, as with dual conversion gain: nothing moves between the two."""
-    return Capture(gain_db=gain_db), Capture(start_s=0.0)
 
 
 def factors(captures: Sequence[Capture]) -> list[float]:

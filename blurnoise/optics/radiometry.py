@@ -151,15 +151,6 @@ def peak(camera: Camera, illuminant: str | Curve = "D55") -> float:
     return max(1.0, *(sum(max(0.0, weight) for weight in row) for row in weights(camera, illuminant)))
 
 
-def outside_share(light: Tensor, camera: Camera) -> float:
-    """Share of the pixels of pictures (B, 3, H, W) with a negative camera colour; 0 without a colour matrix."""
-    if camera.ccm is None or light.shape[1] != 3:
-        return 0.0
-    rows = light.new_tensor(colour.inverse(camera.ccm))
-    seen = torch.einsum("ij,bjhw->bihw", rows, light.detach())
-    return float((seen.amin(1) < -1e-6).double().mean())
-
-
 def _weighted(light: Any, row: Row) -> Any:
     """The weighted sum of the channels of (B, C, H, W), an array or a tensor."""
     if light.shape[1] == 1:

@@ -160,7 +160,7 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
         rounding_e2 += (weight / gain) ** 2 / 12
         sums = shared.setdefault((start_s, taken_s, capture.sensitivity), [0.0, 0.0, seen])
         sums[0] += weight
-        sums[1] += weight * reader.read_noise_e
+        sums[1] += weight * reader.dark_noise_e
     return math.sqrt(rounding_e2 + sum(light**2 * seen + dark**2 for light, dark, seen in shared.values()))
 
 

@@ -149,16 +149,16 @@ def _through(some: Iterable[SensorStage], signal: Tensor, at: Frames) -> Tensor:
 
 
 def _in_pieces(active: Sequence[SensorStage], signal: Tensor, at: Frames) -> Tensor:
-    """:func:`_through`, by pieces that stay cached where neighbours are pointwise; they share one plane of memory."""
+    """``_through`` by pieces that stay cached through stages of the linear model and share a plane of memory."""
     batch, colours, height, width = signal.shape
     step = max(1, _PIECE // (colours * width))
     places = [(item, slice(row, row + step)) for item in range(batch) for row in range(0, height, step)]
     pieces = [(item, rows, at.part(item, rows)) for item, rows in places]
     plane, exact = torch.empty_like(signal, memory_format=torch.contiguous_format), at.law == "exact"
-    for pointwise, neighbours in groupby(
-        active, lambda stage: stage.pointwise and not (stage.draws and exact)
+    for by_pieces, neighbours in groupby(
+        active, lambda stage: stage in stages.LINEAR_MODEL and not (stage.draws and exact)
     ):
-        if not pointwise:
+        if not by_pieces:
             signal = _through(neighbours, signal, at)
             continue
         if signal.untyped_storage().data_ptr() == plane.untyped_storage().data_ptr():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from torch import Tensor
 
@@ -41,28 +41,26 @@ class Frames:
 
     def part(self, item: int, rows: slice) -> Frames:
         """Some rows of one frame."""
-        of = slice(item, item + 1)
-        fields = {name: getattr(self, name) for name in ("normal", "read", "gain", "offset_e")}
-        cut: dict[str, Any] = {
-            name: field[of, :, rows] for name, field in fields.items() if field is not None
-        }
-        return replace(self, white_e=self.white_e[of], dark_e=self.dark_e[of], seeds=self.seeds[of], **cut)
+        of, fields = slice(item, item + 1), (self.normal, self.read, self.gain, self.offset_e)
+        own = [None if field is None else field[of, :, rows] for field in fields]
+        return Frames(
+            self.camera, self.law, self.white_e[of], self.dark_e[of], self.seeds[of], self.quantised, *own
+        )
 
 
 class SensorStage(ABC):
     """One entry of :data:`blurnoise.sensor.stages.STAGES`.
 
     name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them to 0
-    leaves it out. essential: never left out, as the signal changes its unit or range. pointwise: a pixel's value
-    depends on nothing but that value and the fields of ``at`` there. draws: it is noise, over frames, from a stream
-    of its own (``rng.standard_normal(at.seeds, signal, "its name")``), and left out where no noise is asked for.
-    spreads: pixels or frames of an even scene differ by it, as by noise. modelled: how, in a few words.
+    leaves it out. essential: never left out, as the signal changes its unit or range. draws: it is noise, over
+    frames, from a stream of its own (``rng.standard_normal(at.seeds, signal, "its name")``), and left out where no
+    noise is asked for. spreads: pixels or frames of an even scene differ by it, as by noise. modelled: how, in a few
+    words.
     """
 
     name: str
     figures: tuple[str, ...] = ()
     essential: bool = False
-    pointwise: bool = False
     draws: bool = False
     spreads: bool = False
     modelled: str = "element by element"

@@ -21,13 +21,7 @@ from blurnoise.optics.spectra import Curve, Spectrum
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
 
 
-class PointwiseStage(SensorStage):
-    """A stage that treats every pixel by itself."""
-
-    pointwise = True
-
-
-class SpectralIntegration(PointwiseStage):
+class SpectralIntegration(SensorStage):
     """Light to mean photo-electrons; none below 0 (ringing of a blur). Its bound is of a flat spectral curve."""
 
     name = "spectral integration"
@@ -44,7 +38,7 @@ class SpectralIntegration(PointwiseStage):
         return "once per camera and light" + (f"; its curve {mark}" if mark else "")
 
 
-class Prnu(PointwiseStage):
+class Prnu(SensorStage):
     """Photo-response non-uniformity: a fixed factor per pixel."""
 
     name = "PRNU"
@@ -59,7 +53,7 @@ class Prnu(PointwiseStage):
         return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
 
 
-class DarkCurrent(PointwiseStage):
+class DarkCurrent(SensorStage):
     """Dark charge mu_I T, part of what shot noise is drawn from."""
 
     name = "dark current"
@@ -74,7 +68,7 @@ class DarkCurrent(PointwiseStage):
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
-class ShotNoise(PointwiseStage):
+class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
     But for pixels whose charge may reach the full well (:func:`nearly_full_e`), which clips before read noise comes.
@@ -108,7 +102,7 @@ class ShotNoise(PointwiseStage):
         return "Poisson counts of one normal value per pixel: inversion below 10 e-, corrected normal above"
 
 
-class FullWell(PointwiseStage):
+class FullWell(SensorStage):
     """The full well, where it ends below the converter's range: charge beyond it is lost. Later noises stay."""
 
     name = "full well"
@@ -118,7 +112,7 @@ class FullWell(PointwiseStage):
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
 
-class ReadNoise(PointwiseStage):
+class ReadNoise(SensorStage):
     """Normal noise of the read-out, where the draw of shot noise does not hold it already."""
 
     name = "read noise"
@@ -141,7 +135,7 @@ class ReadNoise(PointwiseStage):
         return "in the draw of shot noise" if merged else "a normal draw of its own"
 
 
-class Dsnu(PointwiseStage):
+class Dsnu(SensorStage):
     """Dark-signal non-uniformity: a fixed offset per pixel."""
 
     name = "DSNU"
@@ -156,7 +150,7 @@ class Dsnu(PointwiseStage):
         return within_range_dn(at.camera, at.camera.dsnu_e)
 
 
-class Gain(PointwiseStage):
+class Gain(SensorStage):
     """System gain K and black level: electrons to digital numbers, not yet whole ones."""
 
     name = "gain"
@@ -166,7 +160,7 @@ class Gain(PointwiseStage):
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
 
-class Quantisation(PointwiseStage):
+class Quantisation(SensorStage):
     """Rounding to whole digital numbers. Gradients pass through unchanged, as the derivative of rounding is 0."""
 
     name = "quantisation"
@@ -180,7 +174,7 @@ class Quantisation(PointwiseStage):
         return 1 / math.sqrt(12)
 
 
-class Limits(PointwiseStage):
+class Limits(SensorStage):
     """The converter's: 0 and full scale."""
 
     name = "limits"

@@ -9,12 +9,13 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from blurs import optical_blur
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blurnoise import Camera, defocus, motion_blur, simulate
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise.blur.convolution import NEGLIGIBLE, Method, disc, exposure_blur, optical_blur
+from blurnoise.blur.convolution import NEGLIGIBLE, Method, disc, exposure_blur
 from blurnoise.optics.transfer import Optics, motion_error
 
 MOTIONS = st.tuples(st.floats(-30, 30), st.floats(-30, 30))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurs import optical_blur
 from scipy.interpolate import BarycentricInterpolator
 
 from blurnoise._core.borders import BORDERS, Border, extended
@@ -160,8 +161,6 @@ def test_spreading_differs_as_the_radius_changes_across_a_disc() -> None:
     radius, image = radii(0.0, 2.0, 480, 640, 4096), picture(480, 640)[:, :1]
     nodes = discs(0.0, 2.0)
     weights = torch.from_numpy(over_the_field.weights(radius**2, nodes))
-    parts = [
-        convolution.optical_blur(image * own, Optics(each)) for own, each in zip(weights, nodes, strict=True)
-    ]
+    parts = [optical_blur(image * own, Optics(each)) for own, each in zip(weights, nodes, strict=True)]
     off = (torch.stack(parts).sum(0) - defocus(image, radius))[..., 16:-16, 16:-16]
     assert float(off.square().mean().sqrt()) == pytest.approx(8e-4, rel=0.1)

@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 import torch
+from blurs import flow_blur
 from projection import projected
 from torch import Tensor
 
 from blurnoise import motion_blur
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise.blur import resampling
-from blurnoise.blur.sub_exposures import flow_blur
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics.colour import srgb_from_linear
 

@@ -11,7 +11,7 @@ import torch
 
 from blurnoise import Camera, ExposedScene, Exposure, simulate
 from blurnoise.light.flicker import Pwm
-from blurnoise.optics.camera import Capture, dual_gain, staggered
+from blurnoise.optics.camera import Capture, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
@@ -20,6 +20,11 @@ from blurnoise.scene.hdr import Flicker, captured, developed, fuse
 IMX250 = Camera.preset("imx250")
 FINE = replace(IMX250, bit_depth=16, system_gain_dn_per_e=(65535 - 6) / 10715)  # no rounding to speak of
 WELL_E = 10715.0
+
+
+def dual_gain(gain_db: float) -> tuple[Capture, Capture]:
+    """One exposure read at a gain and at 0 dB: nothing moves between the two."""
+    return Capture(gain_db=gain_db), Capture(start_s=0.0)
 
 
 def lux_for(camera: Camera, white_e: float = WELL_E, exposure_s: float = 0.01) -> float:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurs import optical_blur
 from brute_force import accelerated_path, exposed, photograph, rms_dn
 from path_oracle import polyline_grid, straight_path
 
@@ -99,14 +100,14 @@ def test_small_grids(side: int, error: float, monkeypatch: pytest.MonkeyPatch) -
 def test_lens_shares_the_transform() -> None:
     light, optics = picture(), Optics(defocus_radius_px=1.5, diffraction_lambda_n_px=0.6)
     seen = SHAKE.seen(0.01)
-    twice = convolution.optical_blur(path_blur(light, seen, border="circular"), optics, border="circular")
+    twice = optical_blur(path_blur(light, seen, border="circular"), optics, border="circular")
     torch.testing.assert_close(path_blur(light, seen, optics, border="circular"), twice, rtol=0, atol=1e-9)
 
 
 def test_path_of_no_duration_is_at_rest() -> None:
     light, optics = picture(), Optics(defocus_radius_px=1.5)
     seen = path_blur(light, SHAKE.seen(0.0), optics)
-    torch.testing.assert_close(seen, convolution.optical_blur(light, optics), rtol=0, atol=1e-9)
+    torch.testing.assert_close(seen, optical_blur(light, optics), rtol=0, atol=1e-9)
 
 
 def test_too_short_to_be_seen_and_too_large_to_hold() -> None:

@@ -19,6 +19,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
+from blurnoise.optics.camera import DARK_NOISE
 from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import readout, stages
@@ -266,9 +267,11 @@ def test_every_entry_says_what_it_is() -> None:
 
 
 def test_every_noise_of_the_dark_counts_in_threshold_and_range() -> None:
-    """Read noise is all that a stage draws in the dark; a second such noise belongs into both."""
-    assert {figure for stage in stages.STAGES if stage.draws for figure in stage.figures} == {"read_noise_e"}
-    noisier = replace(CAMERA, read_noise_e=2 * CAMERA.read_noise_e)
+    """A stage that draws has its figures in the camera's sum, which doubles with them."""
+    drawn = {figure for stage in stages.STAGES if stage.draws for figure in stage.figures}
+    assert drawn == set(DARK_NOISE)
+    noisier = replace(CAMERA, **{name: 2 * getattr(CAMERA, name) for name in DARK_NOISE})
+    assert noisier.dark_noise_e == pytest.approx(2 * CAMERA.dark_noise_e)
     assert noisier.threshold_e > 1.7 * CAMERA.threshold_e
 
 

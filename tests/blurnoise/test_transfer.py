@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from blurs import optical_blur
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from torch import Tensor
 
 from blurnoise.blur import convolution
-from blurnoise.blur.convolution import optical_blur
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import Optics
 

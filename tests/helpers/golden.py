@@ -38,7 +38,7 @@ from blurnoise import (
 )
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import PRESETS, dual_gain, staggered
+from blurnoise.optics.camera import PRESETS, Capture, staggered
 from blurnoise.scene.hdr import Flicker, captured, fuse
 from blurnoise.training.augmentation import RandomExposure, expose_pictures
 
@@ -133,7 +133,10 @@ def golden_frames() -> Frames:
     frames["JPEG"] = lambda: develop(
         simulate(scene, still, **CONDITIONS, generator=generator), replace(still, jpeg_quality=80)
     )
-    for name, captures in (("staggered", staggered(16.0)), ("two gains", dual_gain(18.0))):
+    for name, captures in (
+        ("staggered", staggered(16.0)),
+        ("two gains", (Capture(gain_db=18.0), Capture(start_s=0.0))),
+    ):
         frames[f"HDR, {name}"] = lambda captures=captures: fuse(captured(
             ExposedScene(4 * scene), still, captures, exposure_s=0.02, illuminance_lux=200.0,
             velocity_px_s=(300.0, 50.0), generator=generator, flicker=Flicker(Pwm(90.0, 0.3)),

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from blurnoise._core.checks import in_range
-from blurnoise.motion.trajectory import Floats, Trajectory, from_rates
+from blurnoise.motion.trajectory import Trajectory, from_rates
+from blurnoise.optics.spectra import Floats
 
 BODY_HZ, DAMPING, HOP_HZ, MASS_RATIO, WHEELBASE_M = 1.2, 0.3, 11.0, 10.0, 2.7
 """A quarter car, as assumed: frequency of its body on its springs and their damping, frequency of its wheel between

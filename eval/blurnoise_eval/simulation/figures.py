@@ -13,8 +13,9 @@ from blurnoise import plan
 from blurnoise.blur.layers import object_motion, seen_behind
 from blurnoise.light.conditions import middle_of
 from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera, Capture, windows
-from blurnoise.optics.radiometry import dark_electrons, filter_electrons, outside_share, photoelectrons
+from blurnoise.optics.radiometry import dark_electrons, filter_electrons, photoelectrons
 from blurnoise.optics.spectra import Curve
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut
@@ -110,6 +111,15 @@ def figures(given: SceneFile, shot: Shot, frames: list[Tensor]) -> dict[str, Any
     found |= _of_lamp(shot, shot.lamp) if shot.lamp else {}
     found["reflectance"] = reflectance_text(given.grey_anchor)
     return found
+
+
+def outside_share(light: Tensor, camera: Camera) -> float:
+    """Share of the pixels of pictures (B, 3, H, W) with a negative camera colour; 0 without a colour matrix."""
+    if camera.ccm is None or light.shape[1] != 3:
+        return 0.0
+    rows = light.new_tensor(colour.inverse(camera.ccm))
+    seen = torch.einsum("ij,bjhw->bihw", rows, light.detach())
+    return float((seen.amin(1) < -1e-6).double().mean())
 
 
 def _of_captures(shot: Shot, last: Tensor) -> dict[str, Any]:

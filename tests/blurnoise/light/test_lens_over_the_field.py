@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import torch
+from blurs import optical_blur
 from kornia.augmentation import AugmentationSequential
 from torch import Tensor
 
@@ -138,7 +139,7 @@ def test_field_curvature_adds_to_defocus() -> None:
     camera = of(Lens(field_curvature_px=-1.5), defocus_radius_px=1.5)
     light = picture(size=(H, W))
     seen = effects.through(light, at(camera))
-    centre = convolution.optical_blur(light, Optics(1.5))
+    centre = optical_blur(light, Optics(1.5))
     assert float((seen - centre)[..., H // 2, W // 2].abs().max()) < 2e-3
     corner = (slice(None), slice(None), slice(0, 2), slice(0, 2))
     assert float((seen - light)[corner].abs().max()) < 0.02

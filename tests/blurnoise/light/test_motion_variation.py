@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurs import flow_blur
 
 from blurnoise import Camera, ExposedScene, motion_blur, plan, simulate
-from blurnoise.blur.sub_exposures import flow_blur
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.optics import transfer
 
