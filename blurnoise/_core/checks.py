@@ -190,7 +190,7 @@ def one_of(name: str, value: str, allowed: Iterable[str]) -> str:
 
 def known(what: str, name: object, names: Collection[str]) -> None:
     """Raise ``ValueError`` that suggests the nearest of ``names`` unless ``name`` is among them."""
-    if name not in names:
+    if not isinstance(name, str) or name not in names:
         near = get_close_matches(name[:99], names, n=1) if isinstance(name, str) else []
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise ValueError(f"{what} {shown(name)} is unknown; {hint}Known are {', '.join(names)}")

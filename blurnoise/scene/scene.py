@@ -105,21 +105,22 @@ class ExposedScene:
         moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
         asked = differentiable(self.light, at.exposure_s, at.white_e, moved, at.temperature_c)
         asked |= torch.is_grad_enabled() and any(layer.requires_grad for own in self._layers for layer in own)
-        alike: dict[Plan, list[int]] = {}
+        alike: dict[tuple[Plan, bool], list[int]] = {}
         for item, one in enumerate(at.each()):
             needs = Plan((), at.camera) if asked else self._plan(one, self._brightest[item])
-            alike.setdefault(needs, []).append(item)
+            alike.setdefault((needs, bool(one.objects)), []).append(item)
         planes = radiometry.planes(at.camera, self.light.shape[1])
         out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
-        for needs, of in alike.items():
+        for (needs, _), of in alike.items():
             every = len(alike) == 1
             light, some = (self.light, at) if every else (self.light[of], at.part(of))
             sensed = radiometry.on_sensor(self._through(light, some, needs), needs.camera, self.illuminant)
+            own = sensed.untyped_storage().data_ptr() != light.untyped_storage().data_ptr()
             options = replace(
                 self._readout(needs, [seeds[item] for item in of]),
                 noise=noise and needs.noisy,
                 quantised=quantised,
-                out=sensed if sensed is not light and sensed.is_contiguous() else None,
+                out=sensed if own and sensed.is_contiguous() else None,
             )
             dn = digitised(sensed, needs.reduced(some), options)
             if every:

@@ -94,7 +94,7 @@ class ShotNoise(SensorStage):
         return rng.poisson_of_normal(signal, at.normal)
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, math.sqrt(signal_bound_e(at)))
+        return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
 
     def how(self, camera: Camera, noisy: bool) -> str:
         if camera.read_noise_e >= MERGE_READ_NOISE_E:
