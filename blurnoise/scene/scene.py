@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import groupby
 from typing import Any, NamedTuple, Self
 
@@ -76,7 +76,7 @@ class ExposedScene:
         check_illuminant(self.illuminant)
         integer("pattern_seed", self.pattern_seed, 0, rng.LAST_SEED)
         limited("tolerance_dn", self.tolerance_dn)
-        self._field = lru_cache(_FIELDS)(self._noise_field)
+        self._field = lru_cache(_FIELDS)(partial(_noise_field, self.light[:1, :1]))  # no cycle: freed at once
 
     @classmethod
     def of_picture(cls, picture: NDArray[Any], grey_anchor: str | None = None, **options: Any) -> Self:
@@ -222,12 +222,13 @@ class ExposedScene:
             pattern = camera.fixed_pattern((radiometry.planes(camera, colours), *size), self.pattern_seed)
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)
 
-    def _noise_field(self, seed: int, stream: str, planes: int) -> Tensor:
-        return rng.standard_normal([seed], self.light[:1, :1].expand(-1, planes, -1, -1), stream)
-
     def _normal(self, seeds: Sequence[int], like: Tensor, stream: str) -> Tensor:
         """``rng.standard_normal`` of one seed for all items; the last ``_FIELDS`` are kept."""
         return self._field(seeds[0], stream, like.shape[1]).expand(like.shape)
+
+
+def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
+    return rng.standard_normal([seed], plane.expand(-1, planes, -1, -1), stream)
 
 
 def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 
 import pytest
@@ -73,3 +74,12 @@ def test_dark_charge_has_shot_noise_without_light() -> None:
     )
     assert float(auto) == pytest.approx(float(full), rel=0.05)
     assert float(full) > 5
+
+
+def test_a_scene_is_freed_at_once() -> None:
+    """Without waiting for the collector of cycles: training makes one for every batch."""
+    scene = ExposedScene(torch.rand(1, 3, 16, 20))
+    scene.expose(Camera.preset("imx250"), exposure_s=0.01, illuminance_lux=50.0, generator=[1])
+    gone = weakref.ref(scene)
+    del scene
+    assert gone() is None
