@@ -132,7 +132,7 @@ class Camera:
         check_fields(self)
         colour.check(self.cfa, self.quantum_efficiency, self.ccm, self.white_balance, self.tone)
         in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
-        for name in self.sources:
+        for name in sorted(self.sources.keys() - vars(self).keys()):
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
         starts = [row.from_db for row in self.conversion_gains]
