@@ -1,7 +1,8 @@
 """Threads: each of pytest-xdist's processes has one; with more, those of all wait for each other at every loop.
 
 CI's rules: ``--most-cpu-s`` fails a test whose body takes more CPU time, ``--skips FILE`` one that is skipped for a
-reason that no line of the file begins.
+reason that no line of the file begins, and ``--note-skipped FILE`` writes what was skipped, for a run with more
+packages: ``pytest -m "" @FILE``.
 """
 
 import os
@@ -24,6 +25,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--skips", metavar="FILE", help="fail a test that is skipped for a reason that is not in FILE"
     )
+    parser.addoption("--note-skipped", metavar="FILE", help="write the names of skipped tests, a line each")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -58,3 +60,9 @@ def _skips_listed(report: Any, config: pytest.Config) -> Any:
     if not any(reason.startswith(each) for each in known):
         report.outcome, report.longrepr = "failed", f"skipped, for a reason that is not in {listed}: {reason}"
     return report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    if noted := config.getoption("--note-skipped"):
+        names = dict.fromkeys(each.nodeid for each in terminalreporter.stats.get("skipped", ()))
+        Path(noted).write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
