@@ -31,7 +31,6 @@ def maps(
     scatter on each metric. No detector runs; a condition takes about 0.1 s.
     """
     workers = given.threads(threads)
-    from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
@@ -40,7 +39,6 @@ def maps(
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    cluster_of("", cluster)
     with read_run(run) as read, Store(read.path) as store:
         check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)

@@ -89,12 +89,13 @@ class Map:
 
 @dataclass(frozen=True, eq=False)
 class Maps:
-    """The maps of a run. metrics: (N,) by name, NaN where withheld."""
+    """The maps of a run. metrics: (N,) by name, NaN where withheld. too_little: groups that score too little."""
 
     criterion: Criterion
     nodes: Nodes
     metrics: Mapping[str, Array]
     every: tuple[Map, ...]
+    too_little: tuple[str, ...] = ()
 
     @property
     def shown(self) -> dict[str, list[Map]]:
@@ -123,12 +124,10 @@ def maps_of(
     rows = measure(nodes.camera, nodes.conditions, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(nodes), len(METRICS))
     metrics = {metric.name: of for metric, of in zip(METRICS, values.T, strict=True)}
-    every = [
-        map_of(nodes, metrics, nodes.group(table), criterion.score)
-        for table in tables
-        if not table.knows_too_little
-    ]
-    return Maps(criterion, nodes, metrics, tuple(every))
+    known = [nodes.group(table) for table in tables if not table.knows_too_little]
+    every = tuple(map_of(nodes, metrics, table, criterion.score) for table in known)
+    too_little = [f"{table.model}, {table.group}" for table in tables if table.knows_too_little]
+    return Maps(criterion, nodes, metrics, every, tuple(too_little))
 
 
 def map_of(nodes: Nodes, metrics: Mapping[str, Array], table: ScoreTable, score: str) -> Map:
@@ -189,6 +188,8 @@ def sentences(maps: Maps) -> Iterator[str]:
     for model, groups in maps.shown.items():
         for each in groups:
             yield f"{model}, {each.table.group}: {_best(each.ranks)}{_misleading(each.ranks)}"
+    for name in maps.too_little:
+        yield f"{name}: cannot tell; its targets score too little in the original pictures."
 
 
 def _best(ranks: tuple[Rank, ...]) -> str:
@@ -197,9 +198,11 @@ def _best(ranks: tuple[Rank, ...]) -> str:
         return f"cannot tell which metric ranks conditions: none is known at {FEWEST_NODES} and half of the nodes."
     best = max(known, key=lambda row: row.lower)
     text = f"rank correlation {best.text}; known at {best.share_told:.0%} of {best.n_nodes} nodes"
-    if best.lower <= 0:
-        return f"no metric surely ranks conditions; the best is {_TITLE_OF[best.metric]} ({text})."
-    return f"{_TITLE_OF[best.metric]} ranks conditions best ({text})."
+    title = _TITLE_OF[best.metric]
+    sure = (
+        f"{title} ranks conditions best" if best.lower > 0 else f"no metric surely ranks; the best is {title}"
+    )
+    return f"{sure} ({text})."
 
 
 def _misleading(ranks: tuple[Rank, ...]) -> str:

@@ -48,12 +48,11 @@ class Nodes:
     @property
     def figures(self) -> dict[str, Array]:
         """(N,) by name, as nodes.csv has them: H, L and gain."""
-        found = {
-            "light_lux_s": [at.exposure_s * at.illuminance_lux for at in self.conditions],
-            "blur_px": [at.blur_px for at in self.conditions],
-            "gain_db": [at.stated["gain_db"] for at in self.conditions],
+        return {
+            "light_lux_s": np.array([at.exposure_s * at.illuminance_lux for at in self.conditions]),
+            "blur_px": np.array([at.blur_px for at in self.conditions]),
+            "gain_db": np.array([at.stated["gain_db"] for at in self.conditions]),
         }
-        return {name: np.array(values, float) for name, values in found.items()}
 
     @property
     def places(self) -> Array:

@@ -64,12 +64,12 @@ def paper(
     how = (
         f"{repeats} noise fields, {measured.detector.name}, {'no reader' if reader is None else reader.name}"
     )
-    written = page.write(outcomes, how, output)
+    page.write(outcomes, how, output)
     rows = page.rows_of(outcomes)
     for row in rows:
         chain = f" ({row['chain']})" if row["chain"] else ""
         say(f"{row['verdict']:10}  {row['place']}, {row['what']}{chain}: {row['found']}")
-    say("", page.summary(outcomes), f"open {written}")
+    say("", page.summary(outcomes), f"open {output / 'paper.html'}")
     if any(row["verdict"] == "differs" for row in rows):
         raise typer.Exit(1)
 

@@ -17,7 +17,6 @@ COLUMNS = ("item", "expected", "found", "rule", "verdict", "what", "chain", "pla
 Curve = Mapping[float, float]
 """From x to y."""
 Range = tuple[float, float, str]
-"""Low and high x that the paper gives, equal for one place, and what for."""
 
 
 class Check(NamedTuple):
@@ -34,7 +33,7 @@ class Check(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """Measured lines by their labels, and what the paper says of x."""
+    """Measured lines by their labels, and ranges of x that the paper gives: low, high (may be equal), and what."""
 
     title: str
     x_label: str

@@ -368,8 +368,6 @@ NOT_COMPARED = {
 
 def chosen(names: Sequence[str]) -> tuple[Item, ...]:
     """The items of these names, in the table's order; all for none. Raises ``ValueError`` that lists them."""
-    known = [item.name for item in ITEMS]
-    for name in names:
-        if name not in known:
-            raise ValueError(f"only = {name!r}: must be one of {', '.join(known)}")
+    if unknown := set(names) - {item.name for item in ITEMS}:
+        raise ValueError(f"only = {min(unknown)!r}: must be one of {', '.join(item.name for item in ITEMS)}")
     return tuple(item for item in ITEMS if item.name in names or not names)

@@ -37,7 +37,6 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 Chain = Literal["paper", "camera"]
 CHAINS: tuple[Chain, ...] = ("paper", "camera")
 CAMERA = "lin2024"
-LUMA = (0.2989, 0.5870, 0.1140)
 READ_FIELDS = 8
 """Noise fields of a reading, at least: what is read right six times in ten is so in all of three every fifth time."""
 Numbers = dict[tuple[str, float, float], Estimate]
@@ -167,7 +166,7 @@ def picture(chain: Chain, size_px: int) -> Image:
     """The sign as the chain's scene, (320, 320, 3), sRGB-coded: 16 bits of grey, or 8 of colour."""
     coded, kind = srgb_from_linear(charts.stop_sign(size_px, **_SIDE)[0]), "uint8"
     if chain == "paper":
-        grey = torch.einsum("c,chw->hw", torch.tensor(LUMA), coded)
+        grey = torch.einsum("c,chw->hw", torch.tensor((0.2989, 0.5870, 0.1140)), coded)
         coded, kind = srgb_from_linear(grey).expand(3, -1, -1), "uint16"
     codes = coded.double().mul(np.iinfo(kind).max).round().permute(1, 2, 0).numpy()
     return np.ascontiguousarray(codes.astype(kind))

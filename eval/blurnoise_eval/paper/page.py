@@ -19,8 +19,8 @@ from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
 
-def write(outcomes: Sequence[Outcome], how: str, folder: Path) -> Path:
-    """Write paper.csv and paper.html; returns the page's path. Raises ``OSError``."""
+def write(outcomes: Sequence[Outcome], how: str, folder: Path) -> None:
+    """Write paper.csv and paper.html; raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
     folders = [str(Path(__file__).parent / "templates"), str(files("blurnoise_eval.report") / "templates")]
     environment = Environment(
@@ -30,10 +30,8 @@ def write(outcomes: Sequence[Outcome], how: str, folder: Path) -> Path:
     page = environment.get_template("paper.html.j2").render(
         outcomes=outcomes, summary=summary(outcomes), how=how, png=png, not_compared=NOT_COMPARED
     )
-    rows = csv_lines(COLUMNS, rows_of(outcomes))
-    write_whole(folder / "paper.csv", (line.encode() for line in rows))
+    write_whole(folder / "paper.csv", (line.encode() for line in csv_lines(COLUMNS, rows_of(outcomes))))
     write_whole(folder / "paper.html", page.encode())
-    return folder / "paper.html"
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, str]]:

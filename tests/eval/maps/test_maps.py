@@ -116,10 +116,9 @@ def test_a_metric_that_may_not_rank_at_all_is_not_called_best() -> None:
         Rank("m", metric.name, "", "signs", N, 0.3, -0.1 - 0.01 * place, 0.7, 1.0)
         for place, metric in enumerate(METRICS)
     ]
-    (text,) = sentences(Maps(KEEP, PLANE, {}, (Map(table, tuple(unsure)),)))
-    assert (
-        "no metric surely ranks conditions; the best is MTF50 across x (rank correlation 0.30 (-0.10" in text
-    )
+    text, other = sentences(Maps(KEEP, PLANE, {}, (Map(table, tuple(unsure)),), ("m, small",)))
+    assert other == "m, small: cannot tell; its targets score too little in the original pictures."
+    assert "no metric surely ranks; the best is MTF50 across x (rank correlation 0.30 (-0.10" in text
 
 
 def test_tables_are_written_whole(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def test_summary() -> None:
 
 
 def test_page_and_table(tmp_path: Path) -> None:
-    written = page.write([made("a", True, False, None), made("b")], "<b>0</b> fields", tmp_path)
+    page.write([made("a", True, False, None), made("b")], "<b>0</b> fields", tmp_path)
     rows = list(csv.DictReader((tmp_path / "paper.csv").open(newline="")))
     assert [(row["item"], row["expected"], row["found"], row["rule"], row["verdict"]) for row in rows] == [
         ("a", "1 <px>", "2 px", "equal", "agrees"),
@@ -41,7 +41,7 @@ def test_page_and_table(tmp_path: Path) -> None:
         ("a", "1 <px>", "2 px", "equal", "not judged"),
         ("b", "", "needs a thing", "", "not run"),
     ]
-    shown = read_pages.Page(written)
+    shown = read_pages.Page(tmp_path / "paper.html")
     assert "1 of 2 statements of the paper agree; differ: 1; items not run: 1." in shown.text
     assert "<b>0</b> fields" in shown.text
     assert all(why in shown.text for why in items.NOT_COMPARED.values())
