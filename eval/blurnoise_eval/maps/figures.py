@@ -79,7 +79,7 @@ def scatter(maps: Maps, of: Map) -> Figure:
         axes.set_ylim(-0.03, top)
         axes.axhline(maps.criterion.level, color="0.4", lw=0.8, ls=":")
         axes.scatter(m[known], score[known], s=11, c=motion_px[known], norm=colour, cmap="plasma")
-        axes.text(0.02, 0.98, f"rank {row.text}", transform=axes.transAxes, fontsize=8, va="top")
+        axes.text(0.02, 0.98, f"rank: {row.text}", transform=axes.transAxes, fontsize=8, va="top")
     figure.supylabel(maps.criterion.title, fontsize=9)
     name = f"{of.table.model}, {of.table.group}"
     _finish(figure, maps, name, ScalarMappable(colour, "plasma"), _MOTION)
