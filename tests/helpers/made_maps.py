@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.maps.nodes import Nodes, NodeScores, nodes_at
+from blurnoise_eval.answers.table import ScoreTable
+from blurnoise_eval.maps.nodes import Nodes, nodes_at
 from made_tables import table
 from numpy.typing import NDArray
 from plans import IMX250, OWN
@@ -32,20 +32,15 @@ def plane(
     return nodes_at([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
 
 
-def scores_at(
-    nodes: Nodes,
-    values: NDArray[np.float64],
-    clusters: int = 12,
-    enough: Criterion = KEEP,
-    size_px: float = 50.0,
-) -> NodeScores:
-    """Scores of ``values`` (N,), from which clusters depart a little, each in its way."""
-    own = 0.1 * np.random.default_rng(0).normal(size=(clusters, len(values)))
-    sums = np.nan_to_num(values + own - own.mean(axis=0))
+def exact(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of which sums over a few clusters are exact: of 24 binary places."""
+    return np.asarray(np.round(values * 2**24) / 2**24)
+
+
+def scores_at(nodes: Nodes, values: NDArray[np.float64], clusters: int = 12) -> ScoreTable:
+    """A table at the nodes with mean :func:`exact` ``values`` (N,), from which clusters depart, each in its way."""
+    own = exact(0.1 * np.random.default_rng(0).normal(size=(clusters, len(values))))
+    own[-1] = -own[:-1].sum(axis=0)
+    sums = np.nan_to_num(exact(values) + own)
     counts = np.broadcast_to(np.isfinite(values).astype(float), sums.shape)
-    made = table(
-        sums[..., None], np.arange(len(values)), counts=counts[..., None], group="signs", n_targets=30
-    )
-    made = replace(made, clean=0.5)
-    vars(made)["mean"] = values  # to the bit
-    return NodeScores(made, enough, size_px)
+    return table(sums[..., None], np.arange(len(nodes)), counts=counts[..., None], group="signs")

@@ -10,17 +10,15 @@ import typer
 from typer import Option
 
 from blurnoise_eval.cli import given, run_alone
-from blurnoise_eval.cli._options import Contract, Json, Threads, new_folder
+from blurnoise_eval.cli._options import Contract, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json
-
-ITEM_NAMES = "table-2, quanta, frequencies, mtf50, mtf50-dx, patch-snr, edge-snr, clipping, sic, neq, detection, maps, ocr, ocr-dx"  # noqa: E501
+from blurnoise_eval.system.terminal import say
 
 
 def paper(
     *,
     only: Annotated[
-        list[str] | None, Option(metavar="ITEM", help=f"only this item, may be repeated: {ITEM_NAMES}")
+        list[str] | None, Option(metavar="ITEM", help="only this item of the page, may be repeated")
     ] = None,
     quick: Annotated[
         bool, Option("--quick", help="one noise field for each condition instead of three")
@@ -30,12 +28,10 @@ def paper(
         Option(metavar="M.onnx", help="the detector that finds the signs (default: the built-in one)"),
     ] = None,
     contract: Contract = None,
-    seed: Annotated[int, Option(metavar="N", help="of the noise")] = 0,
     threads: Threads = None,
     output: Annotated[
         Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for page and table")
     ],
-    as_json: Json = False,
 ) -> None:
     """Rerun the paper that this project starts from, Lin et al., Sensors 2024, 24(16), 5135: its tables and figures
     item by item beside what is found here, what should agree and by which rule.
@@ -51,46 +47,30 @@ def paper(
     rapidocr; where that is missing, its items are "not run".
     """
     workers = given.threads(threads)
-    from blurnoise._core.checks import integer
-    from blurnoise._core.rng import LAST_SEED
     from blurnoise_eval.detectors.ocr import Recogniser
     from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
-    from blurnoise_eval.paper import page, table
+    from blurnoise_eval.paper import items, page
     from blurnoise_eval.paper.measurement import Measurements
 
-    integer("seed", seed, 0, LAST_SEED)
-    items = table.chosen(only or ())
-    networks = rapidocr_models()
-    measured = Measurements(
-        given.detector(model, contract),
-        None if networks is None else Recogniser(networks[1]),
-        repeats=1 if quick else 3,
-        threads=workers,
-        seed=seed,
-    )
-    outcomes = []
-    with ProgressBar("paper", len(items)) as advance:
-        for item in items:
+    wanted, networks = items.chosen(only or ()), rapidocr_models()
+    reader = None if networks is None else Recogniser(networks[1])
+    repeats = 1 if quick else 3
+    measured = Measurements(given.detector(model, contract), reader, repeats=repeats, threads=workers)
+    with ProgressBar("paper", len(wanted)) as advance:
+        outcomes = []
+        for item in wanted:
             outcomes.append(item.run(measured))
             advance(1)
-    reader = "none installed" if measured.reader is None else measured.reader.name
-    facts = {
-        "command": " ".join(["blurnoise", *sys.argv[1:]]),
-        "noise fields": str(measured.repeats),
-        "seed": str(seed),
-        "detector": measured.detector.name,
-        "reader of text": reader,
-    }
-    written = page.write(outcomes, facts, output)
+    how = (
+        f"{repeats} noise fields, {measured.detector.name}, {'no reader' if reader is None else reader.name}"
+    )
+    page.write(outcomes, how, output)
     rows = page.rows_of(outcomes)
-    if as_json:
-        say_json({"output": str(output), "summary": page.summary(outcomes), "rows": rows})
-    else:
-        for row in rows:
-            chain = f" ({row['chain']})" if row["chain"] else ""
-            say(f"{row['verdict']:10}  {row['place']}, {row['what']}{chain}: {row['found']}")
-        say("", page.summary(outcomes), f"open {written}")
-    if page.differs(outcomes):
+    for row in rows:
+        chain = f" ({row['chain']})" if row["chain"] else ""
+        say(f"{row['verdict']:10}  {row['place']}, {row['what']}{chain}: {row['found']}")
+    say("", page.summary(outcomes), f"open {output / 'paper.html'}")
+    if any(row["verdict"] == "differs" for row in rows):
         raise typer.Exit(1)
 
 

@@ -2,70 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from statistics import NormalDist
 from typing import NamedTuple
 
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.paper.measurement import CHAINS, Chain, NotRun
+from blurnoise_eval.paper.measurement import CHAINS, Chain, Measurements, NotRun
 
-AGREES, DIFFERS, NOT_RUN, NOT_JUDGED = "agrees", "differs", "not run", "not judged"
+VERDICTS = {True: "agrees", False: "differs", None: "not judged"}
+NOT_RUN = "not run"
 COLUMNS = ("item", "expected", "found", "rule", "verdict", "what", "chain", "place", "setting")
+Curve = Mapping[float, float]
+"""From x to y."""
+Range = tuple[float, float, str]
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(NamedTuple):
     """One statement of the paper beside what is found.
 
-    agrees: whether ``found`` keeps the rule; None where nothing can be held to the paper, or the chain is not the
-    paper's. chain: in which it was found, where pictures go to a network.
+    agrees: whether ``found`` keeps the rule; None where nothing can be held to the paper.
     """
 
     what: str
     expected: str
     found: str
-    rule: str
-    agrees: bool | None
-    chain: str = ""
-    not_run: bool = False
-
-    @property
-    def verdict(self) -> str:
-        """In words."""
-        if self.not_run:
-            return NOT_RUN
-        return NOT_JUDGED if self.agrees is None else AGREES if self.agrees else DIFFERS
-
-
-class Line(NamedTuple):
-    """A line of a figure; y is NaN where a number is withheld. dashed: a closed form, or the chain beside.
-
-    colour: place among the figure's colours; None: the next one.
-    """
-
-    label: str
-    x: Sequence[float]
-    y: Sequence[float]
-    dashed: bool = False
-    colour: int | None = None
+    rule: str = ""
+    agrees: bool | None = None
 
 
 class Figure(NamedTuple):
-    """Lines, and what the paper says as ranges or places of x.
-
-    quoted: (low, high, label) of x; low equals high for one place. level: of y, a share. points: without lines.
-    """
+    """Measured lines by their labels, and ranges of x that the paper gives: low, high (may be equal), and what."""
 
     title: str
     x_label: str
     y_label: str
-    lines: Sequence[Line]
-    quoted: Sequence[tuple[float, float, str]] = ()
-    logarithmic: bool = True
-    points: bool = False
-    level: float | None = None
+    lines: Mapping[str, Curve]
+    published: Sequence[Range] = ()
 
 
 Parts = Iterator[Check | Figure]
@@ -85,61 +59,72 @@ class Item(NamedTuple):
     of: Callable[..., Parts]
     judged: Chain | None = None
 
-    def run(self, measured: object) -> Outcome:
+    def run(self, measured: Measurements) -> Outcome:
         """What is found; where something is missing for it, a check that says so."""
-        checks: list[Check] = []
+        rows: list[dict[str, str]] = []
         figures: list[Figure] = []
         try:
             for chain in CHAINS if self.judged else ("",):
                 for part in self.of(measured, chain) if chain else self.of(measured):
-                    if isinstance(part, Figure):
-                        figures.append(part)
+                    if isinstance(part, Check):
+                        verdict = VERDICTS[part.agrees if chain in ("", self.judged) else None]
+                        rows.append(self._row(part, verdict, chain))
                     else:
-                        agrees = part.agrees if chain in ("", self.judged) else None
-                        checks.append(replace(part, chain=chain, agrees=agrees))
+                        figures.append(part._replace(title=f"{part.title}, {chain} chain") if chain else part)
         except NotRun as reason:
-            return Outcome(self, [Check(self.title, "", str(reason), "", None, not_run=True)], [])
-        return Outcome(self, checks, figures)
+            return Outcome(self, [self._row(Check(self.title, "", str(reason)), NOT_RUN)], [])
+        return Outcome(self, rows, figures)
+
+    def _row(self, check: Check, verdict: str, chain: str = "") -> dict[str, str]:
+        own = {"item": self.name, "place": self.place, "setting": self.setting}
+        row = {**check._asdict(), **own, "verdict": verdict, "chain": chain}
+        return {name: row[name] for name in COLUMNS}
 
 
 class Outcome(NamedTuple):
-    """An item with what was found."""
+    """An item with what was found; rows: of paper.csv, by ``COLUMNS``."""
 
     item: Item
-    checks: Sequence[Check]
-    figures: Sequence[Figure]
-
-    def rows(self) -> list[dict[str, str]]:
-        """The item's rows of paper.csv, by ``COLUMNS``."""
-        shared = {"item": self.item.name, "place": self.item.place, "setting": self.item.setting}
-        rows = [{**asdict(check), "verdict": check.verdict, **shared} for check in self.checks]
-        return [{name: row[name] for name in COLUMNS} for row in rows]
+    rows: list[dict[str, str]]
+    figures: list[Figure]
 
 
-def all_near(found: Iterable[Estimate], expected: Sequence[float], share: float) -> bool:
-    """Whether each lies within a share of what is expected, or its 95 % interval holds that, of all N together.
+def within(
+    what: str, expected: str, found: float, low: float, high: float, unit: str, how: str = "g"
+) -> Check:
+    """A check that a number lies in a range; an infinite one is none."""
+    text = f"{found:{how}} {unit}" if math.isfinite(found) else "none"
+    return Check(what, expected, text, f"within {low:{how}}-{high:{how}} {unit}", low <= found <= high)
+
+
+def even(what: str, expected: str, found: Collection[float], how: str, unit: str, share: float) -> Check:
+    """A check that numbers are equal: from the least to the greatest it is at most this share of their mean."""
+    text = f"{', '.join(format(each, how) for each in found)} {unit}".rstrip()
+    spread = (max(found) - min(found)) * len(found) / sum(found)
+    return Check(what, expected, text, f"spread within {share:.0%}", spread <= share)
+
+
+def near(
+    what: str, expected: str, found: Iterable[Estimate], truth: Sequence[float], text: str, share: float
+) -> Check:
+    """A check that each number lies within a share of its truth, or its 95 % interval holds that, of all N together.
 
     Each interval is widened as Bonferroni does, by normal quantiles: one in twenty of N would fail by chance.
     """
-    normal = NormalDist()
-    wider = normal.inv_cdf(1 - 0.025 / max(len(expected), 1)) / normal.inv_cdf(0.975)
-    return all(
-        abs(each.value / at - 1) <= share
-        or wider * (each.low - each.value) <= at - each.value <= wider * (each.high - each.value)
-        for each, at in zip(found, expected, strict=True)
-    )
+    pairs, normal = list(zip(found, truth, strict=True)), NormalDist()
+    wider = normal.inv_cdf(1 - 0.025 / len(pairs)) / normal.inv_cdf(0.975)
+    off = [abs(each.value / at - 1) for each, at in pairs]
+    inside = [
+        wider * (each.low - each.value) <= at - each.value <= wider * (each.high - each.value)
+        for each, at in pairs
+    ]
+    agrees = all(apart <= share or holds for apart, holds in zip(off, inside, strict=True))
+    rule = f"within {share:.0%}, or within the 95 % intervals of all together"
+    return Check(what, expected, f"{text}, {max(off):.2%} off at most", rule, agrees)
 
 
-def falls(values: Iterable[float]) -> bool:
-    """Whether each value is below the one before."""
-    return all(after < before for before, after in pairwise(values))
-
-
-def spread(values: Sequence[float]) -> float:
-    """Largest less smallest, as a share of the mean."""
-    return (max(values) - min(values)) * len(values) / sum(values)
-
-
-def listed(values: Iterable[float], how: str = "g") -> str:
-    """'1, 2.5'."""
-    return ", ".join(format(value, how) for value in values)
+def falling(what: str, expected: str, found: Curve, how: str) -> Check:
+    """A check that each of several numbers is below the one before."""
+    text = ", ".join(f"{y:{how}} at {x:g}" for x, y in found.items())
+    agrees = len(found) > 1 and all(after < before for before, after in pairwise(found.values()))
+    return Check(what, expected, text, "falls", agrees)

@@ -37,9 +37,10 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 Chain = Literal["paper", "camera"]
 CHAINS: tuple[Chain, ...] = ("paper", "camera")
 CAMERA = "lin2024"
-LUMA = (0.2989, 0.5870, 0.1140)
 READ_FIELDS = 8
 """Noise fields of a reading, at least: what is read right six times in ten is so in all of three every fifth time."""
+Numbers = dict[tuple[str, float, float], Estimate]
+"""By metric, or size of the sign in px, exposure in ms and speed in px/s."""
 _SIDE: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
 
 
@@ -56,92 +57,91 @@ class Measurements:
     reader: Reader | None
     repeats: int = 3
     threads: int = 1
-    seed: int = 0
-    _made: dict[Any, Any] = field(default_factory=dict)
+    _made: dict[Grid, Numbers] = field(default_factory=dict)
 
-    def __getitem__(self, of: Any) -> Any:
-        """The numbers of a measurement, made once. Raises :class:`NotRun`."""
+    def __getitem__(self, of: Grid) -> Numbers:
+        """The numbers of a grid, measured once. Raises :class:`NotRun`."""
         if of not in self._made:
             self._made[of] = of.measure(self)
         return self._made[of]
 
+    def curve(
+        self, of: Grid, what: str, *, ms: float | None = None, dx: float | None = None
+    ) -> dict[float, float]:
+        """A metric, or the confidence in signs of so many px, over exposure at a speed, or over speed at an exposure.
+
+        What is withheld is left out; raises :class:`NotRun` where all is.
+        """
+        found = {
+            (at_ms if ms is None else at_dx): each.value
+            for (name, at_ms, at_dx), each in self[of].items()
+            if name == what and ms in (None, at_ms) and dx in (None, at_dx) and each.told
+        }
+        if not found:
+            where = f"{dx:g} px/s" if ms is None else f"{ms:g} ms"
+            raise NotRun(f"{what} is withheld everywhere at {where} and {of.illuminance_lux:g} lux")
+        return dict(sorted(found.items()))
+
 
 @dataclass(frozen=True)
-class Charts:
-    """Every metric of charts over exposures and speeds in one light: (metric, ms, px/s) -> estimate."""
+class Grid:
+    """Exposures and speeds in one light before one camera: of charts, or of signs in a chain before a network.
 
-    illuminance_lux: float
-    exposures_ms: tuple[float, ...]
-    speeds_px_s: tuple[float, ...]
-    camera: str = CAMERA
-
-    def measure(self, using: Measurements) -> dict[tuple[str, float, float], Estimate]:
-        """The estimates; NaN where a metric is withheld."""
-        how: Any = {"repeats": using.repeats, "seed": using.seed, "threads": using.threads}
-        rows = quality.measure(Camera.preset(self.camera), SweepPlan(_grid(self)).conditions(), **how)
-        return {(row.metric, *_place(row.at)): row.estimate for row in rows}
-
-
-@dataclass(frozen=True)
-class Saturation:
-    """The exposure, ms, from which the bright side of the chart's edge clips, by light in lux; to 0.5 %.
-
-    within_lux_ms: light times exposure that does not clip, and that does.
+    read: by the reader of text; else found by the detector.
     """
 
-    lights_lux: tuple[float, ...]
-    within_lux_ms: tuple[float, float] = (500.0, 2000.0)
-
-    def measure(self, using: Measurements) -> dict[float, float]:
-        """By bisection of the exposure's logarithm."""
-        camera, seed = Camera.preset(CAMERA), cell_seed(using.seed, "saturation", 0)
-        levels: Any = {"angle_deg": quality.TILT_DEG, "dark": quality.DARK, "bright": quality.BRIGHT}
-        scene = charts.slanted_edge(quality.ALONG_PX, quality.ACROSS_PX, **levels)
-        found: dict[float, float] = {}
-        for lux in self.lights_lux:
-            low, high = (each / lux for each in self.within_lux_ms)
-            while high / low > 1.005:
-                middle = (low * high) ** 0.5
-                light: Any = {"exposure_s": 1e-3 * middle, "illuminance_lux": lux}
-                dn = simulate(scene, camera, **light, encoding="linear", generator=[seed])
-                edge: Any = slanted_edge(dn[0], full_scale=camera.saturated_dn)
-                low, high = (low, middle) if Flag.CLIPPED in edge.flags else (middle, high)
-            found[lux] = high
-        return found
-
-
-@dataclass(frozen=True)
-class Signs:
-    """Signs of each size before the detector or the reader: (size, ms, px/s) -> confidence.
-
-    A detector's is the mean over noise fields. A reader's is the least of them, 0 where one reads anything but STOP.
-    """
-
-    chain: Chain
-    read: bool
-    sizes_px: tuple[int, ...]
     exposures_ms: tuple[float, ...]
     speeds_px_s: tuple[float, ...]
     illuminance_lux: float = 50.0
     camera: str = CAMERA
+    chain: Chain | None = None
+    sizes_px: tuple[int, ...] = ()
+    read: bool = False
 
-    def measure(self, using: Measurements) -> dict[tuple[int, float, float], float]:
-        """The confidences."""
+    def measure(self, using: Measurements) -> Numbers:
+        """Every metric of charts, NaN where it is withheld; or the confidence in signs of each size, "50 px".
+
+        A detector's is the mean over noise fields. A reader's is the least of them, 0 where one reads anything but
+        STOP.
+        """
+        axes = {
+            "exposure_s": [1e-3 * each for each in self.exposures_ms],
+            "illuminance_lux": [self.illuminance_lux],
+            "velocity_x_px_s": self.speeds_px_s,
+        }
+        repeats = max(using.repeats, READ_FIELDS) if self.read else using.repeats
+        plan = SweepPlan(axes, repeats=repeats, examples=False)
+        if self.chain is None:
+            how: Any = {"repeats": repeats, "threads": using.threads}
+            rows = quality.measure(Camera.preset(self.camera), plan.conditions(), **how)
+            return {(row.metric, *_place(row.at)): row.estimate for row in rows}
         model = using.reader if self.read else using.detector
         if model is None:
             raise NotRun("needs PP-OCR's networks: pip install 'blurnoise[ocr]'")
-        repeats = max(using.repeats, READ_FIELDS) if self.read else using.repeats
-        plan = SweepPlan(_grid(self), repeats=repeats, seed=using.seed, examples=False)
         shown, camera = signs(self.chain, self.sizes_px, read=self.read), camera_of(self.chain, self.camera)
-        scores: dict[tuple[int, float, float], list[float]] = {}
+        scores: dict[tuple[str, float, float], list[float]] = {}
         with TemporaryDirectory() as folder, Store(Path(folder, "signs"), create=True) as store:
             sweep.run([model], camera, shown, plan, store, engine=ThreadEngine(using.threads))
             for row in store.targets():
                 if not row["clean"]:
-                    key = (int(row["group"].split()[0]), *_place(row))
-                    scores.setdefault(key, []).append(row["confidence"])
+                    scores.setdefault((row["group"], *_place(row)), []).append(row["confidence"])
         of_fields = np.min if self.read else np.mean
-        return {key: float(of_fields(values)) for key, values in scores.items()}
+        return {key: Estimate(float(of_fields(values))) for key, values in scores.items()}
+
+
+def clips_from_ms(lux: float) -> float:
+    """The exposure, ms, from which the bright side of the chart's edge clips, to 0.5 %."""
+    camera, generator = Camera.preset(CAMERA), [cell_seed(0, "saturation", 0)]
+    levels: Any = {"angle_deg": quality.TILT_DEG, "dark": quality.DARK, "bright": quality.BRIGHT}
+    scene = charts.slanted_edge(quality.ALONG_PX, quality.ACROSS_PX, **levels)
+    low, high = 500.0 / lux, 2000.0 / lux
+    while high / low > 1.005:
+        middle = (low * high) ** 0.5
+        light: Any = {"exposure_s": 1e-3 * middle, "illuminance_lux": lux}
+        dn = simulate(scene, camera, **light, encoding="linear", generator=generator)
+        edge: Any = slanted_edge(dn[0], full_scale=camera.saturated_dn)
+        low, high = (low, middle) if Flag.CLIPPED in edge.flags else (middle, high)
+    return high
 
 
 def camera_of(chain: Chain, name: str = CAMERA) -> Camera:
@@ -166,18 +166,10 @@ def picture(chain: Chain, size_px: int) -> Image:
     """The sign as the chain's scene, (320, 320, 3), sRGB-coded: 16 bits of grey, or 8 of colour."""
     coded, kind = srgb_from_linear(charts.stop_sign(size_px, **_SIDE)[0]), "uint8"
     if chain == "paper":
-        grey = torch.einsum("c,chw->hw", torch.tensor(LUMA), coded)
+        grey = torch.einsum("c,chw->hw", torch.tensor((0.2989, 0.5870, 0.1140)), coded)
         coded, kind = srgb_from_linear(grey).expand(3, -1, -1), "uint16"
     codes = coded.double().mul(np.iinfo(kind).max).round().permute(1, 2, 0).numpy()
     return np.ascontiguousarray(codes.astype(kind))
-
-
-def _grid(of: Charts | Signs) -> dict[str, list[float]]:
-    return {
-        "exposure_s": [1e-3 * each for each in of.exposures_ms],
-        "illuminance_lux": [of.illuminance_lux],
-        "velocity_x_px_s": list(of.speeds_px_s),
-    }
 
 
 def _place(row: Mapping[str, Any]) -> tuple[float, float]:

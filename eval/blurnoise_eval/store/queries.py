@@ -210,12 +210,6 @@ def exposed_conditions(store: Store) -> list[Row]:
     return list(as_set(store, store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}")))
 
 
-def target_boxes(store: Store) -> Iterator[Row]:
-    """Model, group, width_px and height_px of each target, once."""
-    what = 'model, "group", image, target_id, width_px, height_px'
-    return store.rows(f"SELECT DISTINCT {what} FROM targets WHERE clean = 1 ORDER BY {what}")
-
-
 def errors(store: Store) -> list[Row]:
     """What models failed on, and in how many cells, the most frequent first."""
     query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"

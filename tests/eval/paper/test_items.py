@@ -1,254 +1,234 @@
-"""Items held to measurements that are made up, whose verdicts are known."""
+"""Items held to measurements that are made up, whose verdicts are known, and to the paper's numbers."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from blurnoise_eval.detectors.ocr import Reading
-from blurnoise_eval.paper import chart_items, network_items, table
-from blurnoise_eval.paper.item import Item, Outcome, Parts
-from blurnoise_eval.paper.measurement import CHAINS, Charts, Measurements, NotRun, Saturation, Signs
+from blurnoise_eval.paper import items
+from blurnoise_eval.paper.measurement import Grid, Measurements, NotRun
 
 from blurnoise.metrics.values import Estimate
 
 WITHHELD = Estimate(math.nan)
-SIC = partial(chart_items.peaks, "sic_square", "SIC", "bits/px")
-NEQ = partial(chart_items.peaks, "neq_integral", "NEQ", "quanta/px")
+ITEM = {item.name: item for item in items.ITEMS}
+CHART_ITEMS = ("mtf50", "mtf50-dx", "patch-snr", "edge-snr", "sic", "neq")
+METRICS = ("mtf50_x", "patch_snr_dark", "patch_snr_bright", "edge_snr_db", "sic_square", "neq_integral")
+AGREES = {"agrees": True, "differs": False}
 
 
-def measured(made: Callable[[Any], Any]) -> Measurements:
-    """Measurements that are made up instead."""
+def measured(value: Callable[..., Any]) -> Measurements:
+    """Measurements that are made up: ``value`` of a metric, or of a sign's size in px, at ms and px/s."""
 
     class MadeUp(Measurements):
-        def __getitem__(self, of: Any) -> Any:
-            return made(of)
+        def __getitem__(self, of: Grid) -> Any:
+            names = METRICS if of.chain is None else [f"{size} px" for size in of.sizes_px]
+            found = {}
+            for name in names:
+                for ms in of.exposures_ms:
+                    for dx in of.speeds_px_s:
+                        at = value(name if of.chain is None else int(name.split()[0]), ms, dx)
+                        found[name, float(ms), dx] = at if isinstance(at, Estimate) else Estimate(at)
+            return found
 
     return MadeUp(None, None)  # type: ignore[arg-type]
 
 
-def charts(value: Callable[[str, float, float], Estimate]) -> Measurements:
-    """Charts of which ``value`` tells the metric at ms and px/s."""
-
-    def made(of: Charts) -> dict[tuple[str, float, float], Estimate]:
-        names = ("mtf50_x", "patch_snr_dark", "patch_snr_bright", "edge_snr_db", "sic_square", "neq_integral")
-        return {
-            (name, ms, v): value(name, ms, v)
-            for name in names
-            for ms in of.exposures_ms
-            for v in of.speeds_px_s
-        }
-
-    return measured(made)
+def rows(name: str, value: Callable[..., Any] = lambda *at: WITHHELD) -> list[dict[str, str]]:
+    """The rows of an item, of the judged chain where there are two; those of the other are not judged."""
+    item = ITEM[name]
+    found = item.run(measured(value)).rows
+    assert {row["verdict"] for row in found if row["chain"] not in ("", item.judged)} <= {"not judged"}
+    return [row for row in found if row["chain"] in ("", item.judged)]
 
 
-def signs(confidence: Callable[[int, float, float], float]) -> Measurements:
-    """Signs whose confidence is that of size, ms and px/s, in both chains."""
-
-    def made(of: Signs) -> dict[tuple[int, float, float], float]:
-        return {
-            (size, ms, dx): confidence(size, ms, dx)
-            for size in of.sizes_px
-            for ms in of.exposures_ms
-            for dx in of.speeds_px_s
-        }
-
-    return measured(made)
+def verdicts(name: str, value: Callable[..., Any] = lambda *at: WITHHELD) -> list[bool | None]:
+    return [AGREES.get(row["verdict"]) for row in rows(name, value)]
 
 
-def run(item: Callable[..., Parts], measured: Measurements) -> Outcome:
-    judged = next((each.judged for each in table.ITEMS if each.of is item), None)
-    return Item("made", "Made up", "Figure 1", "", item, judged).run(measured)
+def test_every_item_has_its_place_in_the_paper_and_is_chosen_by_name() -> None:
+    assert len(ITEM) == len(items.ITEMS) == 14
+    assert all(re.match(r"(Table|Figures?|eq\.|section) \d", each.place) for each in items.ITEMS)
+    assert items.chosen([]) == items.ITEMS
+    assert [each.name for each in items.chosen(["sic", "table-2"])] == ["table-2", "sic"]
+    with pytest.raises(ValueError, match="only = 'sharpness': must be one of table-2, "):
+        items.chosen(["sharpness"])
 
 
-def verdicts(found: Outcome) -> list[bool | None]:
-    return [check.agrees for check in found.checks]
+def test_formulas_give_the_papers_numbers() -> None:
+    blurs_px = ["3.9380", "1.9691", "0.9845", "1.9691", "3.9374", "9.8435", "19.6751", "39.3502", "19.6869"]
+    assert [row["found"] for row in rows("table-2")] == [f"{blur} px" for blur in blurs_px]
+    assert [row["found"] for row in rows("quanta")] == ["5774.6 quanta"]
+    ends = ["0.039-0.121", "0.080-0.232", "0.139-0.348"]
+    assert [row["found"].split()[0] for row in rows("frequencies")] == ends
+    assert all(
+        row["verdict"] == "agrees" for name in ("table-2", "quanta", "frequencies") for row in rows(name)
+    )
 
 
-def of_paper(found: Outcome) -> list[bool | None]:
-    assert {check.agrees for check in found.checks if check.chain == "camera"} == {None}
-    return [check.agrees for check in found.checks if check.chain == "paper"]
+def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    blur, *rest = items.TABLE_2[3]
+    monkeypatch.setattr(items, "TABLE_2", ((blur, *rest), (blur + 0.006, *rest)))
+    assert verdicts("table-2") == [True, False]
+    monkeypatch.setattr(items, "QUANTA", items.QUANTA * 1.002)
+    assert verdicts("quanta") == [False]
+    monkeypatch.setattr(items, "FREQUENCIES", {100: (0.03, 0.1), 50: (0.08, 0.31), 32: (0.125, 0.3)})
+    assert verdicts("frequencies") == [False, False, True]
 
 
-def flat(slope: float, speed_slope: float = -1e-4, clips_ms: float = 25.0) -> Callable[..., Estimate]:
-    def value(name: str, ms: float, v: float) -> Estimate:
-        return (
-            WITHHELD
-            if ms > clips_ms
-            else Estimate(0.27 * (1 + slope * (ms - 15)) + speed_slope * v, 0.0, 0.0)
-        )
+def test_frequency_of_steps_is_that_of_edges_of_one_direction() -> None:
+    line = torch.zeros(40)
+    line[10:20] = 1
+    line[28:] = 1
+    assert items.edge_frequencies(line.expand(3, 4, 40)).tolist() == [1 / 18]  # rises at 9.5 and 27.5 px
 
-    return value
+
+def test_a_grating_has_the_frequency_of_its_period() -> None:
+    x = torch.arange(120, dtype=torch.float64)
+    grating = (100 + 50 * torch.cos(2 * math.pi * (x / 12.5 - 0.3))).expand(3, 9, 120)
+    found = items.edge_frequencies(grating)
+    torch.testing.assert_close(found, torch.full_like(found, 1 / 12.5), rtol=0.01, atol=0)
+    assert len(found) == 16  # between 9 rises, and between 9 falls
+
+
+@pytest.mark.parametrize("name", [*CHART_ITEMS, "detection", "maps", "ocr", "ocr-dx"])
+def test_what_is_withheld_everywhere_is_not_run(name: str) -> None:
+    (row,) = rows(name)
+    assert row["verdict"] == "not run"
+    assert re.search(r"withheld (everywhere at \d+ (px/s|ms)|at all but 0 of 48 conditions)", row["found"])
+
+
+@pytest.mark.parametrize("name", CHART_ITEMS)
+def test_any_number_may_be_missing(name: str) -> None:
+    """Of the made-up metrics every third number; whatever is then judged, there are rows and figures."""
+
+    def value(metric: str, ms: float, v: float) -> Estimate:
+        return WITHHELD if (ms + v / 50) % 3 == 0 else Estimate(1 / (1 + ms + v))
+
+    assert rows(name, value)
+    for figure in ITEM[name].run(measured(value)).figures:
+        assert all(math.isfinite(y) for curve in figure.lines.values() for y in curve.values())
 
 
 def test_mtf50_over_exposure() -> None:
-    assert verdicts(run(chart_items.mtf50_over_exposure, charts(flat(0.0)))) == [True, True, True]
-    assert verdicts(run(chart_items.mtf50_over_exposure, charts(flat(0.002)))) == [False, True, True]
-    assert verdicts(run(chart_items.mtf50_over_exposure, charts(flat(0.0, 1e-4)))) == [True, True, False]
-    assert verdicts(run(chart_items.mtf50_over_exposure, charts(flat(0.0, clips_ms=99)))) == [
-        True,
-        False,
-        True,
-    ]
-    assert verdicts(run(chart_items.mtf50_over_exposure, charts(flat(0.0, clips_ms=15)))) == [
-        False,
-        True,
-        True,
-    ]
+    def flat(slope: float = 0.0, by_speed: float = -1e-4, clips_ms: float = 25.0) -> list[bool | None]:
+        def value(name: str, ms: float, v: float) -> Estimate:
+            at = Estimate(0.27 * (1 + slope * (ms - 15)) + by_speed * v, 0.0, 0.0)
+            return WITHHELD if ms > clips_ms else at
 
+        return verdicts("mtf50", value)
 
-@pytest.mark.parametrize("item", [chart_items.mtf50_over_exposure, NEQ, network_items.maps])
-def test_what_is_withheld_everywhere_is_not_run(item: Callable[..., Parts]) -> None:
-    (check,) = run(item, charts(lambda *_: WITHHELD)).checks
-    assert check.verdict == "not run"
-    assert re.search(r"withheld at (every exposure at 0 px/s|all but 0 of 48 conditions)", check.found)
+    assert flat() == [True, True, True]
+    assert flat(slope=0.002) == [False, True, True]
+    assert flat(by_speed=1e-4) == [True, True, False]
+    assert flat(clips_ms=99) == [True, False, True]
+    assert flat(clips_ms=15) == [False, True, True]
 
 
 def test_closed_form_of_the_camera() -> None:
     """At rest pixel and disc, fast the motion alone: MTF50 at 0.603355 / length."""
-    assert chart_items.mtf50(0.0) == pytest.approx(0.26815, abs=1e-4)
-    assert chart_items.mtf50(60.0) == pytest.approx(0.603355 / 60, rel=2e-3)
+    assert items.mtf50(0.0) == pytest.approx(0.26815, abs=1e-4)
+    assert items.mtf50(60.0) == pytest.approx(0.603355 / 60, rel=2e-3)
 
 
-@pytest.mark.parametrize(("off", "agrees"), [(0.005, True), (0.02, False)])
-def test_mtf50_over_speed(off: float, agrees: bool) -> None:
-    found = run(
-        chart_items.mtf50_over_speed,
-        charts(lambda name, ms, v: Estimate(chart_items.mtf50(1e-3 * ms * v) * (1 + off))),
-    )
-    assert verdicts(found) == [True, agrees, None]
-    assert found.checks[2].found == "told"
-
-
-@pytest.mark.parametrize(("low", "agrees"), [(0.98, True), (1.004, True), (1.01, False)])
-def test_mtf50_may_miss_the_closed_form_within_its_interval(low: float, agrees: bool) -> None:
+@pytest.mark.parametrize(
+    ("value", "low", "agrees"),
+    [(1.005, math.nan, True), (1.02, 0.98, True), (1.02, 1.004, True), (1.02, 1.01, False)],
+)
+def test_mtf50_may_miss_the_closed_form_within_its_interval(value: float, low: float, agrees: bool) -> None:
     """Widened for seven speeds, 2.69 / 1.96 times: one of seven intervals of 95 % misses in three runs of ten."""
 
-    def value(name: str, ms: float, v: float) -> Estimate:
-        closed = chart_items.mtf50(1e-3 * ms * v)
-        return Estimate(1.02 * closed, low * closed, 1.05 * closed)
+    def made(name: str, ms: float, v: float) -> Estimate:
+        closed = items.mtf50(1e-3 * ms * v)
+        return Estimate(value * closed, low * closed, 1.05 * closed)
 
-    assert verdicts(run(chart_items.mtf50_over_speed, charts(value)))[1] == agrees
-
-
-@pytest.mark.parametrize(("rise", "agrees"), [(0.01, True), (0.03, False)])
-def test_patch_snr(rise: float, agrees: bool) -> None:
-    found = run(chart_items.patch_snr, charts(lambda name, ms, v: Estimate(13 * (1 + rise * v / 1000))))
-    assert verdicts(found) == [agrees, None]
+    assert verdicts("mtf50-dx", made) == [True, agrees]
 
 
-@pytest.mark.parametrize(("spread_db", "agrees"), [(0.4, True), (0.6, False)])
-def test_edge_snr(spread_db: float, agrees: bool) -> None:
-    def value(name: str, ms: float, v: float) -> Estimate:
-        return Estimate(20 + ms + spread_db * v / 1000) if ms < 25 else WITHHELD
-
-    assert verdicts(run(chart_items.edge_snr, charts(value))) == [agrees]
+def test_snr_over_speed() -> None:
+    assert verdicts("patch-snr", lambda name, ms, v: 13 * (1 + 1e-5 * v)) == [True]
+    assert verdicts("patch-snr", lambda name, ms, v: 13 * (1 + 3e-5 * v)) == [False]
+    assert verdicts("edge-snr", lambda name, ms, v: 20 + ms + 4e-4 * v if ms < 25 else math.nan) == [True]
+    assert verdicts("edge-snr", lambda name, ms, v: 20 + ms + 6e-4 * v if ms < 25 else math.nan) == [False]
 
 
 @pytest.mark.parametrize(("exponent", "agrees"), [(1.0, True), (0.98, False)])
-def test_clipping(exponent: float, agrees: bool) -> None:
-    def made(of: Saturation) -> dict[float, float]:
-        return {lux: 1215 / lux**exponent for lux in of.lights_lux}
-
-    assert verdicts(run(chart_items.clipping, measured(made))) == [agrees]
+def test_clipping(monkeypatch: pytest.MonkeyPatch, exponent: float, agrees: bool) -> None:
+    monkeypatch.setattr(items.measurement, "clips_from_ms", lambda lux: 1215 / lux**exponent)
+    assert verdicts("clipping") == [agrees]
 
 
-def test_capacity_and_quanta() -> None:
-    def value(name: str, ms: float, v: float, late: float = 0.0, peak: float = 24.0) -> Estimate:
+@pytest.mark.parametrize("name", ["sic", "neq"])
+def test_capacity_and_quanta(name: str) -> None:
+    def value(metric: str, ms: float, v: float, late: float = 0.0, peak: float = 24.0) -> float:
         place = peak / (1 + v / 200) + late * v
-        return Estimate(2 / (1 + v / 200) - abs(ms - place) / 100) if ms < 27 else WITHHELD
+        return 2 / (1 + v / 200) - abs(ms - place) / 100 if ms < 27 else math.nan
 
-    for item in (SIC, NEQ):
-        assert verdicts(run(item, charts(value))) == [True, True]
-        assert verdicts(run(item, charts(lambda name, ms, v: value(name, ms, v, late=0.02)))) == [True, False]
-        assert verdicts(run(item, charts(lambda name, ms, v: value(name, ms, v, peak=12.0)))) == [False, True]
-        assert verdicts(run(item, charts(lambda name, ms, v: value(name, ms, 0)))) == [True, False]
+    assert verdicts(name, value) == [True, True]
+    assert verdicts(name, lambda *at: value(*at, late=0.02)) == [True, False]
+    assert verdicts(name, lambda *at: value(*at, peak=12.0)) == [False, True]
+    assert verdicts(name, lambda metric, ms, v: value(metric, ms, 0)) == [True, False]
 
 
 def test_detection_is_held_to_the_order_of_sizes() -> None:
-    def found_from(first: dict[int, float], lost: dict[int, float]) -> Outcome:
-        return run(
-            network_items.detection,
-            signs(lambda size, ms, dx: float(first[size] <= ms <= 70 and dx < lost[size])),
-        )
+    def found(first: dict[int, float], lost: dict[int, float]) -> list[dict[str, str]]:
+        return rows("detection", lambda size, ms, dx: float(first[size] <= ms <= 70 and dx < lost[size]))
 
-    paper = {100: 1.0, 50: 2.0, 32: 5.0}, {100: 2000.0, 50: 600.0, 32: 200.0}
-    found = found_from(*paper)
-    assert of_paper(found) == [True, True, None]
-    assert found.checks[0].found == "1 ms (100 px), 2 ms (50 px), 5 ms (32 px)"
-    assert found.checks[1].found == "none to 1000 (100 px), 600 px/s (50 px), 200 px/s (32 px)"
-    assert found.checks[2].found == "70 ms (100 px), 70 ms (50 px), 70 ms (32 px)"
-    assert of_paper(found_from({100: 5.0, 50: 2.0, 32: 1.0}, paper[1])) == [False, True, None]
-    assert of_paper(found_from(paper[0], {100: 200.0, 50: 600.0, 32: 600.0})) == [True, False, None]
-    assert of_paper(found_from({100: 1.0, 50: 1.0, 32: 1.0}, paper[1])) == [False, True, None]
-
-
-def test_detection_of_what_is_never_found() -> None:
-    found = run(network_items.detection, signs(lambda size, ms, dx: float(size > 40 and dx < 15 * size)))
-    assert of_paper(found) == [True, True, None]
-    assert "none (32 px)" in found.checks[0].found
-    assert "0 px/s (32 px)" in found.checks[1].found
+    first, lost = {100: 1.0, 50: 2.0, 32: 5.0}, {100: 2000.0, 50: 600.0, 32: 200.0}
+    backwards, later = {100: 5.0, 50: 2.0, 32: 1.0}, {100: 200.0, 50: 600.0, 32: 600.0}
+    for made, agree in (
+        ((first, lost), [True, True]),
+        ((backwards, lost), [False, True]),
+        ((first, later), [True, False]),
+        ((dict.fromkeys(first, 1.0), lost), [False, True]),
+    ):
+        assert [AGREES[row["verdict"]] for row in found(*made)] == agree
+    texts = ["1 ms (100 px), 2 ms (50 px), 5 ms (32 px)", "none (100 px), 600 px/s (50 px), 200 px/s (32 px)"]
+    assert [row["found"] for row in found(first, lost)] == texts
+    never = rows("detection", lambda size, ms, dx: float(size > 40 and dx < 15 * size))
+    assert [AGREES[row["verdict"]] for row in never] == [True, True]
+    assert "none (32 px)" in never[0]["found"]
+    assert "0 px/s (32 px)" in never[1]["found"]
 
 
 def test_reading() -> None:
-    ends = network_items.READ_TO_MS
+    ends = {(size, dx): stop for size, dx, _, _, stop in items.READ}
     first = {32: 4.0, 50: 2.0, 100: 1.0}
 
-    def reads(factor: float, later: float) -> Callable[[int, float, float], float]:
-        return lambda size, ms, dx: float(first[size] * later <= ms <= factor * ends[size, dx])
+    def reads(factor: float, later: float) -> dict[str, list[bool]]:
+        made = rows("ocr", lambda size, ms, dx: float(first[size] * later <= ms <= factor * ends[size, dx]))
+        of = {end: [row for row in made if end in row["what"]] for end in ("from", "to")}
+        return {end: [AGREES[row["verdict"]] for row in each] for end, each in of.items()}
 
-    assert of_paper(run(network_items.reading, signs(reads(1.0, 1.0)))) == [True] * 9
-    assert of_paper(run(network_items.reading, signs(reads(0.6, 1.0))))[3:] == [False] * 6
-    assert of_paper(run(network_items.reading, signs(reads(1.0, 2.1))))[:3] == [False] * 3
-    assert of_paper(run(network_items.reading, signs(lambda *at: 0.0))) == [False] * 9
-
-
-def test_reading_over_speed() -> None:
-    def reads(fails: float, last: float) -> Measurements:
-        return signs(lambda size, ms, dx: float(dx < fails if size == 32 else dx <= last))
-
-    for fails, last, agree in (
-        (100.0, 350.0, [True, True]),
-        (200.0, 500.0, [True, True]),
-        (350.0, 100.0, [False, False]),
-        (9e9, -1.0, [False, False]),
-    ):
-        assert of_paper(run(network_items.reading_over_speed, reads(fails, last))) == agree
+    assert reads(1.0, 1.0) == {"from": [True] * 3, "to": [True] * 6}
+    assert reads(0.6, 1.0)["to"] == [False] * 6
+    assert reads(1.0, 2.1)["from"] == [False] * 3
+    assert verdicts("ocr", lambda *at: 0.0) == [False] * 9
 
 
-def test_maps_rank_by_metrics() -> None:
-    def made(best: str) -> Measurements:
-        def either(of: Charts | Signs) -> Any:
-            if isinstance(of, Signs):
-                return {(32, ms, dx): ms + dx for ms in of.exposures_ms for dx in of.speeds_px_s}
-            return {
-                (name, ms, v): Estimate(ms + v if best in name else ms - v)
-                for name in ("mtf50_x", "patch_snr_bright", "sic_square", "neq_integral")
-                for ms in of.exposures_ms
-                for v in of.speeds_px_s
-            }
-
-        return measured(either)
-
-    def judged(best: str) -> list[bool | None]:
-        return [
-            check.agrees for check in run(network_items.maps, made(best)).checks if check.chain == "camera"
-        ]
-
-    assert judged("q") == [True]  # sic_square and neq_integral
-    assert judged("sic") == [False]
-    assert judged("mtf") == [False]
+@pytest.mark.parametrize(
+    ("fails", "last", "agrees"),
+    [(100.0, 350.0, True), (200.0, 500.0, True), (350.0, 100.0, False), (9e9, -1.0, False)],
+)
+def test_reading_over_speed(fails: float, last: float, agrees: bool) -> None:
+    found = verdicts("ocr-dx", lambda size, ms, dx: float(dx < fails if size == 32 else dx <= last))
+    assert found == [agrees, agrees]
 
 
-def test_without_a_reader_text_is_not_run() -> None:
-    item = network_items.READ_AT_30_MS["paper"]
-    with pytest.raises(NotRun, match="blurnoise\\[ocr\\]"):
-        item.measure(Measurements(None, None))  # type: ignore[arg-type]
+@pytest.mark.parametrize(("best", "agrees"), [("q", True), ("sic", False), ("mtf", False)])
+def test_maps_rank_by_metrics(best: str, agrees: bool) -> None:
+    """ "q" stands in the names of SIC, of the square, and NEQ, and in no other."""
+
+    def value(name: str | int, ms: float, v: float) -> float:
+        return ms + v if isinstance(name, int) or best in name else ms - v
+
+    assert verdicts("maps", value) == [agrees]
 
 
 class Reads:
@@ -265,10 +245,11 @@ class Reads:
 
 
 def test_a_reading_counts_where_every_noise_field_does() -> None:
-    item = Signs("paper", True, (32,), (5, 20), (0.0,))
-    found = item.measure(Measurements(None, Reads(), repeats=1))  # type: ignore[arg-type]
-    assert found == {(32, 5.0, 0.0): 0.0, (32, 20.0, 0.0): 0.0}  # of eight fields each, some are read wrong
-
-
-def test_both_chains_are_measured() -> None:
-    assert [network_items.READ_AT_30_MS[chain].chain for chain in CHAINS] == ["paper", "camera"]
+    of = Grid((5, 20), (0.0,), chain="paper", sizes_px=(32,), read=True)
+    found = Measurements(None, Reads(), repeats=1)[of]  # type: ignore[arg-type]
+    assert {key: each.value for key, each in found.items()} == {
+        ("32 px", 5.0, 0.0): 0.0,
+        ("32 px", 20.0, 0.0): 0.0,
+    }  # of eight fields each, some are read wrong
+    with pytest.raises(NotRun, match=r"blurnoise\[ocr\]"):
+        Measurements(None, None)[of]  # type: ignore[arg-type]
