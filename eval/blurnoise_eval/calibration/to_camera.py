@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import Any
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
@@ -13,15 +13,6 @@ from blurnoise_eval.calibration.fit import Measurement
 
 Known = dict[str, tuple[Any, str]]
 """Values and their sources, by the camera's field."""
-
-
-class Stated(NamedTuple):
-    """What a file states of a camera. exposure_s, iso, cfa: None where it does not state them."""
-
-    camera: Camera
-    exposure_s: float | None
-    iso: float | None
-    cfa: str | None
 
 
 def camera_of(
@@ -34,14 +25,16 @@ def camera_of(
     """
     estimates, full_scale = found.estimates, 2**found.bit_depth - 1
     bits = "assumed: the fewest of 8, 10, 12, 14, 16 bits that hold the frames' numbers"
-    if found.bits_stated:
+    if found.bits_given:
         bits = "stated with the frames"
     elif found.clip_dn == full_scale:
         bits = f"measured: frames clip at {full_scale} DN"
     (width, height), size = found.size_px, "measured: size of the frames"
     known: Known = {
-        "bit_depth": (found.bit_depth, bits), "width_px": (width, size), "height_px": (height, size),
-    }  # fmt: skip
+        "bit_depth": (found.bit_depth, bits),
+        "width_px": (width, size),
+        "height_px": (height, size),
+    }
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
         if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
@@ -57,13 +50,10 @@ def camera_of(
         limit = f"assumed: the converter's limit; no frame clips, up to {brightest:.4g} electrons"
         known["full_well_e"] = ((full_scale - black) / gain, limit)
     if "dark_current_e_s" not in estimates:
-        told = "assumed: dark frames of one exposure do not tell it; part of the black level"
-        known["dark_current_e_s"] = (0.0, told)
+        part = "assumed: dark frames of one exposure do not show it; part of the black level"
+        known["dark_current_e_s"] = (0.0, part)
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
-    else:
-        usual = PRESETS[one_of("base", base, sorted(PRESETS))].dark_reference_c
-        known["dark_reference_c"] = (usual, "assumed: nobody said how warm the sensor was")
     return on_base(name, known, base)
 
 

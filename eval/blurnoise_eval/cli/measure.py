@@ -134,7 +134,7 @@ def _print(measured: list[Measured], target: str) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
-    from blurnoise_eval.quality.picture import TITLES
+    from blurnoise_eval.quality.picture import EDGE_METRICS
 
     side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):
@@ -142,9 +142,9 @@ def _print(measured: list[Measured], target: str) -> None:
         table = Table("region", *(str(region.number) for region in shown))
         table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
         table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
-        for name, title in TITLES.items():
-            label = f"{title} {target}" if name == "snri" else title
-            table.add_row(label, *(reading_text(region.estimates[name]) for region in shown))
+        for metric in EDGE_METRICS:
+            label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
+            table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
         show(table)
     for each in measured:

@@ -46,7 +46,6 @@ def quality(
     workers = given_by.threads(given.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
-    from blurnoise_eval.quality import table as quality_table
 
     plan = given.sweep_plan(USUAL, repeats=2)
     quality.check(camera, plan)
@@ -55,12 +54,12 @@ def quality(
         rows = quality.measure(
             camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=workers, progress=advance
         )
-    quality_table.write(rows, camera, plan, output)
+    quality.write(rows, camera, plan, output)
     figures = quality_figures.write(rows, camera.name, output / "figures")
-    best = quality_table.most_information(rows)
+    best = quality.most_information(rows)
     if as_json:
         told = {"rows": len(rows), "figures": [str(path) for path in figures], "most_information": best}
         say_json({"output": str(output), **told})
         return
-    show(quality_table.as_table(best))
+    show(quality.as_table(best))
     say(f"open {', '.join(map(str, figures))}")

@@ -25,7 +25,8 @@ from blurnoise_eval.maps.maps import Map, Maps
 from blurnoise_eval.maps.nodes import Array
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Ranked, increasing
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
-from blurnoise_eval.quality.measure import METRICS, Metric
+from blurnoise_eval.quality.measure import METRICS
+from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
@@ -141,11 +142,11 @@ def _panels(maps: Maps, of: Map, what: str) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
-def _dress(axes: Axes, metric: Metric, values: Array, across: bool = False) -> bool:
+def _dress(axes: Axes, metric: Metric[Any, Any], values: Array, across: bool = False) -> bool:
     """Title and scale of a metric's panel; whether the metric's axis is logarithmic."""
-    tidy(axes, title=metric.title + ("" if metric.unit == "1" else f" / {metric.unit}"))
+    tidy(axes, title=metric.label)
     axes.grid(visible=False)
-    logarithmic = bool(metric.log and len(values) and values.min() > 0)
+    logarithmic = bool(metric.scale == "log" and len(values) and values.min() > 0)
     if logarithmic:
         (axes.set_xscale if across else axes.set_yscale)("log")
         plain_numbers(axes.xaxis if across else axes.yaxis, digits=(1, 3))
