@@ -41,40 +41,33 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
             cut, f"{level}: clipped, {100 * zero:.3g} % of its pixels are 0; raise the camera's black level"
         )
     rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
+    lamp = "use a steady lamp, or exposures of whole periods"
     for level in flat:
-        spread, lamp = level.lamp_spread, "use a steady lamp, or exposures of whole periods"
-        many = (
-            f"flickering, its frames' light differs by {100 * spread:.2g} %; must be below {MOST_FLICKER:.0%}"
-        )
-        refuse(spread > MOST_FLICKER, f"{level}: {many}: {lamp}")
+        differs = f"its frames' light differs by {level.lamp_spread:.2%}; must be below {MOST_FLICKER:.0%}"
+        refuse(level.lamp_spread > MOST_FLICKER, f"{level}: flickering, {differs}: {lamp}")
         bands = level.row_share > rows + 5 / math.sqrt(level.pixels) and level.share(level.highest_dn) < PILED
-        share = f"{100 * level.row_share:.2g} %"
-        refuse(bands, f"{level}: flickering in bands, its rows share {share} of the noise: {lamp}")
+        share = f"its rows share {level.row_share:.2%} of the noise"
+        refuse(bands, f"{level}: flickering in bands, {share}: {lamp}")
 
 
 def check_noise(flat: Sequence[Level]) -> None:
     """Raise ``ValueError`` where neighbours' noise is alike, as demosaicing, denoising and lossy formats leave it."""
     for level in flat:
         alike = abs(level.correlation) > MOST_CORRELATION + 5 / math.sqrt(level.pixels)
+        raw = "must be the sensor's own numbers, not demosaiced, denoised, resized or compressed"
+        why = f"filtered or lossy, the noise of neighbouring pixels correlates by {level.correlation:.2f}"
+        refuse(alike and level.variance_dn2 > 0.5, f"{level}: {why}; {raw}")
         refuse(
-            alike and level.variance_dn2 > 0.5,
-            f"{level}: filtered or lossy, the noise of neighbouring pixels correlates by {level.correlation:.2f}; "
-            "must be the sensor's own numbers, not demosaiced, denoised, resized or compressed",
-        )
-        refuse(
-            level.variance_dn2 == 0,
-            f"{level}: its frames are all the same; must be taken one after the other",
+            level.variance_dn2 == 0, f"{level}: all frames are the same; must be taken one after the other"
         )
 
 
 def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
     """Raise ``ValueError`` where a level is off the line by more than 5 %."""
-    over, worst = "light" if found.by_photons else "exposure", 100 * found.deviation[found.worst]
-    refuse(
-        abs(worst) > 100 * MOST_LINEARITY_ERROR,
-        f"{flat[found.worst]}: not linear, its signal is {worst:+.2g} % off the line over {over}; must be within "
-        f"{MOST_LINEARITY_ERROR:.0%}: raw numbers without gamma, and a steady lamp",
-    )
+    worst, over = found.deviation[found.worst], "light" if found.by_photons else "exposure"
+    why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
+    raw = "raw numbers without gamma, and a steady lamp"
+    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: not linear, {why}: {raw}")
 
 
 def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
@@ -87,28 +80,22 @@ def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tup
     top = max(level.highest_dn for level in flat)
     piled = [level for level in flat if level.share(top) > PILED]
     peak = max(flat, key=lambda level: level.variance_dn2)
-    fallen = [
-        level for level in flat if level.mean_dn > peak.mean_dn and level.variance_dn2 < peak.variance_dn2 / 2
-    ]
+    brighter = [level for level in flat if level.mean_dn > peak.mean_dn]
+    fallen = [level for level in brighter if level.variance_dn2 < peak.variance_dn2 / 2]
     clip: float | None = None
     if any(top == full_scale_dn or level.share(top) > 2 * level.share(top - 1) for level in piled):
         clip = float(top)
     elif fallen:
         clip = max(level.mean_dn for level in fallen)
     limit = full_scale_dn if clip is None else clip
-    whole = [
-        place
-        for place, level in enumerate(flat)
-        if level not in fallen and level.counts[math.ceil(limit) :].sum() < CLIPPED * level.counts.sum()
-    ]
+    held = [level.counts[math.ceil(limit) :].sum() / level.counts.sum() for level in flat]
+    whole = [place for place, level in enumerate(flat) if level not in fallen and held[place] < CLIPPED]
     if clip is not None:
         linear = [place for place in whole if flat[place].mean_dn - dark_dn <= USED * (clip - dark_dn)]
         whole = linear if len(linear) >= FEWEST_FLAT else whole
-    refuse(
-        len(whole) < FEWEST_FLAT,
-        f"frames: clipped, {len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN; must be "
-        f"{FEWEST_FLAT} or more below it: shorter exposures, or less light",
-    )
+    lost = f"{len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN"
+    must = f"must be {FEWEST_FLAT} or more below it: shorter exposures, or less light"
+    refuse(len(whole) < FEWEST_FLAT, f"frames: clipped, {lost}; {must}")
     return clip, whole
 
 
@@ -202,9 +189,8 @@ def stray_light(
     slope = away / (away @ away)
     at_light = 1 / len(dark) + slope * (columns(bright, "exposure_s")[0].mean() - exposure.mean())
     every, between = (np.stack([files.mean(frames[half::2]) for frames in files.dark]) for half in (0, 1))
-    growth, again, beneath = (
-        np.tensordot(by, of, 1) for by, of in ((slope, every), (slope, between), (at_light, between))
-    )
+    growth, again = (np.tensordot(slope, each, 1) for each in (every, between))
+    beneath = np.tensordot(at_light, between, 1)
     signal = float((light - beneath).mean())
     noise = levels.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
     grown, seen = (levels.without_shading(each) for each in (growth, (light - beneath) / signal))

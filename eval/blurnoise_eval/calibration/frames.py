@@ -81,10 +81,7 @@ class Folder:
             f"frames: {len(self.flat)} flat exposures; must be 3, better 8 or more",
         )
         for frame, *others in levels:
-            refuse(
-                not others,
-                f"{frame.file}: alone; must be two frames of each level, to tell noise from pattern",
-            )
+            refuse(not others, f"{frame.file}: alone; must be two of each level, to tell noise from pattern")
         before: dict[str, str] = {}
         held = np.zeros(1 << 16, bool)
         for frame in ordered:
@@ -123,9 +120,7 @@ def frames_of(folder: Path) -> list[Frame]:
         found = list(_named(folder) if source == folder else _listed(source))
     except (ValueError, csv.Error) as error:
         raise ValueError(f"{source}: {error}") from None
-    refuse(
-        not found, f"{folder}: no frames: must hold {_LIST}, or files like dark_10ms_0.png, flat_10ms_1.png"
-    )
+    refuse(not found, f"{folder}: no frames: must hold {_LIST}, or files named like flat_10ms_1.png")
     for frame in found:
         refuse(not frame.file.is_file(), f"{source}: file {frame.file.name!r}: must be a file in {folder}")
     return found
@@ -135,9 +130,8 @@ def _named(folder: Path) -> Iterator[Frame]:
     for path in sorted(folder.iterdir()):
         if match := _NAME.fullmatch(path.name):
             kind, number, unit = (group.lower() for group in match.groups())
-            yield Frame.model_validate(
-                {"file": path, "kind": kind, "exposure_s": float(number) * _UNITS[unit]}
-            )
+            taken = {"file": path, "kind": kind, "exposure_s": float(number) * _UNITS[unit]}
+            yield Frame.model_validate(taken)
 
 
 def _listed(path: Path) -> Iterator[Frame]:
@@ -169,13 +163,11 @@ def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
     try:
         for magic, name in _LOSSY.items():
             refuse(
-                head.startswith(magic),
-                f"{name} is lossy, which alters the noise; must be PNG, TIFF, NPY or raw",
+                head.startswith(magic), f"{name} is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
             )
         plane = READERS.get(path.suffix.lower(), _raw)(path, raw_size_px)
         refuse(
-            plane.ndim != 2,
-            f"shape {plane.shape}: must be one plane, (H, W), as the sensor gives it, not colours",
+            plane.ndim != 2, f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
         )
         size = "{1} x {0}".format(*plane.shape)
         refuse(min(plane.shape) < SMALLEST_PX, f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
@@ -185,18 +177,13 @@ def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
     return kept
 
 
-def _picture(path: Path, _: Size | None) -> NDArray[Any]:
-    return decode(path)
-
-
 def _array(path: Path, _: Size | None) -> NDArray[Any]:
     try:
         plane: NDArray[Any] = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise ValueError(f"is no NPY file: {error}") from None
-    whole = plane.dtype.kind in "uif" and bool(
-        ((plane >= 0) & (plane <= 65535) & (plane == np.round(plane))).all()
-    )
+    number = plane.dtype.kind in "uif"
+    whole = number and ((plane >= 0) & (plane <= 65535) & (plane == np.round(plane))).all()
     refuse(not whole, "must hold whole numbers from 0 to 65535, as the converter gives them, not averages")
     return plane
 
@@ -205,8 +192,8 @@ def _headerless(path: Path, size_px: Size | None) -> NDArray[Any]:
     if size_px is None:
         raise ValueError("a file without a header: state its size with --raw-size WxH")
     width, height = size_px
-    bytes_ = path.stat().st_size
-    refuse(bytes_ != 2 * width * height, f"{bytes_} bytes: must be 2 x {width} x {height}, 16 bits a pixel")
+    held = path.stat().st_size
+    refuse(held != 2 * width * height, f"{held} bytes: must be 2 x {width} x {height}, 16 bits a pixel")
     return np.fromfile(path, "<u2").reshape(height, width)
 
 
@@ -223,7 +210,7 @@ def _raw(path: Path, _: Size | None) -> NDArray[Any]:
 
 
 READERS: Mapping[str, Callable[[Path, Size | None], NDArray[Any]]] = {
-    **dict.fromkeys((".png", ".tif", ".tiff", ".pgm"), _picture),
+    **dict.fromkeys((".png", ".tif", ".tiff", ".pgm"), lambda path, _: decode(path)),
     **dict.fromkeys((".raw", ".bin"), _headerless),
     ".npy": _array,
 }

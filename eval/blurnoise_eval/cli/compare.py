@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, new_file
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.system.terminal import say, say_json, table_lines
 
 
 def compare(
@@ -66,7 +66,8 @@ def compare(
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": notes, "quantities": rows})
         return
-    show(comparison.table_of(quantities))
+    right = [head in ("simulated", "real", "chance") for head in comparison.HEADS]
+    say(*table_lines(comparison.HEADS, [quantity.cells() for quantity in quantities], right))
     for note in notes:
         say(note, error=True)
     if table:

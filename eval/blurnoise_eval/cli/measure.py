@@ -95,7 +95,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=measuring.Oecf.read(oecf) if oecf else None,
+        oecf=measuring.read_oecf(oecf) if oecf else None,
     )
     rois, passed = (roi, ()) if roi else measuring.found_regions(light)
     measured = measuring.measure(light, rois, mode=mode, target=target)

@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited
@@ -192,7 +193,6 @@ def _levels(maps: Sequence[ExposureMap]) -> list[float]:
     """1, 2, 5, 10 ... ms around what the maps hold, at least two, at most twelve from the shortest on."""
     times = 1e3 * np.concatenate([found.longest_s[np.isfinite(found.longest_s)] for found in maps])
     least, most = (float(times.min()), float(np.quantile(times, 0.98))) if times.size else (1.0, 1.0)
-    first = math.floor(math.log10(least))
-    nice = [digit * 10.0**power for power in range(first, first + 6) for digit in (1, 2, 5)]
-    nice = nice[max(0, sum(level <= least for level in nice) - 1) :][:_MOST_LEVELS]
-    return nice[: max(2, sum(level / 2.5 < most for level in nice))]
+    ticks = LogLocator(subs=(1, 2, 5), numticks=99).tick_values(least / 2.5, 2.5 * most)
+    levels = [float(tick) for tick in ticks if least / 2.5 < tick < 2.5 * max(most, 2 * least)]
+    return levels[:_MOST_LEVELS]

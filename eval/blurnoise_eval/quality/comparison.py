@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,10 @@ from blurnoise_eval.quality.find_edges import UNUSABLE
 from blurnoise_eval.quality.picture import Coding, Linear
 from blurnoise_eval.system.tables import finite
 
-if TYPE_CHECKING:
-    from rich.table import Table
-
 Floats = NDArray[np.float64]
 BLOCK_PX = 16
 """Side of the squares in which noise is looked for."""
+HEADS = ("quantity", "simulated", "real", "chance", "verdict")
 MOST_LEVELS = 8
 FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %
 MOST_EDGES = 4
@@ -66,27 +64,18 @@ class Quantity:
         digits = ".0f" if abs(self.difference) >= 1 else ".2g"
         return f"differs by {100 * self.difference:+{digits}} %"
 
+    def cells(self) -> list[str]:
+        """As ``HEADS``, within 80 columns."""
+        scale, unit = (100, " %") if self.unit == "of full scale" else (1, "")
+        numbers = [f"{scale * number:.4g}{unit}" for number in (self.simulated, self.real)]
+        return [self.name, *numbers, f"±{100 * self.chance:.2g} %", self.verdict]
+
     def row(self) -> dict[str, Any]:
         """Plain values, None for what is unknown."""
         numbers = {
             name: finite(getattr(self, name)) for name in ("simulated", "real", "difference", "chance")
         }
         return {"quantity": self.name, "unit": self.unit, **numbers, "verdict": self.verdict}
-
-
-def table_of(quantities: Sequence[Quantity]) -> Table:
-    """A row per quantity, within 80 columns."""
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-    for head in ("quantity", "simulated", "real", "chance", "verdict"):
-        table.add_column(head, justify="left" if head in ("quantity", "verdict") else "right")
-    for each in quantities:
-        scale, unit = (100, " %") if each.unit == "of full scale" else (1, "")
-        numbers = [f"{scale * number:.4g}{unit}" for number in (each.simulated, each.real)]
-        table.add_row(each.name, *numbers, f"±{100 * each.chance:.2g} %", each.verdict)
-    return table
 
 
 def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: Any) -> tuple[Linear, Linear]:

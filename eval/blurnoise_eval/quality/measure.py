@@ -5,9 +5,9 @@ any development but a digital gain. Edges, patches and signs have the same two l
 ``DARK``, the grey on which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of
 their stop signs.
 
-Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck.
-A number that any repeat withholds is withheld. PSNR and SSIM compare a stop sign, divided by what white would give
-and cut to [0, 1], with the scene itself; clipping is one of the differences they are there to tell.
+Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck. It
+is available where it is in every repeat. PSNR and SSIM compare a stop sign, divided by what white would give and cut
+to [0, 1], with the scene itself; clipping is one of the differences they show.
 
 Motion of 1 to 2 px rings by 2 % of a step in a picture that pixels have sampled: the flag "sharpened" there is the
 simulator's doing.
@@ -16,13 +16,13 @@ simulator's doing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from operator import methodcaller
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -33,16 +33,13 @@ from blurnoise.metrics.patches import detection_probability, patch_contrast, pat
 from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
-from blurnoise_eval.grid import axes
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.tables import finite
 from blurnoise_eval.system.threads import limited_threads
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 DARK, BRIGHT = 0.18, 0.8
 TILT_DEG = 2.0
@@ -55,7 +52,6 @@ SIGN_PX, SIGN_PICTURE_PX = 100, 200
 TARGET_PX = 10
 """Side of the square for the ideal observer: a stroke of a letter on a sign of 200 px."""
 WEBER, TOLERANCE = BRIGHT / DARK - 1, 0.5
-_BEST = ("exposure_s", "blur_px", "value", "low", "high")
 CLIPPED = "clipped"
 _WITHHELD = frozenset({CLIPPED, "noiseless", "not_finite", "no_light"})
 _CLIPPED_SHARE = 0.005
@@ -68,8 +64,10 @@ class Charts:
         self._at = conditions.exposure(camera)
         self._camera, digital_db = self._at.amplified
         self._gain, self._black = 10 ** (digital_db / 20), camera.black_level_dn
-        saturated_dn = math.floor((self._camera.saturated_dn - self._black) * self._gain + self._black)
-        self._full = min(camera.full_scale_dn, saturated_dn)
+        self._full = self._camera.saturated_dn
+        if digital_db:
+            amplified_dn = math.floor((self._full - self._black) * self._gain + self._black)
+            self._full = min(camera.full_scale_dn, amplified_dn)
         self._moved_px = [abs(moved) for moved in conditions.displacement_px]
         self._repeats, self._seed = repeats, seed
 
@@ -99,9 +97,8 @@ class Charts:
     def _edges(self, dn: Tensor, along_px: float, seed: int) -> list[SlantedEdge]:
         if along_px > 2 * SPARE_PX:
             return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
-        edges = slanted_edge(
-            dn.clamp(max=self._full), full_scale=self._full, black_level=self._black, seed=seed
-        )
+        levels: Any = {"full_scale": self._full, "black_level": self._black}
+        edges = slanted_edge(dn.clamp(max=self._full), **levels, seed=seed)
         return edges if isinstance(edges, list) else [edges]
 
     @cached_property
@@ -236,7 +233,7 @@ class Row:
     @property
     def blur_px(self) -> float:
         """Length of the motion blur, px."""
-        return axes.blur_px(self.at)
+        return blur_px(self.at)
 
     def record(self) -> dict[str, Any]:
         """As a table's row: None for what is not available or has no interval, flags in alphabetical order."""
@@ -269,21 +266,15 @@ def measure(
 
     def at(condition: Conditions) -> list[Row]:
         charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
-        found = [(metric.name, metric.of(charts)) for metric in METRICS]
-        return [
-            Row(numbers, name, Estimate.mean(each), sum(one.told for one in each), repeats)
-            for name, each in found
-        ]
+        found = {metric.name: metric.of(charts) for metric in METRICS}
+        available = {name: sum(estimate.told for estimate in each) for name, each in found.items()}
+        return [Row(numbers, name, Estimate.mean(found[name]), available[name], repeats) for name in found]
 
     rows: list[Row] = []
     with limited_threads(1), ThreadPoolExecutor(threads) as pool:  # each condition on one core
-        try:
-            for found in pool.map(at, conditions):
-                rows += found
-                progress(1)
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        for found in pool.map(at, conditions):
+            rows += found
+            progress(1)
     return rows
 
 
@@ -293,79 +284,26 @@ def check(camera: Camera, plan: SweepPlan) -> None:
     Its meter would set another for every chart.
     """
     for name in plan.grid:
-        if axes.AUTOMATIC in plan.values(name):
-            raise ValueError(
-                f"{name} = 'auto': must be numbers; charts have no one mean for a camera to meter"
-            )
+        if AUTOMATIC in plan.values(name):
+            raise ValueError(f"{name} = 'auto': must be numbers; charts have no one mean to meter")
     if plan.cuts:
         raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
-    if any(plan.values(axes.EGO.name)):
-        raise ValueError(f"{axes.EGO.name}: must be 0; a chart is no road")
+    if any(plan.values(EGO.name)):
+        raise ValueError(f"{EGO.name}: must be 0; a chart is no road")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 
 
 def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
     """Write quality.csv, a row per condition and metric, and quality.json, that and its meaning; ``OSError``."""
-    records = [row.record() for row in rows]
-    about = ("name", "title", "unit", "about")
+    records, about = [row.record() for row in rows], ("name", "title", "unit", "about")
     document = {
         "camera": camera.to_dict(),
         "plan": plan.to_dict(),
-        "charts": {
-            "dark": DARK,
-            "bright": BRIGHT,
-            "edge_tilt_deg": TILT_DEG,
-            "edge_region_px": [ACROSS_PX, ALONG_PX],
-            "patch_px": PATCH_PX,
-            "sign_px": SIGN_PX,
-        },
         "metrics": {metric.name: {name: getattr(metric, name) for name in about} for metric in METRICS},
-        "most_information": most_information(rows),
         "rows": records,
     }
     write_records("quality", records, document, folder)
-
-
-def most_information(rows: Iterable[Row]) -> list[dict[str, Any]]:
-    """For every setting and velocity the exposure with the highest capacity of the square, if any is available."""
-    best: dict[tuple[float, ...], dict[str, Any]] = {}
-    of_square = [row for row in rows if row.metric == "sic_square"]
-    for row in sorted(of_square, key=lambda row: row.at["exposure_s"]):
-        where = {name: row.at[name] for name in axes.NAMES if name != "exposure_s"}
-        before = best.setdefault(tuple(where.values()), where | dict.fromkeys(_BEST))
-        if row.estimate.told and row.estimate.value > (before["value"] or -1):
-            record = row.record()
-            before |= {name: record[name] for name in _BEST}
-    return [best[key] for key in sorted(best)]
-
-
-def as_table(best: Sequence[dict[str, Any]]) -> Table:
-    """The rows of :func:`most_information` for the terminal."""
-    from rich.table import Table
-
-    table = Table(title="Exposure with the highest information capacity (square)", title_justify="left")
-    named = [axes.axis(name) for name in varying(best)]
-    for each in named:
-        head = "lux" if each.name == "illuminance_lux" else f"{each.title}{each.unit and f', {each.unit}'}"
-        table.add_column(head, justify="right")
-    table.add_column("motion")
-    for head in ("exposure, ms", "blur, px", "bits/px (95 %)"):
-        table.add_column(head, justify="right")
-    for row in best:
-        found = ["not available", "-", "-"]
-        if row["value"] is not None:
-            bits = f"{row['value']:.2f} ({row['low']:.2f}-{row['high']:.2f})"
-            found = [f"{1e3 * row['exposure_s']:g}", f"{row['blur_px']:.3g}", bits]
-        setting = [f"{each.shown(row[each.name]):g}" for each in named]
-        table.add_row(*setting, axes.velocity_text(axes.velocity_of(row)), *found)
-    return table
-
-
-def varying(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """The light, and the other axes of a setting on which the rows differ."""
-    columns = zip(axes.SETTING, zip(*{axes.setting_of(row) for row in rows}, strict=True), strict=False)
-    return [name for name, column in columns if len(set(column)) > 1 or name == "illuminance_lux"]
 
 
 @cache

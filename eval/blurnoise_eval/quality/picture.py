@@ -105,9 +105,7 @@ EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
     Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
     Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
     Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
-    Metric(
-        "sic_radial", "SIC radial", "bits/px", "the same blur all round", _edge(information.capacity_radial)
-    ),
+    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _edge(information.capacity_radial)),
     Metric("sic_square", "SIC square", "bits/px", "all frequencies", _both(information.capacity_square)),
     Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _edge(information.neq_0), "log"),
     Metric("neq_integral", "NEQ sum", "quanta/px", "all frequencies", _both(information.neq_integral), "log"),
@@ -143,8 +141,7 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-@dataclass(frozen=True)
-class Oecf:
+class Oecf(NamedTuple):
     """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
 
     numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
@@ -153,19 +150,18 @@ class Oecf:
     numbers: tuple[float, ...]
     light: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        for name, values in (("numbers", self.numbers), ("light", self.light)):
-            rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-            if not rising or len(values) < FEWEST_FIELDS:
-                raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
 
-    @classmethod
-    def read(cls, path: Path) -> Oecf:
-        """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+def read_oecf(path: Path) -> Oecf:
+    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
 
-        Raises ``OSError``, and ``ValueError`` for other content.
-        """
-        return cls(*read_samples(path, 1, "a digital number"))
+    Raises ``OSError``, and ``ValueError`` for other content.
+    """
+    oecf = Oecf(*read_samples(path, 1, "a digital number"))
+    for name, values in oecf._asdict().items():
+        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
+        if not rising or len(values) < FEWEST_FIELDS:
+            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+    return oecf
 
 
 def linear(
@@ -193,13 +189,10 @@ def linear(
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
         usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
-        notes.append(
-            f"{bits} bits: taken as {usual if coded else 'linear; --srgb if the picture is sRGB-coded'}"
-        )
+        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
+        notes.append(f"{bits} bits: taken as {usual}")
     if coded and given:
-        raise ValueError(
-            f"{given[0]}: belongs to linear numbers, but {bits} bits are taken as sRGB; add --linear"
-        )
+        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
     if coded:
         return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
@@ -231,7 +224,7 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
             f"not clip ({reasons or 'no straight line at all'}); name a region with --roi x,y,w,h to see its flags"
         )
     left_out = f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any"
-    return found.rois, (left_out,) if found.left_out else ()
+    return found.rois, (left_out,) * (found.left_out > 0)
 
 
 def measure(

@@ -20,6 +20,7 @@ from blurnoise_eval.cli.measure import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality import picture_figures as edge_figures
+from blurnoise_eval.quality.metrics import Metric
 from edge_cases import Draw, Setting
 from torch import Tensor
 
@@ -46,6 +47,7 @@ def raw(path: Path, linear: Tensor, noise_dn: float = 0.0) -> Path:
     return path
 
 
+NAMES = [metric.name for metric in measuring.EDGE_METRICS]
 RAW = ("--black-level", "40", "--full-scale", "4095")
 
 
@@ -86,7 +88,7 @@ def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
         "neq_0": 3200**2 / variance,
         "neq_integral": float(information.square_integral(frequency, frequency, quanta)),
     }
-    assert [*expected, "snri"] == list(measuring.TITLES)
+    assert [*expected, "snri"] == NAMES
     for name, value in expected.items():
         width = row[f"{name}_high"] - row[f"{name}_low"]
         assert 0 < width < 0.5 * value
@@ -176,16 +178,16 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     table = pd.read_csv(out)
     for row, wanted, (_, read) in zip(rows, flags, table.iterrows(), strict=True):
         assert all(flag.value in row["flags"] for flag in wanted)
-        numbers = [row[name + end] for name in measuring.TITLES for end in ("", "_low", "_high")]
+        numbers = [row[name + end] for name in NAMES for end in ("", "_low", "_high")]
         assert [value is None for value in numbers] == [bool(wanted)] * len(numbers)
-        assert [math.isnan(read[name]) for name in measuring.TITLES] == [bool(wanted)] * len(measuring.TITLES)
+        assert [math.isnan(read[name]) for name in NAMES] == [bool(wanted)] * len(NAMES)
         assert read["mtf50"] == (row["mtf50"] if not wanted else pytest.approx(math.nan, nan_ok=True))
     assert list(csv.DictReader(out.open()))[1]["cnr"] == ""
     assert main(["measure", *map(str, asked), "--plot", str(tmp_path / "edges.png")]) == 0
     out_text, err = capsys.readouterr()
     assert "nan" not in out_text
     dashes = [word for line in out_text.splitlines() for word in line.split() if word == "-"]
-    assert len(dashes) >= 3 * len(measuring.TITLES)
+    assert len(dashes) >= 3 * len(NAMES)
     assert f"2: {Flag.CLIPPED.value}" in " ".join(out_text.split())
     assert err == (
         "16 bits: taken as linear; --srgb if the picture is sRGB-coded\n"
@@ -208,10 +210,26 @@ def test_figures_show_four_edges_and_every_region() -> None:
     axes = edge_figures.draw(light, measured).axes
     assert len(axes) == 1 + 4 * edge_figures.MOST_EDGES
     assert [text.get_text() for text in axes[0].texts] == ["1", "2", "3", "4", "5", "6"]
-    assert "1 of them" in axes[0].get_title()
+    assert "6; below: 1 to 4" in axes[0].get_title()
     line = axes[4].lines[0].get_ydata()
     assert line[0] == pytest.approx(1)
     assert f"{measured[0].edge.mtf50:.4g}" in axes[4].get_title()
+
+
+def test_a_new_metric_of_edges_is_one_entry(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Weber contrast as the thirteenth: in JSON and CSV, and a line of the table."""
+    weber: Metric[measuring.Pair, Estimate] = Metric(
+        "weber", "Weber contrast", "1", "bright / dark - 1",
+        lambda pair: Estimate(pair.edge.bright / pair.edge.dark - 1),
+    )  # fmt: skip
+    monkeypatch.setattr(measuring, "EDGE_METRICS", (*measuring.EDGE_METRICS, weber))
+    path, out = raw(tmp_path / "edge.png", charts.slanted_edge(80, 80), 5.0), tmp_path / "edges.csv"
+    assert told(capsys, path, *RAW, "--csv", out)["regions"][0]["weber"] == pytest.approx(7.0, rel=0.01)
+    assert float(pd.read_csv(out)["weber"][0]) == pytest.approx(7.0, rel=0.01)
+    assert main(["measure", str(path), *RAW]) == 0
+    assert "Weber contrast" in capsys.readouterr().out
 
 
 def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
@@ -232,7 +250,7 @@ def test_photographs_give_flags_or_numbers(path: Path, capsys: Output) -> None:
     rois = [(x, y, 60, 50) for x in range(0, width - 60, 150) for y in range(0, height - 50, 110)]
     for measured in measuring.measure(light, rois):
         row = measured.row()
-        assert row["flags"] or all(row[name] is not None for name in measuring.TITLES)
+        assert row["flags"] or all(row[name] is not None for name in NAMES)
         assert json.dumps(row, allow_nan=False)
     code = main(["measure", str(path)])
     out, err = capsys.readouterr()
@@ -319,7 +337,7 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "holds no line"),
+        ("", "holds 0 samples"),
         ("1,0\n2,x\n", "line 2"),
         ("1,0\n2,0.5\n", "3 or more"),
         ("0,0\n100,0.5\n100,0.6\n", "rising"),
