@@ -102,7 +102,7 @@ def cameras_fit(
 
 
 def _from_dng(photo: Path, output: Path, base: str, as_json: bool) -> None:
-    from blurnoise_eval.calibration.dng import camera_of_dng
+    from blurnoise_eval.calibration.to_camera import camera_of_dng
     from blurnoise_eval.cameras import facts, figures
 
     camera = camera_of_dng(photo, base=base)

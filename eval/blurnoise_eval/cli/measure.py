@@ -108,9 +108,9 @@ def measure(
         writer.writerows(rows)
         write_whole(table, text.getvalue().encode())
     if plot:
-        from blurnoise_eval.quality import picture_figures as edge_figures
+        from blurnoise_eval.quality.figures import draw_regions
 
-        write_figure(plot, edge_figures.draw(light, measured), dpi=110)
+        write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
         facts = {
             "image": str(image),

@@ -72,7 +72,8 @@ def scatter(maps: Maps, of: Map) -> Figure:
         dots: Any = {"c": w[known], "norm": colour, "cmap": "plasma"}
         axes.scatter(m[known], scores.values[known], s=11, alpha=0.85, lw=0, **dots)
         if known.sum() >= FEWEST_NODES:
-            axes.plot(*increasing(m[known], scores.values[known]), color="black", lw=1.3)
+            rising, fitted = increasing(metric.sign * m[known], scores.values[known])
+            axes.plot(metric.sign * rising, fitted, color="black", lw=1.3)
         _say(axes, _rank_text(row))
     bar = _colour_bar(figure, colour, "plasma", "Motion blur / px")
     ticks = _TICKS_PX[(np.log2(_TICKS_PX) >= colour.vmin) & (np.log2(_TICKS_PX) <= colour.vmax)]

@@ -41,7 +41,7 @@ class Map:
 
     @classmethod
     def of(cls, nodes: Nodes, metrics: Mapping[str, Array], scores: NodeScores) -> Map:
-        """metrics: (N,) by name at the nodes."""
+        """metrics: (N,) by name at the nodes, rising with quality."""
         return cls(scores, tuple(ranked(nodes, metrics, scores)), predictor_of(nodes, scores))
 
     @property
@@ -95,7 +95,8 @@ def maps_of(
     rows = measure(nodes.camera, nodes.conditions, repeats=repeats, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(nodes), len(METRICS))
     metrics = {metric.name: of for metric, of in zip(METRICS, values.T, strict=True)}
-    every = tuple(Map.of(nodes, metrics, each) for each in scores)
+    rising = {metric.name: metric.sign * metrics[metric.name] for metric in METRICS}
+    every = tuple(Map.of(nodes, rising, each) for each in scores)
     return Maps(criterion, nodes, metrics, every, tuple(withheld))
 
 

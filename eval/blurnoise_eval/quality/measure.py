@@ -230,16 +230,11 @@ class Row:
     n_available: int
     repeats: int
 
-    @property
-    def blur_px(self) -> float:
-        """Length of the motion blur, px."""
-        return blur_px(self.at)
-
     def record(self) -> dict[str, Any]:
         """As a table's row: None for what is not available or has no interval, flags in alphabetical order."""
         return {
             **self.at,
-            "blur_px": self.blur_px,
+            "blur_px": blur_px(self.at),
             "metric": self.metric,
             **{name: finite(getattr(self.estimate, name)) for name in ("value", "low", "high")},
             "flags": " ".join(sorted(self.estimate.flags)),

@@ -27,6 +27,11 @@ class Metric(Generic[S, E]):
     better: Literal["higher", "lower"] = "higher"
 
     @property
+    def sign(self) -> int:
+        """1, or -1 where lower is better: values times it rise with quality."""
+        return 1 if self.better == "higher" else -1
+
+    @property
     def label(self) -> str:
         """Title and unit."""
         return self.title if self.unit == "1" else f"{self.title} / {self.unit}"

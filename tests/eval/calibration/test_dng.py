@@ -7,7 +7,7 @@ from pathlib import Path
 import made_frames
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.dng import camera_of_dng
+from blurnoise_eval.calibration.to_camera import camera_of_dng
 
 PLANE = np.full((48, 64), 500, np.uint16)
 GAIN, READ_E, BLACK, WHITE = 0.4, 3.0, 64, 4095
