@@ -145,6 +145,10 @@ def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
         (math.isnan(fit.dark.slope), "dark frames of one exposure: dark current is part of the black level"),
         (fit.rounding, f"{dark}: read noise and DSNU rest on the noise being normal{bounds}"),
         (left_out > 0, f"{left_out} flat levels near or beyond saturation are left out of the fit"),
+        (
+            fit.hidden_dn2_s[0] > 0,
+            "the camera takes dark charge off the mean: dark current is that of the variance",
+        ),
         (fit.widened, "the variances scatter beyond chance about the line: intervals are widened for that"),
     )
     return [text for applies, text in every if applies]

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -77,7 +77,7 @@ class Transfer:
     """The fit, in DN and DN^2. covariance: of (gain, read_dn2, spread_dn2). rounding: it rules in the dark.
 
     dark: the dark mean over the exposure. widened: the variances scatter beyond chance, and the covariance was
-    widened for that.
+    widened for that. hidden_dn2_s: dark charge that variances show and means do not, and its deviation.
     """
 
     gain: float
@@ -87,6 +87,7 @@ class Transfer:
     dark: Line
     widened: bool
     rounding: bool
+    hidden_dn2_s: tuple[float, float] = (0.0, 0.0)
 
     def error(self, gain: float, read_dn2: float = 0.0, spread_dn2: float = 0.0) -> float:
         """Standard deviation of what has this gradient with respect to gain, read_dn2 and spread_dn2."""
@@ -119,6 +120,10 @@ class Transfer:
             current = self.electrons(black.slope, black.slope_error)
             value, low, high = (max(0.0, each) for each in (current.value, current.low, current.high))
             found["dark_current_e_s"] = Estimate(value, low, high)
+            more, error = (each / gain**2 for each in self.hidden_dn2_s)
+            if more:
+                error = math.hypot(error, 2 * more * self.error(1) / gain, (high - low) / 2 / Z)
+                found["dark_current_e_s"] = normal(value + more, error, 0.0)
         if self.noise_dn < TWO_NUMBERS_DN:
             # what would go with as much noise as two numbers could have and hide
             hidden = TWO_NUMBERS_DN / max(self.noise_dn, 0.01)
@@ -133,8 +138,27 @@ class Transfer:
 def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
     """Weighted least squares over all levels. pattern: of the dark frames' mean.
 
-    Where rounding rules, the dark line is fitted along, as both depend on it.
+    A camera that takes the mean of shielded pixels off hides dark charge from the mean, not from the variance: what
+    dark variances grow with exposure beyond the dark mean's growth is taken off all variances first.
     """
+    found, hidden = _fit(dark, flat, pattern), (0.0, 0.0)
+    exposure, seen, error = columns(dark, "exposure_s", "variance_dn2", "variance_error_dn2")
+    line = straight(exposure, seen, np.maximum(error, 1e-9))
+    for _ in range(3):  # the gain hardly depends on it
+        more = line.slope - found.gain * found.dark.slope
+        if found.rounding or not more > SURELY * line.slope_error:  # nor where it is NaN
+            break
+        hidden = more, line.slope_error
+        found = _fit(_less(dark, more), _less(flat, more), pattern)
+    return replace(found, hidden_dn2_s=hidden)
+
+
+def _less(levels: Sequence[Level], dn2_s: float) -> list[Level]:
+    return [replace(each, variance_dn2=each.variance_dn2 - dn2_s * each.exposure_s) for each in levels]
+
+
+def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
+    """The fit of one set of variances; where rounding rules, the dark line is fitted along, as both depend on it."""
     data = _Data(dark, flat, pattern)
     line, lowest = data.line, float(data.seen[: data.dark].min())
     rounding, sloped = lowest - 1 / 12 < PLAIN_DN2, not math.isnan(data.line.slope)

@@ -135,6 +135,19 @@ def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path: Path, shad
     assert found.estimates["prnu"].value < 0.002  # none, in these
 
 
+def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp_path: Path) -> None:
+    camera = replace(CAMERA, dark_current_e_s=600.0)
+    planes = made_frames.exposed(camera, 6, size=SIZE)
+    for (_, exposure_s), each in planes.items():
+        taken_off = round(camera.system_gain_dn_per_e * 600 * exposure_s)
+        each[:] = [np.maximum(plane.astype(int) - taken_off, 0).astype(np.uint16) for plane in each]
+    found = measure(made_frames.save(tmp_path / "frames", planes), bit_depth=12)
+    assert any("that of the variance" in note for note in found.notes)
+    assert off(found, camera, "dark_current_e_s") < 0.05
+    assert off(found, camera, "read_noise_e") < 0.05
+    assert off(found, camera, "system_gain_dn_per_e") < 0.02
+
+
 def drawn(random: np.random.Generator, mean_e: np.ndarray) -> np.ndarray:
     """A frame of these electrons without fixed pattern."""
     noisy_e = random.poisson(mean_e) + CAMERA.read_noise_e * random.standard_normal(mean_e.shape)
