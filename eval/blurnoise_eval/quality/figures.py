@@ -163,7 +163,7 @@ def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
     """Edge spread, line spread and response of one region."""
     edge, (esf, lsf, response) = region.edge, panels
     for axes, values, title in (
-        (esf, edge.esf, f"edge spread, {unit} above black"),
+        (esf, edge.esf, f"edge spread, {unit}"),
         (lsf, edge.lsf, "line spread, 1/px"),
     ):
         axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
