@@ -39,21 +39,6 @@ def gallery(
     size: Annotated[
         int, Option(metavar="PX", help="a larger picture is shrunk to this longer side, px")
     ] = 480,
-    motion: Annotated[
-        bool,
-        Option(
-            "--motion",
-            help="a tile for each kind of motion instead, at the longest exposure, most light and speed",
-        ),
-    ] = False,
-    cut: Annotated[
-        str | None,
-        Option(
-            "--object",
-            metavar="MASK.png|X,Y,W,H",
-            help="with --motion: what moves for itself (default: a box in the middle)",
-        ),
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show what ranges of exposure, light and speed do to a picture, before a network
@@ -64,8 +49,6 @@ def gallery(
       python -m blurnoise_eval.gallery photo.jpg -o gallery.png --exposure-ms 1:60 --lux 5:500 \\
           --speed 0:1000 --camera imx250,ar0237 --count 14 --seed 1
 
-      python -m blurnoise_eval.gallery photo.jpg -o motion.png --motion --exposure-ms 20 --lux 300 --speed 1000
-
     A range is low:high, or a number that stays. Exposure and light are drawn
     log-uniformly: each doubling is as likely as the next. Speeds are px/s of the
     picture as shown, in any direction.
@@ -75,7 +58,7 @@ def gallery(
     from blurnoise_eval.cameras import find
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.plots import gallery
-    from blurnoise_eval.system.files import plot_suffix
+    from blurnoise_eval.system.files import plot_suffix, write_figure
 
     plot_suffix(output)
     in_range("size", size, 16, 1 << 14)
@@ -85,31 +68,10 @@ def gallery(
         illuminance_lux=lux,
         speed_px_s=speed,
     )
-    picture = decode(image)
-    scene = gallery.scene(picture, size)
-    if cut is not None and not motion:
-        raise ValueError("object: goes with --motion, which shows it move")
-    if motion:
-        from blurnoise_eval.plots import motions
-        from blurnoise_eval.simulation.light import matte as matte_of
-
-        shape = scene.shape[:2]
-        matte = gallery.shrunk(matte_of(cut, picture.shape[:2]), size) if cut else motions.middle_box(shape)
-        with ProgressBar("gallery", len(motions.KINDS)) as advance:
-            tiles = motions.tiles(
-                scene,
-                matte,
-                ranges.cameras[0],
-                exposure_s=exposure_ms.high / 1e3,
-                illuminance_lux=lux.high,
-                speed_px_s=speed.high,
-                seed=seed,
-                progress=advance,
-            )
-    else:
-        with ProgressBar("gallery", count) as advance:
-            tiles = gallery.tiles(scene, ranges, count, seed, advance)
-    gallery.write(gallery.draw(scene, tiles), output)
+    scene = gallery.scene(decode(image), size)
+    with ProgressBar("gallery", count) as advance:
+        tiles = gallery.tiles(scene, ranges, count, seed, advance)
+    write_figure(output, gallery.draw(scene, tiles), dpi=gallery.DPI)
     if as_json:
         say_json({"output": str(output), "tiles": [tile.facts() for tile in tiles]})
     else:

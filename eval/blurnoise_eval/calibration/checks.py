@@ -13,14 +13,11 @@ import numpy as np
 
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import levels
-from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
-from blurnoise_eval.calibration.levels import Floats, Level, Pattern, columns
-from blurnoise_eval.calibration.transfer import SURELY, Transfer, drift, straight
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, refuse
+from blurnoise_eval.calibration.levels import Level, Pattern, columns
+from blurnoise_eval.calibration.transfer import SURELY, Linearity, Transfer, drift, straight
 
-Z = 1.959964  # of a normal number, two-sided 95 %
-MOST_FLICKER = (
-    0.02  # spread of the means of a level's frames, of the signal; below it they are brought to one light
-)
+MOST_FLICKER = 0.02  # spread of the means of a level's frames, of the signal
 MOST_ROWS = 0.02  # of the temporal variance, that rows of a flat frame may share beyond those of a dark one
 MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
@@ -35,20 +32,71 @@ LEAST_UNEVEN = 0.2  # spread of the dark current over the picture, of itself
 _BLOCKS = 8  # along each side
 
 
-@dataclass(frozen=True)
-class Linearity:
-    """Signal against light: slope in DN per second, or per photon; x in that unit, deviation a fraction.
+def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
+    """Raise ``ValueError`` where dark levels are cut off at 0, or flat ones flicker."""
+    for level in dark:
+        zero, noise = level.share(0), math.sqrt(level.variance_dn2)
+        cut = level.highest_dn == 0 or (zero > PILED and level.mean_dn + 0.5 < 3 * noise)
+        refuse(
+            cut, f"{level}: clipped, {100 * zero:.3g} % of its pixels are 0; raise the camera's black level"
+        )
+    rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
+    lamp = "use a steady lamp, or exposures of whole periods"
+    for level in flat:
+        differs = f"its frames' light differs by {level.lamp_spread:.2%}; must be below {MOST_FLICKER:.0%}"
+        refuse(level.lamp_spread > MOST_FLICKER, f"{level}: flickering, {differs}: {lamp}")
+        bands = level.row_share > rows + 5 / math.sqrt(level.pixels) and level.share(level.highest_dn) < PILED
+        share = f"its rows share {level.row_share:.2%} of the noise"
+        refuse(bands, f"{level}: flickering in bands, {share}: {lamp}")
 
-    error: largest deviation from the line among levels of 5 to 95 % of saturation.
+
+def check_noise(flat: Sequence[Level]) -> None:
+    """Raise ``ValueError`` where neighbours' noise is alike, as demosaicing, denoising and lossy formats leave it."""
+    for level in flat:
+        alike = abs(level.correlation) > MOST_CORRELATION + 5 / math.sqrt(level.pixels)
+        raw = "must be the sensor's own numbers, not demosaiced, denoised, resized or compressed"
+        why = f"filtered or lossy, the noise of neighbouring pixels correlates by {level.correlation:.2f}"
+        refuse(alike and level.variance_dn2 > 0.5, f"{level}: {why}; {raw}")
+        refuse(
+            level.variance_dn2 == 0, f"{level}: all frames are the same; must be taken one after the other"
+        )
+
+
+def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
+    """Raise ``ValueError`` where a level is off the line by more than 5 %."""
+    worst, over = found.deviation[found.worst], "light" if found.by_photons else "exposure"
+    why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
+    raw = "raw numbers without gamma, and a steady lamp"
+    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: not linear, {why}: {raw}")
+
+
+def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
+    """The number at which flat frames clip, None where none does, and the places of the levels to fit.
+
+    A level clips where many pixels hold the largest number of all frames and far fewer the next, or where that is
+    the converter's last; also where the variance has fallen below half of the greatest at a lower mean, as it does
+    above the peak that EMVA 1288 calls saturation. Raises ``ValueError`` if too few are left.
     """
-
-    slope: float
-    slope_error: float
-    offset: float
-    x: Floats
-    deviation: Floats
-    error: Estimate
-    by_photons: bool
+    top = max(level.highest_dn for level in flat)
+    piled = [level for level in flat if level.share(top) > PILED]
+    peak = max(flat, key=lambda level: level.variance_dn2)
+    brighter = [level for level in flat if level.mean_dn > peak.mean_dn]
+    fallen = [level for level in brighter if level.variance_dn2 < peak.variance_dn2 / 2]
+    clip: float | None = None
+    if any(top == full_scale_dn or level.share(top) > 2 * level.share(top - 1) for level in piled):
+        clip = float(top)
+    elif fallen:
+        clip = max(level.mean_dn for level in fallen)
+    limit = full_scale_dn if clip is None else clip
+    held = [level.counts[math.ceil(limit) :].sum() / level.counts.sum() for level in flat]
+    whole = [place for place, level in enumerate(flat) if level not in fallen and held[place] < CLIPPED]
+    if clip is not None:
+        linear = [place for place in whole if flat[place].mean_dn - dark_dn <= USED * (clip - dark_dn)]
+        whole = linear if len(linear) >= FEWEST_FLAT else whole
+    lost = f"{len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN"
+    must = f"must be {FEWEST_FLAT} or more below it: shorter exposures, or less light"
+    refuse(len(whole) < FEWEST_FLAT, f"frames: clipped, {lost}; {must}")
+    return clip, whole
 
 
 @dataclass(frozen=True)
@@ -65,108 +113,6 @@ class Doubt:
         if self.margin and (known := estimates.get(name)):
             low, high = max(0.0, known.low - self.margin), known.high + self.margin
             estimates[name] = replace(known, low=low, high=high)
-
-
-def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
-    """Raise ``ValueError`` where dark levels are cut off at 0, or flat ones flicker."""
-    for level in dark:
-        zero, noise = level.share(0), math.sqrt(level.variance_dn2)
-        if level.highest_dn == 0 or (zero > PILED and level.mean_dn + 0.5 < 3 * noise):
-            raise ValueError(
-                f"{level}: clipped, {100 * zero:.3g} % of its pixels are 0; raise the camera's black level"
-            )
-    rows = max(0.0, *(level.row_share for level in dark))
-    steady = "use a steady lamp, or exposures of whole periods"
-    for level in flat:
-        if level.lamp_spread > MOST_FLICKER:
-            raise ValueError(
-                f"{level}: flickering, its frames' light differs by {100 * level.lamp_spread:.2g} %; must be below "
-                f"{100 * MOST_FLICKER:g} %: {steady}"
-            )
-        bands = level.row_share > rows + MOST_ROWS + 5 / math.sqrt(level.pixels)
-        if bands and level.share(level.highest_dn) < PILED:
-            share = f"{100 * level.row_share:.2g} %"
-            raise ValueError(f"{level}: flickering in bands, its rows share {share} of the noise: {steady}")
-
-
-def check_noise(flat: Sequence[Level]) -> None:
-    """Raise ``ValueError`` where neighbours' noise is alike, as demosaicing, denoising and lossy formats leave it."""
-    for level in flat:
-        most = MOST_CORRELATION + 5 / math.sqrt(level.pixels)
-        if level.variance_dn2 > 0.5 and abs(level.correlation) > most:
-            raise ValueError(
-                f"{level}: filtered or lossy, the noise of neighbouring pixels correlates by "
-                f"{level.correlation:.2f}; must be the sensor's own numbers, "
-                "not demosaiced, denoised, resized or compressed"
-            )
-        if level.variance_dn2 == 0:
-            raise ValueError(f"{level}: its frames are all the same; must be taken one after the other")
-
-
-def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
-    """The number at which flat frames clip, None where none does, and the places of the levels to fit.
-
-    A level clips where many pixels hold the largest number of all frames and far fewer the next, or where that is
-    the converter's last; also where the variance has fallen below half of the greatest at a lower mean, as it does
-    above the peak that EMVA 1288 calls saturation. Raises ``ValueError`` if too few are left.
-    """
-    top = max(level.highest_dn for level in flat)
-    piled = [level for level in flat if level.share(top) > PILED]
-    peak = max(flat, key=lambda level: level.variance_dn2)
-    fallen = [
-        level for level in flat if level.mean_dn > peak.mean_dn and level.variance_dn2 < peak.variance_dn2 / 2
-    ]
-    clip: float | None = None
-    if any(top == full_scale_dn or level.share(top) > 2 * level.share(top - 1) for level in piled):
-        clip = float(top)
-    elif fallen:
-        clip = max(level.mean_dn for level in fallen)
-    limit = full_scale_dn if clip is None else clip
-    whole = [
-        place
-        for place, level in enumerate(flat)
-        if level not in fallen and level.counts[math.ceil(limit) :].sum() < CLIPPED * level.counts.sum()
-    ]
-    if clip is not None:
-        linear = [place for place in whole if flat[place].mean_dn - dark_dn <= USED * (clip - dark_dn)]
-        whole = linear if len(linear) >= FEWEST_FLAT else whole
-    if len(whole) < FEWEST_FLAT:
-        raise ValueError(
-            f"frames: clipped, {len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN; must be "
-            f"{FEWEST_FLAT} or more below it: shorter exposures, or less light"
-        )
-    return clip, whole
-
-
-def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:
-    """Signal against light by EMVA 1288's fit (weights 1/signal) over 5 to 95 % of ``top_dn``, a signal.
-
-    signal (N,): mean of each level less that in the dark. None where fewer than three levels are in that range.
-    Raises ``ValueError`` where a level is off by more than 5 %.
-    """
-    by_photons = all(level.photons_per_px is not None for level in flat)
-    x, mean_error = columns(flat, "photons_per_px" if by_photons else "exposure_s", "mean_error_dn")
-    inside = (signal >= 0.05 * top_dn) & (signal <= 0.95 * top_dn)
-    count = int(inside.sum())
-    if len(np.unique(x[inside])) < 3:
-        return None
-    design = np.stack([x[inside], np.ones(count)], 1) / signal[inside, None]
-    (slope, offset), *_ = np.linalg.lstsq(design, np.ones(count))
-    line = slope * x + offset
-    deviation = np.divide(signal - line, line, out=np.zeros_like(line), where=line > 0)
-    place = int(np.argmax(np.where(inside, np.abs(deviation), -1)))
-    worst = float(deviation[place])
-    if abs(worst) > MOST_LINEARITY_ERROR:
-        over = "light" if by_photons else "exposure"
-        raise ValueError(
-            f"{flat[place]}: not linear, its signal is {100 * worst:+.2g} % off the line over {over}; "
-            f"must be within {100 * MOST_LINEARITY_ERROR:g} %: raw numbers without gamma, and a steady lamp"
-        )
-    error = mean_error[inside] / signal[inside]
-    scatter = math.hypot(float(deviation[inside].std(ddof=1)), float(np.sqrt((error**2).mean())))
-    slope_error, margin = abs(float(slope)) * scatter / math.sqrt(count), Z * float(error.max())
-    off = Estimate(abs(worst), max(0.0, abs(worst) - margin), abs(worst) + margin)
-    return Linearity(float(slope), slope_error, float(offset), x, deviation, off, by_photons)
 
 
 def warming(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
@@ -216,7 +162,7 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
     logs = np.log(signal[some])
     line = straight(logs, np.log(shot[some] / signal[some]), error[some] / shot[some])
     power, span = line.slope, float(np.ptp(logs))
-    if abs(power) < LEAST_CURVE or abs(power) < SURELY * line.slope_error:
+    if abs(power) < max(LEAST_CURVE, SURELY * line.slope_error):
         return None
     return Doubt(
         ("system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "dsnu_e"),
@@ -236,18 +182,15 @@ def stray_light(
     those between once more; the dark that is taken off the light is of the latter, so that no noise is in both.
     """
     black = fit.dark
-    exposure, variance, count = columns(dark, "exposure_s", "variance_dn2", "frames")
-    away = exposure - exposure.mean()
     if not black.slope > SURELY * black.slope_error:  # nor where it is NaN
         return None
+    exposure, variance, count = columns(dark, "exposure_s", "variance_dn2", "frames")
+    away = exposure - exposure.mean()
     slope = away / (away @ away)
     at_light = 1 / len(dark) + slope * (columns(bright, "exposure_s")[0].mean() - exposure.mean())
-    growth, again, beneath = (np.zeros_like(light) for _ in range(3))
-    for frames, by, share in zip(files.dark, slope, at_light, strict=True):
-        every, between = (files.mean(half) for half in (frames[::2], frames[1::2]))
-        growth += every * by
-        again += between * by
-        beneath += between * share
+    every, between = (np.stack([files.mean(frames[half::2]) for frames in files.dark]) for half in (0, 1))
+    growth, again = (np.tensordot(slope, each, 1) for each in (every, between))
+    beneath = np.tensordot(at_light, between, 1)
     signal = float((light - beneath).mean())
     noise = levels.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
     grown, seen = (levels.without_shading(each) for each in (growth, (light - beneath) / signal))
@@ -258,20 +201,15 @@ def stray_light(
     true_share = 1 - noise / signal**2 * len(seen) / power  # of what varies over the response
     if found > SURELY * error and found > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
         of_dark = min(1.0, found / true_share / black.slope)
-        text = (
-            "light in dark frames: what grows with exposure there follows the pixels' sensitivity to light; about "
-            f"{100 * of_dark:.0f} % of the dark current is light: cover the lens"
-        )
+        what = f"{100 * of_dark:.0f} % of the dark current grows with the pixels' sensitivity to light"
     else:
         one, other = (_blocks(each) for each in (growth, again))
         common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
         of_dark = math.sqrt(max(0.0, common)) / black.slope
         if of_dark <= LEAST_UNEVEN or common <= own:
             return None
-        text = (
-            "light in dark frames, or a glow of the camera's own: dark current differs over the picture by "
-            f"{100 * of_dark:.0f} % RMS: cover the lens"
-        )
+        what = f"dark current differs over the picture by {100 * of_dark:.0f} % RMS, unless the camera itself glows"
+    text = f"light in dark frames: {what}: cover the lens"
     return Doubt(("dark_current_e_s", "dsnu_e"), text, of_dark * black.slope / fit.gain)
 
 
@@ -280,5 +218,4 @@ def _blocks(growth: Floats) -> Floats:
     down, across = (side // (2 * _BLOCKS) for side in growth.shape)
     cut = growth[: 2 * _BLOCKS * down, : 2 * _BLOCKS * across]
     blocks = cut.reshape(_BLOCKS, down, 2, _BLOCKS, across, 2).transpose(0, 3, 2, 5, 1, 4)
-    medians: Floats = np.median(blocks.reshape(4 * _BLOCKS**2, -1), -1)
-    return medians
+    return np.asarray(np.median(blocks.reshape(4 * _BLOCKS**2, -1), -1))

@@ -12,12 +12,19 @@ import numpy as np
 from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import checks, levels
-from blurnoise_eval.calibration.checks import Doubt, Linearity, Z
-from blurnoise_eval.calibration.frames import Folder, Size
-from blurnoise_eval.calibration.levels import Floats, Level, columns, level_of
-from blurnoise_eval.calibration.transfer import TWO_NUMBERS_DN, Transfer, dark_line, fit
+from blurnoise_eval.calibration.checks import Doubt
+from blurnoise_eval.calibration.frames import Floats, Folder, Size, refuse
+from blurnoise_eval.calibration.levels import Level, columns, level_of
+from blurnoise_eval.calibration.transfer import (
+    TWO_NUMBERS_DN,
+    Linearity,
+    Transfer,
+    dark_line,
+    fit,
+    linearity,
+    root,
+)
 
-_DEPTHS = (8, 10, 12, 14, 16)
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
 
 
@@ -26,7 +33,7 @@ class Measurement:
     """A camera as its frames show it. estimates: by the camera's field, and ``linearity_error``, a fraction.
 
     dark, flat: levels in steps of the converter; used: places of the flat ones that were fitted. clip_dn: where
-    flat frames clip, None if nowhere. size_px: (width, height). bits_stated: whether the user gave the bit depth.
+    flat frames clip, None if nowhere. size_px: (width, height). bits_given: whether the user gave the bit depth.
     notes: assumptions beside the figures. doubts: why some of them may be wrong.
     """
 
@@ -38,7 +45,7 @@ class Measurement:
     linearity: Linearity | None
     size_px: Size
     bit_depth: int
-    bits_stated: bool
+    bits_given: bool
     clip_dn: float | None
     notes: Sequence[str]
     doubts: Sequence[Doubt]
@@ -81,25 +88,23 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     exposure, mean_dn = columns(flat, "exposure_s", "mean_dn")
     signal = mean_dn - found.dark.at(exposure)
     top_dn = (max(level.mean_dn for level in used) if clip_dn is None else clip_dn) - found.dark.offset
-    linear = checks.linearity(flat, signal, top_dn)
-    estimates = _estimates(found, dark[0].pixels)
+    linear = linearity(flat, signal, top_dn)
+    estimates = found.estimates(dark[0].pixels)
     if clip_dn is not None:
-        estimates["full_well_e"] = _in_electrons(top_dn, found.dark.offset_error, found)
+        estimates["full_well_e"] = found.electrons(top_dn, found.dark.offset_error)
     if linear:
+        checks.check_linearity(flat, linear)
         estimates["linearity_error"] = linear.error
         if linear.by_photons:
-            estimates["quantum_efficiency"] = _in_electrons(linear.slope, linear.slope_error, found)
+            estimates["quantum_efficiency"] = found.electrons(linear.slope, linear.slope_error)
 
     chosen = sorted(usable, key=lambda place: mean_dn[place])[-_MOST_FOR_PATTERN:]
-    bright, light = [flat[place] for place in chosen], np.zeros_like(dark_mean)
-    for place in chosen:
-        light += lit(place)[1]
-    light /= len(chosen)
-    response = levels.response_pattern(
-        light - dark_mean, levels.noise_of_mean(bright) + levels.noise_of_mean(dark)
-    )
+    bright = [flat[place] for place in chosen]
+    light = sum((lit(place)[1] for place in chosen), np.zeros(())) / len(chosen)
+    noise = levels.noise_of_mean(bright) + levels.noise_of_mean(dark)
+    response = levels.response_pattern(light - dark_mean, noise)
     power = float(signal[chosen].mean()) ** 2
-    estimates["prnu"] = _root(response.fixed_dn2 / power, response.error_dn2 / power)
+    estimates["prnu"] = root(response.fixed_dn2 / power, response.error_dn2 / power)
     first = checks.warming(dark, found) or checks.tone_curve(dark, used, found)
     stray = None if first else checks.stray_light(files, dark, bright, light, found)
     doubts = [doubt for doubt in (first, checks.hot_pixels(pattern, found), stray) if doubt]
@@ -114,85 +119,36 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
         linearity=linear,
         size_px=files.size_px,
         bit_depth=bits,
-        bits_stated=bit_depth is not None,
+        bits_given=bit_depth is not None,
         clip_dn=clip_dn,
-        notes=[
-            note for note, applies in _notes(found, files.step_dn, len(flat) - len(used)).items() if applies
-        ],
+        notes=_notes(found, files.step_dn, len(flat) - len(used)),
         doubts=doubts,
     )
 
 
-def _depth(highest_dn: int, stated: int | None) -> int:
-    if stated is None:
-        return next(bits for bits in _DEPTHS if highest_dn < 2**bits)
-    if highest_dn >= 2**stated:
-        raise ValueError(f"bit_depth = {stated}: frames hold {highest_dn:g}; must be at most {2**stated - 1}")
-    return stated
+def _depth(highest_dn: int, given: int | None) -> int:
+    if given is None:
+        return next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
+    most = 2**given - 1
+    refuse(highest_dn > most, f"bit_depth = {given}: frames hold {highest_dn}; must be at most {most}")
+    return given
 
 
-def _estimates(fit: Transfer, pixels: int) -> dict[str, Estimate]:
-    gain, black = fit.gain, fit.dark
-    # these pixels are a sample: their mean is the camera's to within the pattern's spread over its root
-    black_error = math.hypot(black.offset_error, math.sqrt(fit.spread_dn2 / pixels))
-    read, spread = fit.read_dn2 / gain**2, fit.spread_dn2 / gain**2
-    found = {
-        "system_gain_dn_per_e": _normal(gain, fit.error(1), 0.0),
-        "read_noise_e": _root(read, fit.error(-2 * read / gain, 1 / gain**2)),
-        "black_level_dn": _normal(black.offset, black_error),
-        "dsnu_e": _root(spread, fit.error(-2 * spread / gain, 0, 1 / gain**2)),
-    }
-    if math.isfinite(black.slope):
-        current = _in_electrons(black.slope, black.slope_error, fit)
-        value, low, high = (max(0.0, each) for each in (current.value, current.low, current.high))
-        current = Estimate(value, low, high)
-        if fit.hidden_dn2_s:
-            more = fit.hidden_dn2_s / gain**2
-            error = math.hypot(fit.hidden_error_dn2_s / gain**2, 2 * more * fit.error(1) / gain)
-            half = (current.high - current.low) / 2
-            current = _normal(current.value + more, math.hypot(error, half / Z), 0.0)
-        found["dark_current_e_s"] = current
-    if (noise_dn := math.sqrt(fit.read_dn2)) < TWO_NUMBERS_DN:
-        # what would go with as much noise as two numbers could have and hide
-        hidden = TWO_NUMBERS_DN / max(noise_dn, 0.01)
-        least = {"read_noise_e": TWO_NUMBERS_DN / gain}
-        for name in {"read_noise_e", "dsnu_e", "dark_current_e_s"} & {*found}:
-            most = max(found[name].high, hidden * found[name].value, least.get(name, 0.0))
-            found[name] = Estimate(found[name].value, 0.0, most)
-        found["black_level_dn"] = Estimate(black.offset, black.offset - 0.5, black.offset + 0.5)
-    return found
-
-
-def _normal(value: float, error: float, least: float = -math.inf) -> Estimate:
-    return Estimate(value, max(least, value - Z * error), value + Z * error)
-
-
-def _root(square: float, error: float) -> Estimate:
-    """The root of a square that is known with a normal error, at least 0."""
-    value, low, high = (
-        math.sqrt(max(0.0, each)) for each in (square, square - Z * error, square + Z * error)
+def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
+    """What was assumed, and what else to know of the figures."""
+    bounds = (
+        ", and are bounds only, with black level and dark current" if fit.noise_dn < TWO_NUMBERS_DN else ""
     )
-    return Estimate(value, low, high)
-
-
-def _in_electrons(dn: float, error_dn: float, fit: Transfer) -> Estimate:
-    value = dn / fit.gain
-    return _normal(value, math.hypot(error_dn, value * fit.error(1)) / fit.gain)
-
-
-def _notes(fit: Transfer, step: int, left_out: int) -> dict[str, bool]:
-    """Notes, and whether they apply."""
-    noise_dn = math.sqrt(fit.read_dn2)
-    bounds = ", and are bounds only, with black level and dark current" if noise_dn < TWO_NUMBERS_DN else ""
-    return {
-        f"all numbers are multiples of {step}: counted in steps of {step}": step > 1,
-        "dark frames of one exposure: dark current cannot be told, and is part of the black level": math.isnan(
-            fit.dark.slope
+    dark = f"noise in the dark is {fit.noise_dn:.2g} DN before rounding, which rules there"
+    every = (
+        (step > 1, f"all numbers are multiples of {step}: counted in steps of {step}"),
+        (math.isnan(fit.dark.slope), "dark frames of one exposure: dark current is part of the black level"),
+        (fit.rounding, f"{dark}: read noise and DSNU rest on the noise being normal{bounds}"),
+        (left_out > 0, f"{left_out} flat levels near or beyond saturation are left out of the fit"),
+        (
+            fit.hidden_dn2_s[0] > 0,
+            "the camera takes dark charge off the mean: dark current is that of the variance",
         ),
-        f"noise in the dark is {noise_dn:.2g} DN before rounding, which rules there: read noise and DSNU rest on "
-        f"the noise being normal{bounds}": fit.rounding,
-        f"{left_out} flat levels near or beyond saturation are left out of the fit": left_out > 0,
-        "the variances scatter beyond chance about the line: intervals are widened to what is seen": fit.widened,
-        "noise in the dark grows with exposure and the mean does not, as where the camera takes it off: dark "
-        "current is that of the variance": fit.hidden_dn2_s > 0,
-    }
+        (fit.widened, "the variances scatter beyond chance about the line: intervals are widened for that"),
+    )
+    return [text for applies, text in every if applies]

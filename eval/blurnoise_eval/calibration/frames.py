@@ -1,11 +1,11 @@
-"""Frames of a folder: which one is dark or flat, how long it was exposed, and the numbers it holds.
+"""Frames of a folder: which one is dark or flat, how long it was exposed, and the statistics of each level.
 
 ``frames.csv`` in the folder lists them (columns file, kind, exposure_s, and photons_per_px where the light is known);
 without it the files' names do: ``dark_10ms_0.png``, ``flat_2.5ms_1.tif``, ``flat_500us_a.npy``, ``dark_1s.dng``.
 
 Files: PNG, TIFF and PGM of one channel, NPY, headerless little-endian 16-bit planes (.raw, .bin) of a given size,
 and whatever LibRaw reads (DNG and cameras' raw files) where the package rawpy is installed. A further format is an
-entry of ``READERS``, a further way to list frames one of ``LISTS``.
+entry of ``READERS``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,48 +20,45 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from annotated_types import Interval
 from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
 
-from blurnoise._core.checks import check_fields, known, shown, within
+from blurnoise._core.checks import within
 from blurnoise._core.files import read_text
 from blurnoise_eval.datasets import decode
 from blurnoise_eval.system.files import check_regular, inside
 
+Floats = NDArray[np.float64]
 Kind = Literal["dark", "flat"]
 Plane = NDArray[np.uint8] | NDArray[np.uint16]
 """Digital numbers of a frame as the converter gave them, (H, W)."""
 Size = tuple[int, int]
 SMALLEST_PX = 32
 FEWEST_FLAT = 3
+_LIST = "frames.csv"
 _NAME = re.compile(r"(dark|flat)_(\d+(?:\.\d+)?)(ns|us|ms|s)(?:_[^.]*)?\.\w+", re.IGNORECASE)
 _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
-_LOSSY = {b"\xff\xd8\xff": "JPEG", b"RIFF": "WebP", b"\x00\x00\x00\x0cJXL": "JPEG XL"}
-_LOSSY_SUFFIXES = (".jpg", ".jpeg", ".webp", ".heic", ".heif", ".avif", ".jxl")
+_LOSSY = {b"\xff\xd8\xff": "JPEG", b"RIFF": "WebP"}
 
 
-@dataclass(frozen=True)
-class Frame:
-    """A file and how it was taken; a column of frames.csv for each further field.
+class Frame(BaseModel, frozen=True, extra="forbid"):
+    """A file and how it was taken; each field is a column of frames.csv.
 
     photons_per_px: of flat frames, mean during the exposure; None where unknown.
     """
 
-    path: Path
+    file: Path
     kind: Kind
     exposure_s: Annotated[float, within("exposure_s")]
     photons_per_px: Annotated[float, Interval(ge=0.0, le=1e12)] | None = None
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
     @property
     def level(self) -> tuple[float, float, bool]:
         """What frames of one level have in common, in the order of levels."""
-        light = -1.0 if self.photons_per_px is None else self.photons_per_px
-        return self.exposure_s, light, self.kind == "flat"
-
-
-_COLUMNS = ("file", "kind", "exposure_s")
-_OPTIONAL = tuple(each.name for each in fields(Frame) if each.default is None)
+        return (
+            self.exposure_s,
+            -1.0 if self.photons_per_px is None else self.photons_per_px,
+            self.kind == "flat",
+        )
 
 
 class Folder:
@@ -79,107 +75,80 @@ class Folder:
         levels = [list(frames) for _, frames in groupby(ordered, lambda frame: frame.level)]
         self.dark = [frames for frames in levels if frames[0].kind == "dark"]
         self.flat = [frames for frames in levels if frames[0].kind == "flat"]
-        if not self.dark:
-            raise ValueError("frames: no dark ones; must be two or more, with the lens covered")
-        if (flat := len(self.flat)) < FEWEST_FLAT:
-            raise ValueError(
-                f"frames: flat ones of {flat} exposure{'s' * (flat != 1)}; must be of {FEWEST_FLAT} or more, better "
-                "eight"
-            )
-        for path in [frames[0].path for frames in [*self.dark, *self.flat] if len(frames) < 2]:
-            raise ValueError(
-                f"{path}: alone; must be two frames of each level or more, to tell noise from pattern"
-            )
-        self.size_px, self.step_dn = self._surveyed()
-
-    def _surveyed(self) -> tuple[Size, int]:
-        """Size and step of all frames."""
+        refuse(not self.dark, "frames: no dark ones; must be two or more, with the lens covered")
+        refuse(
+            len(self.flat) < FEWEST_FLAT,
+            f"frames: {len(self.flat)} flat exposures; must be 3, better 8 or more",
+        )
+        for frame, *others in levels:
+            refuse(not others, f"{frame.file}: alone; must be two of each level, to tell noise from pattern")
         before: dict[str, str] = {}
         held = np.zeros(1 << 16, bool)
-        for frame in [frame for frames in [*self.dark, *self.flat] for frame in frames]:
-            plane = read_plane(frame.path, self._raw_size_px)
+        for frame in ordered:
+            plane = read_plane(frame.file, raw_size_px)
             held[plane] = True
-            size, bits = "{1} x {0} px".format(*plane.shape), f"{8 * plane.itemsize} bits"
-            for what, taken in (("sizes", size), ("depths", bits)):
-                if before.setdefault(what, taken) != taken:
-                    raise ValueError(
-                        f"{frame.path}: mixed {what}, {taken}; the frames before it: {before[what]}"
-                    )
-        return (plane.shape[1], plane.shape[0]), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
+            height, width = plane.shape
+            for what, here in (("sizes", f"{width} x {height} px"), ("depths", f"{8 * plane.itemsize} bits")):
+                first = before.setdefault(what, here)
+                refuse(here != first, f"{frame.file}: mixed {what}, {here}; the frames before it: {first}")
+        self.size_px, self.step_dn = (width, height), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
 
     def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
         """The frames' numbers in steps of the converter, one after the other."""
         for frame in frames:
-            yield read_plane(frame.path, self._raw_size_px) // self.step_dn
+            yield read_plane(frame.file, self._raw_size_px) // self.step_dn
 
-    def mean(self, frames: Sequence[Frame]) -> NDArray[np.float64]:
+    def mean(self, frames: Sequence[Frame]) -> Floats:
         """The mean (H, W) of these frames."""
-        total = np.zeros(())
-        for plane in self.planes(frames):
-            total = total + plane
-        return total / len(frames)
+        return sum(self.planes(frames), np.zeros(())) / len(frames)
+
+
+def refuse(applies: object, text: str) -> None:
+    """Raise ``ValueError`` of this text where it applies."""
+    if applies:
+        raise ValueError(text)
 
 
 def frames_of(folder: Path) -> list[Frame]:
-    """The frames of ``folder``, by its list or their names.
+    """The frames of ``folder``, by frames.csv or their names.
 
     Raises ``ValueError`` for a folder without frames and for a list that cannot be read.
     """
-    if not folder.is_dir():
-        raise ValueError(f"folder = {str(folder)!r}: must be a folder of dark and flat frames")
-    listed = next((folder / name for name in LISTS if (folder / name).is_file()), None)
+    refuse(not folder.is_dir(), f"folder = {str(folder)!r}: must be a folder of dark and flat frames")
+    source = folder / _LIST if (folder / _LIST).is_file() else folder
     try:
-        found = _named(folder) if listed is None else LISTS[listed.name](listed)
+        found = list(_named(folder) if source == folder else _listed(source))
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"{listed or folder}: {error}") from None
-    if not found:
-        raise ValueError(
-            f"{folder}: no frames: must hold {' or '.join(LISTS)}, or files named like dark_10ms_0.png, "
-            "flat_10ms_1.png"
-        )
+        raise ValueError(f"{source}: {error}") from None
+    refuse(not found, f"{folder}: no frames: must hold {_LIST}, or files named like flat_10ms_1.png")
     for frame in found:
-        if not frame.path.is_file():
-            raise ValueError(f"{listed}: file {shown(str(frame.path.name))}: must be a file in {folder}")
+        refuse(not frame.file.is_file(), f"{source}: file {frame.file.name!r}: must be a file in {folder}")
     return found
 
 
-def _named(folder: Path) -> list[Frame]:
-    found = []
+def _named(folder: Path) -> Iterator[Frame]:
     for path in sorted(folder.iterdir()):
         if match := _NAME.fullmatch(path.name):
             kind, number, unit = (group.lower() for group in match.groups())
-            found.append(Frame(path, "dark" if kind == "dark" else "flat", float(number) * _UNITS[unit]))
-    return found
+            taken = {"file": path, "kind": kind, "exposure_s": float(number) * _UNITS[unit]}
+            yield Frame.model_validate(taken)
 
 
-def _listed(path: Path) -> list[Frame]:
-    """Of frames.csv, a row per frame."""
+def _listed(path: Path) -> Iterator[Frame]:
     rows = csv.DictReader(read_text(path).splitlines(), skipinitialspace=True)
-    rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
-    if missing := [name for name in _COLUMNS if name not in rows.fieldnames]:
-        raise ValueError(f"has no column {missing[0]}; must have {', '.join(_COLUMNS)}")
-    for name in rows.fieldnames:
-        known("column", name, (*_COLUMNS, *_OPTIONAL))
-    found = []
     for row in rows:
-        texts = {name: (value or "").strip() for name, value in row.items() if isinstance(name, str)}
+        given: dict[str, Any] = {str(name).strip(): value.strip() for name, value in row.items() if value}
         try:
-            if not texts["file"]:
-                raise ValueError("file: must not be empty")
-            kind: Any = texts["kind"]
-            given = ["exposure_s", *(name for name in _OPTIONAL if kind == "flat" and texts.get(name))]
-            numbers = {name: _number(name, texts[name]) for name in given}
-            found.append(Frame(path.parent / inside(texts["file"]), kind, **numbers))
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"line {rows.line_num}: {error}") from None
-    return found
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{name} = {shown(text)}: must be a number") from None
+            if "file" in given:
+                given["file"] = path.parent / inside(given["file"])
+            yield Frame.model_validate(given)
+        except ValueError as error:
+            text = str(error)
+            if isinstance(error, ValidationError):
+                fault = error.errors(include_url=False)[0]
+                got = "" if fault["type"] == "missing" else f" = {fault['input']!r}"
+                text = f"{fault['loc'][0]}{got}: {fault['msg'].replace('Input should', 'must')}"
+            raise ValueError(f"line {rows.line_num}: {text}") from None
 
 
 def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
@@ -190,26 +159,20 @@ def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
     """
     check_regular(path)
     with path.open("rb") as file:
-        head = file.read(12)
-    suffix = path.suffix.lower()
-    lossy = next((name for magic, name in _LOSSY.items() if head.startswith(magic)), None)
+        head = file.read(4)
     try:
-        if lossy or suffix in _LOSSY_SUFFIXES:
-            name = lossy or suffix[1:].upper()
-            raise ValueError(
-                f"{name} is a lossy format, which alters the noise; must be PNG, TIFF, NPY or raw"
+        for magic, name in _LOSSY.items():
+            refuse(
+                head.startswith(magic), f"{name} is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
             )
-        plane = decode(path) if suffix in _PICTURES else READERS.get(suffix, _raw)(path, raw_size_px)
-        if plane.ndim != 2:
-            raise ValueError(
-                f"shape {plane.shape}: must be one plane, (H, W), as the sensor gives it, not colours"
-            )
-        if min(plane.shape) < SMALLEST_PX:
-            size = "{1} x {0}".format(*plane.shape)
-            raise ValueError(f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
+        plane = READERS.get(path.suffix.lower(), _raw)(path, raw_size_px)
+        refuse(
+            plane.ndim != 2, f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
+        )
+        size = "{1} x {0}".format(*plane.shape)
+        refuse(min(plane.shape) < SMALLEST_PX, f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
     except ValueError as error:
-        told = str(error)
-        raise ValueError(told if told.startswith(str(path)) else f"{path}: {told}") from None
+        raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     kept: Plane = plane.astype(np.uint8) if plane.dtype == np.uint8 else plane.astype(np.uint16)
     return kept
 
@@ -219,21 +182,18 @@ def _array(path: Path, _: Size | None) -> NDArray[Any]:
         plane: NDArray[Any] = np.load(path, allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise ValueError(f"is no NPY file: {error}") from None
-    if plane.dtype.kind not in "uif" or not plane.size:
-        raise ValueError(f"dtype {plane.dtype}: must be numbers")
-    if not np.isfinite(plane).all() or (plane != np.round(plane)).any():
-        raise ValueError("must hold whole numbers, as the converter gives them, not averages")
-    if plane.min() < 0 or plane.max() > 65535:
-        raise ValueError(f"holds {plane.min():g} to {plane.max():g}: must be within 0 and 65535")
+    number = plane.dtype.kind in "uif"
+    whole = number and ((plane >= 0) & (plane <= 65535) & (plane == np.round(plane))).all()
+    refuse(not whole, "must hold whole numbers from 0 to 65535, as the converter gives them, not averages")
     return plane
 
 
-def _bare(path: Path, size_px: Size | None) -> NDArray[Any]:
+def _headerless(path: Path, size_px: Size | None) -> NDArray[Any]:
     if size_px is None:
         raise ValueError("a file without a header: state its size with --raw-size WxH")
     width, height = size_px
-    if path.stat().st_size != 2 * width * height:
-        raise ValueError(f"{path.stat().st_size} bytes: must be 2 x {width} x {height}, 16 bits a pixel")
+    held = path.stat().st_size
+    refuse(held != 2 * width * height, f"{held} bytes: must be 2 x {width} x {height}, 16 bits a pixel")
     return np.fromfile(path, "<u2").reshape(height, width)
 
 
@@ -246,16 +206,12 @@ def _raw(path: Path, _: Size | None) -> NDArray[Any]:
         with rawpy.imread(str(path)) as raw:
             return np.array(raw.raw_image_visible, np.uint16)
     except rawpy.LibRawError as error:
-        said = error.args[0].decode() if error.args and isinstance(error.args[0], bytes) else str(error)
-        raise ValueError(f"is no picture that OpenCV or LibRaw reads ({said})") from None
+        raise ValueError(f"is no picture that OpenCV or LibRaw reads ({error})") from None
 
 
-LISTS: Mapping[str, Callable[[Path], list[Frame]]] = {"frames.csv": _listed}
-"""By the name of a file that lists a folder's frames, its reader."""
 READERS: Mapping[str, Callable[[Path, Size | None], NDArray[Any]]] = {
+    **dict.fromkeys((".png", ".tif", ".tiff", ".pgm"), lambda path, _: decode(path)),
+    **dict.fromkeys((".raw", ".bin"), _headerless),
     ".npy": _array,
-    ".raw": _bare,
-    ".bin": _bare,
 }
-"""By suffix, readers of planes beside OpenCV's; what has no entry goes to LibRaw."""
-_PICTURES = (".png", ".tif", ".tiff", ".pgm")
+"""By suffix, readers of planes; what has no entry goes to LibRaw."""

@@ -15,12 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from blurnoise_eval.calibration.frames import Frame, Kind, Plane
+from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
 
-Floats = NDArray[np.float64]
-_SMOOTH_PX = (
-    7  # side of the square whose mean is taken off for PRNU, as EMVA 1288 release 4 does against shading
-)
+_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
 _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 
 
@@ -29,9 +26,9 @@ class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
     pixels: of a frame. drift_dn: mean of the last frame less that of the first. lamp_spread: largest less least of
-    the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that
-    whole rows have in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is
-    more. counts (65536,): how many pixels hold each number.
+    the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
+    in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is more. counts
+    (65536,): how many pixels hold each number.
     """
 
     kind: Kind
@@ -73,11 +70,11 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
     lit = first.kind == "flat"
     counts = np.zeros(1 << 16, np.int64)
     means: list[float] = []
-    for number, plane in enumerate(planes):
+    for plane in planes:
         counts += np.bincount(plane.ravel(), minlength=1 << 16)
         values = plane.astype(np.float64)
         means.append(float(values.mean()))
-        if number == 0:
+        if len(means) == 1:
             start, total, squares = values, np.zeros_like(values), np.zeros_like(values)
             continue
         light, reference = means[-1] - dark_dn, means[0] - dark_dn
@@ -88,7 +85,7 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         values -= start
         total += values
         squares += values * values
-        if number == 1:
+        if len(means) == 2:
             pair = values
     frames, pixels = len(means), start.size
     each = (squares - total * total / frames) / (frames - 1)
@@ -140,7 +137,11 @@ class Pattern:
 
 def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
     """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
-    return _pattern([plane - np.median(plane) for plane in _planes(mean)], noise_of_mean(levels), 1.0)
+    planes = [(plane - np.median(plane)).ravel() for plane in _planes(mean)]
+    # a mean of whole numbers that is one off may not lie out
+    inside = [values[~outlying(values, 1.0)] for values in planes]
+    inside = [values - values.mean() for values in inside]
+    return _pattern(np.concatenate(planes), np.concatenate(inside), noise_of_mean(levels), means=4)
 
 
 def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
@@ -148,17 +149,29 @@ def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
 
     The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure.
     """
-    return _pattern([without_shading(mean)], noise_dn2, 1 - 1 / _SMOOTH_PX**2)
+    values = without_shading(mean)
+    return _pattern(values, values[~outlying(values, 1.0)], noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
+
+
+def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, kept: float = 1.0) -> Pattern:
+    """inside: values about 0 without outliers, less ``means`` means. kept: share of the variance that they have."""
+    squares, freedom = inside**2 / kept, inside.size - means
+    variance = float(squares.sum()) / freedom
+    return Pattern(
+        variance_dn2=variance,
+        fixed_dn2=variance - noise_dn2,
+        error_dn2=float(squares.std()) / math.sqrt(freedom),
+        pixels=every.size,
+        outliers=every.size - inside.size,
+        outlying_dn2=max(0.0, float((every**2).mean()) / kept - variance),
+    )
 
 
 def without_shading(mean: Floats) -> Floats:
     """The values (N,) of the four planes of ``mean`` (H, W), less the mean of the 7 x 7 around each."""
-    edge = _SMOOTH_PX // 2
-    inner = [
-        (plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect"))[edge:-edge, edge:-edge].ravel()
-        for plane in _planes(mean)
-    ]
-    return np.concatenate(inner)
+    inner = slice(_SMOOTH_PX // 2, -(_SMOOTH_PX // 2))
+    smooth = [plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect") for plane in _planes(mean)]
+    return np.concatenate([plane[inner, inner].ravel() for plane in smooth])
 
 
 def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
@@ -174,25 +187,3 @@ def noise_of_mean(levels: Sequence[Level]) -> float:
 
 def _planes(mean: Floats) -> list[Floats]:
     return [mean[row::2, column::2] for row in (0, 1) for column in (0, 1)]
-
-
-def _pattern(planes: Sequence[Floats], noise_dn2: float, kept: float) -> Pattern:
-    """kept: of the variance. Below 1 the planes are about 0, else about the mean of what does not lie out."""
-    # a mean of whole numbers that is one off may not lie out
-    inside = [plane[~outlying(plane, 1.0)] for plane in planes]
-    freedom = sum(values.size for values in inside)
-    if kept == 1:
-        inside = [values - values.mean() for values in inside]
-        freedom -= len(planes)
-    squares = np.concatenate(inside) ** 2 / kept
-    variance = float(squares.sum()) / freedom
-    pixels = sum(plane.size for plane in planes)
-    with_outliers = sum(float((plane**2).sum()) for plane in planes) / pixels / kept
-    return Pattern(
-        variance_dn2=variance,
-        fixed_dn2=variance - noise_dn2,
-        error_dn2=float(squares.std()) / math.sqrt(freedom),
-        pixels=pixels,
-        outliers=pixels - squares.size,
-        outlying_dn2=max(0.0, with_outliers - variance),
-    )

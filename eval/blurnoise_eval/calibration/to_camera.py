@@ -1,27 +1,48 @@
-"""Cameras of measured figures: every figure with its source, what frames cannot show from a preset."""
+"""Cameras of measured figures, and of what a DNG file's tags describe: every figure with its source.
+
+What frames and tags cannot show is a preset's. Of DNG files nothing is decoded but tags, in any of their directories.
+NoiseProfile states the variance S x + O of a value x in [0, 1] between black and white level. With K in DN/e- and
+W = white - black, a mean of n electrons is x = K n/W and its shot noise K^2 n/W^2 = (K/W) x: so K = S W, and
+the noise in the dark is sqrt(O)/S electrons, rounding included. Source: DNG specification 1.7.1, tag 51041.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
+from collections import ChainMap
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.calibration.fit import Measurement
+from blurnoise_eval.calibration.frames import refuse
+from blurnoise_eval.system.files import check_regular
 
+Tags = Mapping[int, Any]
+NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SUB, _EXIF, _F_NUMBER, _ISO = (
+    256,
+    257,
+    258,
+    262,
+    330,
+    34665,
+    33437,
+    34855,
+)
+_RAW = (32803, 34892)  # colour filter array, linear raw
+_MOST_DIRECTORIES = 64
+_GREEN = 1  # of NoiseProfile's planes, in the order red, green, blue
 Known = dict[str, tuple[Any, str]]
 """Values and their sources, by the camera's field."""
-
-
-class Stated(NamedTuple):
-    """What a file states of a camera. exposure_s, iso, cfa: None where it does not state them."""
-
-    camera: Camera
-    exposure_s: float | None
-    iso: float | None
-    cfa: str | None
 
 
 def camera_of(
@@ -34,14 +55,16 @@ def camera_of(
     """
     estimates, full_scale = found.estimates, 2**found.bit_depth - 1
     bits = "assumed: the fewest of 8, 10, 12, 14, 16 bits that hold the frames' numbers"
-    if found.bits_stated:
+    if found.bits_given:
         bits = "stated with the frames"
     elif found.clip_dn == full_scale:
         bits = f"measured: frames clip at {full_scale} DN"
     (width, height), size = found.size_px, "measured: size of the frames"
     known: Known = {
-        "bit_depth": (found.bit_depth, bits), "width_px": (width, size), "height_px": (height, size),
-    }  # fmt: skip
+        "bit_depth": (found.bit_depth, bits),
+        "width_px": (width, size),
+        "height_px": (height, size),
+    }
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
         if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
@@ -57,13 +80,10 @@ def camera_of(
         limit = f"assumed: the converter's limit; no frame clips, up to {brightest:.4g} electrons"
         known["full_well_e"] = ((full_scale - black) / gain, limit)
     if "dark_current_e_s" not in estimates:
-        told = "assumed: dark frames of one exposure do not tell it; part of the black level"
-        known["dark_current_e_s"] = (0.0, told)
+        part = "assumed: dark frames of one exposure do not show it; part of the black level"
+        known["dark_current_e_s"] = (0.0, part)
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
-    else:
-        usual = PRESETS[one_of("base", base, sorted(PRESETS))].dark_reference_c
-        known["dark_reference_c"] = (usual, "assumed: nobody said how warm the sensor was")
     return on_base(name, known, base)
 
 
@@ -81,3 +101,86 @@ def ends(estimate: Estimate) -> tuple[str, str]:
     size, width = max(abs(estimate.low), abs(estimate.high)), estimate.high - estimate.low
     digits = 3 if width <= 0 else max(3, math.ceil(math.log10(size / width)) + 2)
     return f"{estimate.low:.{digits}g}", f"{estimate.high:.{digits}g}"
+
+
+def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
+    """The camera that a DNG file describes at its ISO; the rest as the preset ``base`` has it.
+
+    Raises ``ValueError`` for no DNG, and for tags that are missing or make no camera; ``OSError`` as reading does.
+    """
+    check_regular(path)
+    try:
+        directories = _directories(path)
+        raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
+        # a tag of the raw picture before that of its preview
+        tags = ChainMap(dict(raw), *(dict(each) for each in directories))
+        iso, f_number = (_numbers(tags, each, None)[0] for each in (_ISO, _F_NUMBER))
+        at = "" if iso is None else f" at ISO {iso:g}"
+        known = _levels(raw, tags, f"of {path.name}{at}")
+        for name, tag in (("width_px", _WIDTH), ("height_px", _HEIGHT)):
+            if tag in raw:
+                known[name] = (int(raw[tag]), f"stated: size of the raw picture of {path.name}")
+        if f_number is not None and f_number > 0:
+            known["f_number"] = (f_number, f"stated: FNumber of {path.name}")
+        return on_base(str(tags.get(MODEL) or path.stem).strip("\0 ") + at, known, base)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _levels(raw: Tags, tags: Tags, of: str) -> Known:
+    """Gain, noise and levels, with their sources."""
+    profile = _numbers(tags, NOISE_PROFILE, ())
+    refuse(not profile, "states no NoiseProfile (tag 51041); measure frames: blurnoise cameras fit FOLDER")
+    pairs = len(profile) % 2 == 0 and np.isfinite(profile).all() and min(profile[::2]) > 0
+    refuse(not pairs, f"NoiseProfile = {profile}: must be pairs of S > 0 and O")
+    planes = len(profile) // 2
+    used = min(_GREEN, planes - 1)
+    scale, offset = profile[2 * used : 2 * used + 2]
+    bits = int(max(_numbers(raw, _BITS, 16)))
+    white = min(_numbers(raw, WHITE_LEVEL, 2**bits - 1))
+    black = float(np.mean(_numbers(raw, BLACK_LEVEL, 0)))
+    sound, levels = 0 <= black < white <= 65535, f"BlackLevel = {black:g}, WhiteLevel = {white:g}"
+    refuse(not sound, f"{levels}: must be 0 <= black < white <= 65535")
+    span, gain = white - black, scale * (white - black)
+    read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
+    profiled = f"from NoiseProfile {of}" + ("" if planes == 1 else f", its plane {used + 1} of {planes}")
+    whole = f"derived: the fewest bits that hold WhiteLevel {white:g}"
+    depth = whole if WHITE_LEVEL in raw else "stated: BitsPerSample"
+    level = "stated: BlackLevel" if BLACK_LEVEL in raw else "assumed: no BlackLevel, so 0,"
+    return {
+        "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),
+        "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}, less the rounding of 1/12 DN²"),
+        "full_well_e": (span / gain, f"derived: white less black over K, {of}; the well may hold more"),
+        "black_level_dn": (black, f"{level} {of}"),
+        "bit_depth": (max(1, math.ceil(math.log2(white + 1))), f"{depth} {of}"),
+    }
+
+
+def _directories(path: Path) -> list[Tags]:
+    """All directories of a TIFF file: the chain, those below them, and EXIF's."""
+    found: list[Tags] = []
+    with path.open("rb") as file, warnings.catch_warnings():
+        warnings.simplefilter("error")  # of entries that are cut short
+        head = file.read(8)
+        refuse(head[:4] not in (b"II*\0", b"MM\0*"), "is no DNG file: it does not begin as TIFF does")
+        places = [int.from_bytes(head[4:8], "little" if head[:2] == b"II" else "big")]
+        for place in places:  # which grows
+            directory = ImageFileDirectory_v2(head)
+            try:
+                file.seek(place)
+                directory.load(file)
+                found.append(dict(directory))
+            except Exception as error:  # Pillow raises all sorts
+                raise ValueError(f"is no sound DNG file: {error}") from None
+            below = [*_numbers(directory, _SUB, ()), *_numbers(directory, _EXIF, ()), directory.next]
+            new = [int(each) for each in below if each and each not in places]
+            places += new[: _MOST_DIRECTORIES - len(places)]
+    refuse(not any(found), "is no DNG file: it has no tags")
+    return found
+
+
+def _numbers(tags: Tags, tag: int, default: Any) -> list[Any]:
+    """A tag's numbers, one or many, NaN for fractions over 0; those of ``default`` without it."""
+    value = tags.get(tag, default)
+    every = value if isinstance(value, (tuple, list)) else (value,)
+    return [None if each is None else float(each) for each in every]

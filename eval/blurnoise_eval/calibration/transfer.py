@@ -1,4 +1,4 @@
-"""Photon transfer: gain, read noise, dark current, black level and fixed pattern from few frames.
+"""Photon transfer: gain, read noise, dark current, black level and fixed pattern from few frames, with intervals.
 
 Model (EMVA 1288 release 4, linear): a level of mean m has the temporal variance V = V_r + K (m - b) + rounding, flat
 or dark, with b the mean in the dark at no exposure and V_r = (K read)^2; the dark mean is b + K d T. Shot noise of
@@ -20,9 +20,12 @@ from scipy.optimize import least_squares
 from scipy.special import ndtr
 from scipy.stats import chi2
 
-from blurnoise_eval.calibration.levels import Floats, Level, Pattern, columns
+from blurnoise.metrics.values import Estimate
+from blurnoise_eval.calibration.frames import Floats
+from blurnoise_eval.calibration.levels import Level, Pattern, columns
 
 F = TypeVar("F", float, Floats)
+Z = 1.959964  # of a normal number, two-sided 95 %
 SURELY = 5.0
 """Standard deviations from which on something is there."""
 SUSPICIOUS = 0.01
@@ -57,13 +60,24 @@ class Line:
         return self.offset + (0.0 if math.isnan(self.slope) else self.slope) * x
 
 
+def normal(value: float, error: float, least: float = -math.inf) -> Estimate:
+    """A value with a normal error, whose interval ends at ``least``."""
+    return Estimate(value, max(least, value - Z * error), value + Z * error)
+
+
+def root(square: float, error: float) -> Estimate:
+    """The root of a square that is known with a normal error, at least 0."""
+    ends = (square, square - Z * error, square + Z * error)
+    value, low, high = (math.sqrt(max(0.0, each)) for each in ends)
+    return Estimate(value, low, high)
+
+
 @dataclass(frozen=True)
 class Transfer:
     """The fit, in DN and DN^2. covariance: of (gain, read_dn2, spread_dn2). rounding: it rules in the dark.
 
-    dark: the dark mean over the exposure. expected_dn2: the model's variance at each level that was fitted.
-    widened: the variances scatter beyond chance, and the covariance was widened for that. hidden_dn2_s: dark charge
-    that variances show and means do not, and its standard deviation; 0 for none.
+    dark: the dark mean over the exposure. widened: the variances scatter beyond chance, and the covariance was
+    widened for that. hidden_dn2_s: dark charge that variances show and means do not, and its deviation.
     """
 
     gain: float
@@ -71,16 +85,54 @@ class Transfer:
     spread_dn2: float
     covariance: Floats
     dark: Line
-    expected_dn2: Floats
     widened: bool
     rounding: bool
-    hidden_dn2_s: float = 0.0
-    hidden_error_dn2_s: float = 0.0
+    hidden_dn2_s: tuple[float, float] = (0.0, 0.0)
 
     def error(self, gain: float, read_dn2: float = 0.0, spread_dn2: float = 0.0) -> float:
         """Standard deviation of what has this gradient with respect to gain, read_dn2 and spread_dn2."""
         along = np.array([gain, read_dn2, spread_dn2])
         return math.sqrt(max(0.0, float(along @ self.covariance @ along)))
+
+    @property
+    def noise_dn(self) -> float:
+        """Noise in the dark before rounding."""
+        return math.sqrt(self.read_dn2)
+
+    def electrons(self, dn: float, error_dn: float) -> Estimate:
+        """Of a signal in DN."""
+        value = dn / self.gain
+        return normal(value, math.hypot(error_dn, value * self.error(1)) / self.gain)
+
+    def estimates(self, pixels: int) -> dict[str, Estimate]:
+        """The camera's figures by the names of its fields. pixels: of a frame."""
+        gain, black = self.gain, self.dark
+        # these pixels are a sample: their mean is the camera's to within the pattern's spread over its root
+        black_error = math.hypot(black.offset_error, math.sqrt(self.spread_dn2 / pixels))
+        read, spread = self.read_dn2 / gain**2, self.spread_dn2 / gain**2
+        found = {
+            "system_gain_dn_per_e": normal(gain, self.error(1), 0.0),
+            "read_noise_e": root(read, self.error(-2 * read / gain, 1 / gain**2)),
+            "black_level_dn": normal(black.offset, black_error),
+            "dsnu_e": root(spread, self.error(-2 * spread / gain, 0, 1 / gain**2)),
+        }
+        if math.isfinite(black.slope):
+            current = self.electrons(black.slope, black.slope_error)
+            value, low, high = (max(0.0, each) for each in (current.value, current.low, current.high))
+            found["dark_current_e_s"] = Estimate(value, low, high)
+            more, error = (each / gain**2 for each in self.hidden_dn2_s)
+            if more:
+                error = math.hypot(error, 2 * more * self.error(1) / gain, (high - low) / 2 / Z)
+                found["dark_current_e_s"] = normal(value + more, error, 0.0)
+        if self.noise_dn < TWO_NUMBERS_DN:
+            # what would go with as much noise as two numbers could have and hide
+            hidden = TWO_NUMBERS_DN / max(self.noise_dn, 0.01)
+            for name in {"read_noise_e", "dsnu_e", "dark_current_e_s"} & {*found}:
+                least = TWO_NUMBERS_DN / gain if name == "read_noise_e" else 0.0
+                most = max(found[name].high, hidden * found[name].value, least)
+                found[name] = Estimate(found[name].value, 0.0, most)
+            found["black_level_dn"] = Estimate(black.offset, black.offset - 0.5, black.offset + 0.5)
+        return found
 
 
 def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
@@ -89,22 +141,20 @@ def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Trans
     A camera that takes the mean of shielded pixels off hides dark charge from the mean, not from the variance: what
     dark variances grow with exposure beyond the dark mean's growth is taken off all variances first.
     """
-    found, hidden, hidden_error = _fit(dark, flat, pattern), 0.0, 0.0
+    found, hidden = _fit(dark, flat, pattern), (0.0, 0.0)
     exposure, seen, error = columns(dark, "exposure_s", "variance_dn2", "variance_error_dn2")
     line = straight(exposure, seen, np.maximum(error, 1e-9))
     for _ in range(3):  # the gain hardly depends on it
         more = line.slope - found.gain * found.dark.slope
-        if found.rounding or math.isnan(more) or (hidden == 0 and more < SURELY * line.slope_error):
+        if found.rounding or not more > SURELY * line.slope_error:  # nor where it is NaN
             break
-        hidden, hidden_error = more, line.slope_error
-        less_dark, less_flat = (
-            [replace(each, variance_dn2=each.variance_dn2 - hidden * each.exposure_s) for each in levels]
-            for levels in (dark, flat)
-        )
-        found = _fit(less_dark, less_flat, pattern)
-    (exposure,) = columns([*dark, *flat], "exposure_s")
-    expected = found.expected_dn2 + hidden * exposure
-    return replace(found, expected_dn2=expected, hidden_dn2_s=hidden, hidden_error_dn2_s=hidden_error)
+        hidden = more, line.slope_error
+        found = _fit(_less(dark, more), _less(flat, more), pattern)
+    return replace(found, hidden_dn2_s=hidden)
+
+
+def _less(levels: Sequence[Level], dn2_s: float) -> list[Level]:
+    return [replace(each, variance_dn2=each.variance_dn2 - dn2_s * each.exposure_s) for each in levels]
 
 
 def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
@@ -139,8 +189,7 @@ def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Tran
         values, errors = ([*each[3:], math.nan][:2] for each in (start, np.sqrt(np.diag(covariance))))
         line = Line(*values, *errors)
     gain, read_dn2, spread_dn2 = start[:3].tolist()
-    expected = data.model(start)[0]
-    return Transfer(gain, read_dn2, spread_dn2, covariance[:3, :3], line, expected, factor > 1, rounding)
+    return Transfer(gain, read_dn2, spread_dn2, covariance[:3, :3], line, factor > 1, rounding)
 
 
 class _Data:
@@ -188,12 +237,13 @@ class _Data:
 
     def best_start(self, start: Floats) -> Floats:
         """Of starts over read noise and the phase of the black level the best: there are several minima."""
-        tries = [
-            np.array([start[0], (0.04 * 1.5**step) ** 2, start[2], start[3] + phase, start[4]])
-            for step in range(8)
-            for phase in (-0.4, -0.2, 0.0, 0.2, 0.4)
-        ]
-        return min([start, *tries], key=lambda each: float((self.residuals(each) ** 2).sum()))
+        tries = [start]
+        for step in range(8):
+            for phase in (-0.4, -0.2, 0.0, 0.2, 0.4):
+                tries.append(
+                    np.array([start[0], (0.04 * 1.5**step) ** 2, start[2], start[3] + phase, start[4]])
+                )
+        return min(tries, key=lambda each: float((self.residuals(each) ** 2).sum()))
 
 
 def dark_line(dark: Sequence[Level]) -> Line:
@@ -201,11 +251,9 @@ def dark_line(dark: Sequence[Level]) -> Line:
 
     Where the levels drift, dark current is taken to change evenly from one level to the next.
     """
-    exposure, mean, error, frames, pixels = columns(
-        dark, "exposure_s", "mean_dn", "mean_error_dn", "frames", "pixels"
-    )
+    exposure, mean, error = columns(dark, "exposure_s", "mean_dn", "mean_error_dn")
     # a mean of whole numbers that hardly vary is known no better than to one pixel
-    error = np.hypot(error, 1e-6 + 1 / (frames * pixels))
+    error = np.hypot(error, [1e-6 + 1 / (level.frames * level.pixels) for level in dark])
     rate, rate_error = drift(dark)
     if abs(rate) < SURELY * rate_error or len(np.unique(exposure)) < 4:
         return straight(exposure, mean, error)
@@ -224,10 +272,8 @@ def drift(dark: Sequence[Level]) -> tuple[float, float]:
 
 def straight(x: Floats, y: Floats, error: Floats) -> Line:
     """Weighted straight line through (x, y)."""
-    if len(np.unique(x)) < 2:
-        (height,), (height_error,) = _weighted_fit([np.ones(len(x))], y, error)
-        return Line(height, math.nan, height_error, math.nan)
-    values, errors = _weighted_fit([np.ones(len(x)), x], y, error)
+    design = [np.ones(len(x)), x][: len(np.unique(x))]
+    values, errors = ([*each, math.nan][:2] for each in _weighted_fit(design, y, error))
     return Line(*values, *errors)
 
 
@@ -273,3 +319,43 @@ def spatial_variance(pixel_dn: Floats) -> float:
     """Variance over pixels of the mean over rows of ``pixel_dn`` (N, nodes)."""
     mean = pixel_dn.mean(0)
     return float(((mean - mean @ _WEIGHTS) ** 2) @ _WEIGHTS)
+
+
+@dataclass(frozen=True)
+class Linearity:
+    """Signal against light: slope in DN per second, or per photon; x in that unit, deviation a fraction.
+
+    error: largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
+    """
+
+    slope: float
+    slope_error: float
+    offset: float
+    x: Floats
+    deviation: Floats
+    worst: int
+    error: Estimate
+    by_photons: bool
+
+
+def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:
+    """Signal against light by EMVA 1288's fit (weights 1/signal) over 5 to 95 % of ``top_dn``, a signal.
+
+    signal (N,): mean of each level less that in the dark. None where fewer than three levels are in that range.
+    """
+    by_photons = all(level.photons_per_px is not None for level in flat)
+    x, mean_error = columns(flat, "photons_per_px" if by_photons else "exposure_s", "mean_error_dn")
+    inside = (signal >= 0.05 * top_dn) & (signal <= 0.95 * top_dn)
+    count = int(inside.sum())
+    if len(np.unique(x[inside])) < 3:
+        return None
+    design = np.stack([x[inside], np.ones(count)], 1) / signal[inside, None]
+    (slope, offset), *_ = np.linalg.lstsq(design, np.ones(count))
+    line = slope * x + offset
+    deviation = np.divide(signal - line, line, out=np.zeros_like(line), where=line > 0)
+    worst = int(np.argmax(np.where(inside, np.abs(deviation), -1)))
+    error = mean_error[inside] / signal[inside]
+    scatter = math.hypot(float(deviation[inside].std(ddof=1)), float(np.sqrt((error**2).mean())))
+    slope_error = abs(float(slope)) * scatter / math.sqrt(count)
+    off = normal(abs(float(deviation[worst])), float(error.max()), least=0.0)
+    return Linearity(float(slope), slope_error, float(offset), x, deviation, worst, off, by_photons)

@@ -41,7 +41,7 @@ def cameras(
     """
     from blurnoise.optics.camera import PRESETS
     from blurnoise_eval import cameras as tables
-    from blurnoise_eval.system.files import plot_suffix
+    from blurnoise_eval.system.files import plot_suffix, write_figure
 
     if camera is None:
         if save or plot:
@@ -58,9 +58,9 @@ def cameras(
     if save:
         found.save(save)
     if plot:
-        from blurnoise_eval.plots import photon_transfer
+        from blurnoise_eval.calibration.figure import draw_camera
 
-        photon_transfer.write(found, plot)
+        write_figure(plot, draw_camera(found), dpi=150)
     if as_json:
         say_json(tables.facts(found))
         return

@@ -89,7 +89,7 @@ def cameras_fit(
     camera = camera_of(found, output.stem, base=base, temperature_c=temperature_c)
     camera.save(output)
     plot = output.with_suffix(".png")
-    write_figure(plot, figure.draw(found, camera.name), dpi=150)
+    write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
     if as_json:
         say_json(_facts(found, camera))
         return
@@ -102,19 +102,15 @@ def cameras_fit(
 
 
 def _from_dng(photo: Path, output: Path, base: str, as_json: bool) -> None:
-    from blurnoise_eval.calibration.dng import stated_by
+    from blurnoise_eval.calibration.to_camera import camera_of_dng
     from blurnoise_eval.cameras import facts, figures
 
-    stated = stated_by(photo, base=base)
-    stated.camera.save(output)
-    taken = {"exposure_s": stated.exposure_s, "iso": stated.iso, "cfa": stated.cfa}
+    camera = camera_of_dng(photo, base=base)
+    camera.save(output)
     if as_json:
-        say_json({**facts(stated.camera), "taken": taken})
+        say_json(facts(camera))
         return
-    show(figures(stated.camera))
-    told = [f"{name} {value}" for name, value in taken.items() if value is not None]
-    if told:
-        say(f"taken with: {', '.join(told)}; gain and read noise are those of that ISO")
+    show(figures(camera))
     say(output)
 
 

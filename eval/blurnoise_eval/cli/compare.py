@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, new_file
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.system.terminal import say, say_json, table_lines
 
 
 def compare(
@@ -27,12 +27,6 @@ def compare(
     full_scale: Annotated[
         float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
     ] = None,
-    plot: Annotated[
-        Path | None,
-        Option(
-            parser=new_file, metavar="OUT.png", help="draw noise over level and both spectra; or .pdf, .svg"
-        ),
-    ] = None,
     table: Annotated[
         Path | None,
         Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per quantity, for pandas"),
@@ -42,7 +36,7 @@ def compare(
     """Compare a simulated picture with a real one of the same chart: mean, noise at each level, sharpness of slanted
     edges, and power spectrum by octaves. Each quantity agrees, or differs by more than chance allows.
 
-      blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095 --plot compared.png
+      blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095
 
     Noise is looked for where both pictures are even. Align them to a few pixels: what is framed otherwise shows in
     the lowest octaves. Simulate with --bit-depth native, and take the real one raw, so that both are linear.
@@ -58,27 +52,23 @@ def compare(
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import comparison
     from blurnoise_eval.quality.picture import Coding
-    from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
+    from blurnoise_eval.system.files import write_whole
     from blurnoise_eval.system.tables import csv_lines
 
-    if plot:
-        plot_suffix(plot)  # before anything is measured
     coding: Coding = "linear" if linear else "srgb" if srgb else "auto"
     pair = comparison.pair_of(
         decode(simulated), decode(real), coding, black_level=black_level, full_scale=full_scale
     )
-    found = comparison.compare(pair)
-    rows = [quantity.row() for quantity in found.quantities]
+    quantities, notes = comparison.compare(pair)
+    rows = [quantity.row() for quantity in quantities]
     if table:
         write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
-    if plot:
-        write_figure(plot, found.figure(), dpi=150)
     if as_json:
-        say_json({"simulated": str(simulated), "real": str(real), "notes": found.notes, "quantities": rows})
+        say_json({"simulated": str(simulated), "real": str(real), "notes": notes, "quantities": rows})
         return
-    show(found.table())
-    for note in found.notes:
+    right = [head in ("simulated", "real", "chance") for head in comparison.HEADS]
+    say(*table_lines(comparison.HEADS, [quantity.cells() for quantity in quantities], right))
+    for note in notes:
         say(note, error=True)
-    for path in (table, plot):
-        if path:
-            say(path)
+    if table:
+        say(table)

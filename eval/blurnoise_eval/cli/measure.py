@@ -95,7 +95,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=measuring.Oecf.read(oecf) if oecf else None,
+        oecf=measuring.read_oecf(oecf) if oecf else None,
     )
     rois, passed = (roi, ()) if roi else measuring.found_regions(light)
     measured = measuring.measure(light, rois, mode=mode, target=target)
@@ -108,9 +108,9 @@ def measure(
         writer.writerows(rows)
         write_whole(table, text.getvalue().encode())
     if plot:
-        from blurnoise_eval.quality import picture_figures as edge_figures
+        from blurnoise_eval.quality.figures import draw_regions
 
-        write_figure(plot, edge_figures.draw(light, measured), dpi=110)
+        write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
         facts = {
             "image": str(image),
@@ -134,7 +134,7 @@ def _print(measured: list[Measured], target: str) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
-    from blurnoise_eval.quality.picture import TITLES
+    from blurnoise_eval.quality.picture import EDGE_METRICS
 
     side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):
@@ -142,9 +142,9 @@ def _print(measured: list[Measured], target: str) -> None:
         table = Table("region", *(str(region.number) for region in shown))
         table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
         table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
-        for name, title in TITLES.items():
-            label = f"{title} {target}" if name == "snri" else title
-            table.add_row(label, *(reading_text(region.estimates[name]) for region in shown))
+        for metric in EDGE_METRICS:
+            label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
+            table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
         show(table)
     for each in measured:

@@ -148,7 +148,7 @@ def _write_maps(
     from blurnoise._core.checks import limited
     from blurnoise.motion.ego import View
     from blurnoise_eval.plots import motion_map
-    from blurnoise_eval.system.files import plot_suffix
+    from blurnoise_eval.system.files import plot_suffix, write_figure
 
     pictures = [path for path in paths if path.suffix not in (".csv", ".npy")]
     for path in pictures:
@@ -172,7 +172,7 @@ def _write_maps(
     )
     for path in paths:
         if path in pictures:
-            motion_map.write(maps, view, mount, max_blur_px, title, path)
+            write_figure(path, motion_map.draw(maps, view, max_blur_px, title), dpi=150)
         else:
             motion_map.write_values(path, view, mount, moving, planes_m, max_blur_px)
     written = list(map(str, paths))
@@ -180,10 +180,10 @@ def _write_maps(
         say_json({
             "camera": camera.name, "width_px": wide, "height_px": view.height_px, "hfov_deg": hfov_deg, "lens": lens,
             "speed_m_s": speed_m_s, "yaw_deg_s": yaw_deg_s, "max_blur_px": max_blur_px,
-            "maps": [motion_map.facts(found, exposure_s) for found in maps], "files": written,
+            "maps": [found.facts(exposure_s) for found in maps], "files": written,
         })  # fmt: skip
         return
     say_wrapped(title)
-    for sentence in motion_map.sentences(maps, max_blur_px, exposure_s):
-        say_wrapped(sentence, hanging=2)
+    for found in maps:
+        say_wrapped(found.sentence(max_blur_px, exposure_s), hanging=2)
     say(f"open {', '.join(written)}")

@@ -11,7 +11,7 @@ from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, new_folder, settings
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.system.terminal import say, say_json
 
 USUAL = {
     "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
@@ -37,16 +37,14 @@ def quality(
       blurnoise quality -o quality --camera mine.yaml --lux 20 --dx 0,100
 
     Unless told otherwise, exposures of 0.5 to 90 ms, 5, 50 and 500 lux, 0 to 1000 px/s, gain 0 and two noise
-    fields per chart. Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light two
-    pictures in DIR/figures: every metric against exposure, a line per speed, and against blur, a line per exposure.
-    Where a number cannot be told (saturated, lost in noise, blurred beyond its chart) there is none, and the flags
-    say why.
+    fields per chart. Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light a
+    picture in DIR/figures: every metric against exposure, a line per speed. Where a number is not available
+    (saturated, lost in noise, blurred beyond its chart) the flags say why.
     """
     camera = given_by.camera(given.camera, given.cfa, colour=False)
     workers = given_by.threads(given.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
-    from blurnoise_eval.quality import table as quality_table
 
     plan = given.sweep_plan(USUAL, repeats=2)
     quality.check(camera, plan)
@@ -55,12 +53,9 @@ def quality(
         rows = quality.measure(
             camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=workers, progress=advance
         )
-    quality_table.write(rows, camera, plan, output)
+    quality.write(rows, camera, plan, output)
     figures = quality_figures.write(rows, camera.name, output / "figures")
-    best = quality_table.most_information(rows)
     if as_json:
-        told = {"rows": len(rows), "figures": [str(path) for path in figures], "most_information": best}
-        say_json({"output": str(output), **told})
+        say_json({"output": str(output), "rows": len(rows), "figures": [str(path) for path in figures]})
         return
-    show(quality_table.as_table(best))
     say(f"open {', '.join(map(str, figures))}")

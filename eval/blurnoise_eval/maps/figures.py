@@ -72,8 +72,8 @@ def scatter(maps: Maps, of: Map) -> Figure:
     for axes, metric, row in zip(panels, METRICS, of.ranks, strict=True):
         m = maps.metrics[metric.name]
         known = np.isfinite(score) & np.isfinite(m)
-        tidy(axes, title=metric.title + ("" if metric.unit == "1" else f" / {metric.unit}"))
-        if metric.log and known.any() and m[known].min() > 0:
+        tidy(axes, title=metric.label)
+        if metric.scale == "log" and known.any() and m[known].min() > 0:
             axes.set_xscale("log")
             plain_numbers(axes.xaxis, digits=(1, 3))
         axes.set_ylim(-0.03, top)

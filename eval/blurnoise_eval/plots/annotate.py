@@ -53,10 +53,9 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
             continue
         alike = [t["box_xyxy"] for t in example["targets"] if t["label"] == other["label"]]
         if not (iou([other["box_xyxy"]], alike) >= MATCH_IOU).any():
-            _draw_box(
-                picture, other["box_xyxy"], scale, OTHER_RGB, 1, f"{other['label']} {other['score']:.2f}"
-            )
-    for target in _largest(example["targets"]):
+            text = f"{other['label']} {other['score']:.2f}"
+            _draw_box(picture, other["box_xyxy"], scale, OTHER_RGB, 1, text)
+    for target in sorted(example["targets"], key=_area, reverse=True)[:MOST_BOXES]:
         found = target["confidence"] >= threshold
         colour = FOUND_RGB if found else MISSED_RGB
         text = f"{target['confidence']:.2f}" if target["text"] is None else f'"{target["text"]}"'
@@ -64,17 +63,9 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     return np.asarray(picture, np.uint8)
 
 
-def _largest(targets: Sequence[dict[str, Any]]) -> Sequence[dict[str, Any]]:
-    """At most ``MOST_BOXES`` of the targets, the largest, in their order."""
-    if len(targets) <= MOST_BOXES:
-        return targets
-
-    def area(place: int) -> float:
-        x0, y0, x1, y1 = targets[place]["box_xyxy"]
-        return float((x1 - x0) * (y1 - y0))
-
-    kept = sorted(range(len(targets)), key=area, reverse=True)[:MOST_BOXES]
-    return [targets[place] for place in sorted(kept)]
+def _area(target: dict[str, Any]) -> float:
+    left, top, right, bottom = target["box_xyxy"]
+    return float((right - left) * (bottom - top))
 
 
 def short_text(text: str, length: int = 34) -> str:
@@ -84,14 +75,9 @@ def short_text(text: str, length: int = 34) -> str:
 
 
 def _draw_box(
-    picture: NDArray[Any],
-    box_xyxy: Sequence[float],
-    scale: float,
-    colour: tuple[int, int, int],
-    width: int,
-    text: str,
-    dashed: bool = False,
-) -> None:
+    picture: NDArray[Any], box_xyxy: Sequence[float], scale: float, colour: tuple[int, int, int], width: int,
+    text: str, dashed: bool = False,
+) -> None:  # fmt: skip
     """Draw one box and its text on ``picture`` in place; dashes are 7 px long."""
     beyond = max(picture.shape[:2])  # a box may leave the picture by any length
     x_px, y_px = (np.clip(np.array(box_xyxy[axis::2], float) * scale, -beyond, 2 * beyond) for axis in (0, 1))

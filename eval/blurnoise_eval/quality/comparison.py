@@ -9,9 +9,10 @@ octaves of the spectrum.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +24,10 @@ from blurnoise_eval.quality.find_edges import UNUSABLE
 from blurnoise_eval.quality.picture import Coding, Linear
 from blurnoise_eval.system.tables import finite
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from rich.table import Table
-
 Floats = NDArray[np.float64]
 BLOCK_PX = 16
 """Side of the squares in which noise is looked for."""
+HEADS = ("quantity", "simulated", "real", "chance", "verdict")
 MOST_LEVELS = 8
 FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %
 MOST_EDGES = 4
@@ -43,7 +41,7 @@ _Z = 1.96
 @dataclass(frozen=True)
 class Quantity:
     """One number of both pictures. chance: the relative difference that noise makes, 95 % of them
-    or, of several quantities, of their largest; NaN: nothing to tell."""
+    or, of several quantities, of their largest; NaN: unknown."""
 
     name: str
     unit: str
@@ -66,60 +64,18 @@ class Quantity:
         digits = ".0f" if abs(self.difference) >= 1 else ".2g"
         return f"differs by {100 * self.difference:+{digits}} %"
 
+    def cells(self) -> list[str]:
+        """As ``HEADS``, within 80 columns."""
+        scale, unit = (100, " %") if self.unit == "of full scale" else (1, "")
+        numbers = [f"{scale * number:.4g}{unit}" for number in (self.simulated, self.real)]
+        return [self.name, *numbers, f"±{100 * self.chance:.2g} %", self.verdict]
+
     def row(self) -> dict[str, Any]:
-        """Plain values, None for what cannot be told."""
-        names = ("simulated", "real", "difference", "chance")
-        told = {name: finite(getattr(self, name)) for name in names}
-        return {"quantity": self.name, "unit": self.unit, **told, "verdict": self.verdict}
-
-
-@dataclass(frozen=True)
-class Compared:
-    """What two pictures have in common. levels (n, 3): level, noise of the simulated and of the real one.
-
-    spectrum (3, n): frequency in cycles/px and both powers, rings of the relative power.
-    """
-
-    quantities: tuple[Quantity, ...]
-    notes: tuple[str, ...]
-    levels: Floats
-    spectrum: Floats
-
-    def table(self) -> Table:
-        """A row per quantity, within 80 columns."""
-        from rich import box
-        from rich.table import Table
-
-        table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0))
-        for head in ("quantity", "simulated", "real", "chance", "verdict"):
-            table.add_column(head, justify="left" if head in ("quantity", "verdict") else "right")
-        for each in self.quantities:
-            scale, unit = (100, " %") if each.unit == "of full scale" else (1, "")
-            numbers = [
-                f"{scale * value:.4g}{unit}" if math.isfinite(value) else "-"
-                for value in (each.simulated, each.real)
-            ]
-            chance = f"±{100 * each.chance:.2g} %" if math.isfinite(each.chance) else "-"
-            table.add_row(each.name, *numbers, chance, each.verdict)
-        return table
-
-    def figure(self) -> Figure:
-        """Noise over level, and the relative power spectra, of both pictures."""
-        from matplotlib.figure import Figure
-
-        from blurnoise_eval.plots.style import COLOURS, tidy
-
-        figure, levels = Figure(figsize=(11.4, 4.6), layout="constrained"), 100 * self.levels
-        left, right = figure.subplots(1, 2)
-        for column, (label, mark) in enumerate((("simulated", "o-"), ("real", "s--")), 1):
-            look: dict[str, Any] = {"color": COLOURS[column - 1], "label": label}
-            left.plot(levels[:, 0], levels[:, column], mark, ms=5, **look)
-            right.loglog(self.spectrum[0], self.spectrum[column], mark[1:], lw=1.2, **look)
-        tidy(left, x="Level / % of full scale", y="Noise / % of full scale")
-        tidy(right, x="Frequency / cycles per px", y="Power relative to mean² / px²")
-        for axes in (left, right):
-            axes.legend(fontsize=8.5, frameon=False)
-        return figure
+        """Plain values, None for what is unknown."""
+        numbers = {
+            name: finite(getattr(self, name)) for name in ("simulated", "real", "difference", "chance")
+        }
+        return {"quantity": self.name, "unit": self.unit, **numbers, "verdict": self.verdict}
 
 
 def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: Any) -> tuple[Linear, Linear]:
@@ -127,40 +83,37 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
     """
-    sizes = [f"{each.shape[1]} x {each.shape[0]}" for each in (simulated, real)]
-    bits = [8 * each.itemsize for each in (simulated, real)]
-    if sizes[0] != sizes[1]:
-        raise ValueError(
-            f"simulated is {sizes[0]} px, real {sizes[1]}: must be of one size, of the same chart"
-        )
-    if bits[0] != bits[1]:
-        raise ValueError(f"simulated has {bits[0]} bits, real {bits[1]}: must be of one depth")
+    (one, other), bits = (
+        (f"{each.shape[1]} x {each.shape[0]} px" for each in (simulated, real)),
+        8 * real.itemsize,
+    )
+    if one != other:
+        raise ValueError(f"simulated is {one}, real {other}: must be of one size, of the same chart")
+    if simulated.itemsize != real.itemsize:
+        raise ValueError(f"simulated has {8 * simulated.itemsize} bits, real {bits}: must be of one depth")
     if min(simulated.shape[:2]) < SMALLEST_PX:
-        raise ValueError(
-            f"simulated and real are {sizes[0]} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}"
-        )
+        raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
     return measuring.linear(simulated, coding, **levels), measuring.linear(real, coding, **levels)
 
 
-def compare(pair: tuple[Linear, Linear]) -> Compared:
-    """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures."""
+def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
+    """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures; and notes."""
     notes = list(dict.fromkeys(note for light in pair for note in light.notes))
     shares = np.stack([_share(light) for light in pair])
-    levels, noise = _noise(shares)
+    noise = _noise(shares)
     if not noise:
         notes.append("no squares that are even in both pictures: noise is not compared")
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
-    octaves, spectrum = _spectrum(shares, levels)
+    white = np.array([[(each.simulated, each.real) for each in noise]]).reshape(-1, 2) ** 2
     # chance of the mean: by the noise of the levels alone, the same in every pixel
     simulated, real = shares.mean((1, 2)).tolist()
-    error = math.sqrt(float((levels[:, 1:] ** 2).mean()) if len(levels) else 0.0)
-    chance = _Z * error * math.sqrt(2 / shares[0].size) / abs(simulated) if simulated else math.nan
-    quantities = [Quantity("mean", "of full scale", simulated, real, chance), *noise, *sharpness, *octaves]
+    error = math.sqrt(2 * float(white.mean()) / shares[0].size) if noise else 0.0
+    mean = Quantity("mean", "of full scale", simulated, real, _Z * error / abs(simulated or math.nan))
+    quantities = [mean, *noise, *sharpness, *_octaves(shares, white.mean(0) if noise else [math.inf] * 2)]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
-    together = tuple(replace(each, chance=wider * each.chance) for each in quantities)
-    return Compared(together, tuple(notes), levels, spectrum)
+    return [replace(each, chance=wider * each.chance) for each in quantities], notes
 
 
 def _share(light: Linear) -> Floats:
@@ -170,7 +123,7 @@ def _share(light: Linear) -> Floats:
     return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 
-def _noise(shares: Floats) -> tuple[Floats, list[Quantity]]:
+def _noise(shares: Floats) -> list[Quantity]:
     """Noise of the squares that are even in both pictures, by level: squares of like level are parted at the widest
     gaps of the ordered levels, as a chart's patches lie."""
     levels, variances, even = zip(*(_squares(each) for each in shares), strict=True)
@@ -179,7 +132,7 @@ def _noise(shares: Floats) -> tuple[Floats, list[Quantity]]:
     order = np.argsort(level, kind="stable")
     gaps = np.diff(level[order])
     wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
-    rows, quantities = [], []
+    quantities = []
     for members in np.split(order, sorted(int(place) + 1 for place in wide if gaps[place] > 0.01)):
         if (count := len(members)) < FEWEST_BLOCKS:
             continue
@@ -189,9 +142,8 @@ def _noise(shares: Floats) -> tuple[Floats, list[Quantity]]:
         scatter = variance[members].std(0, ddof=1) / variance[members].mean(0) / math.sqrt(count)
         error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
         chance = _Z * math.hypot(*error.tolist())
-        rows.append((at, simulated, real))
         quantities.append(Quantity(f"noise at {100 * at:.3g} %", "of full scale", simulated, real, chance))
-    return np.array(rows).reshape(-1, 3), quantities
+    return quantities
 
 
 def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -228,53 +180,46 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
         return []
     found = []
     for both in zip(*(measuring.measure(light, regions) for light in pair), strict=True):
-        usable = all(each.estimates["mtf50"].told and not UNUSABLE & each.edge.flags for each in both)
-        if usable and both[0].edge.bright_side == both[1].edge.bright_side:
-            simulated, real = (each.estimates["mtf50"].value for each in both)
-            ranges = [each.edge.noise_intervals["mtf50"] for each in both]
-            errors = [
-                (high - low) / 2 / of for (low, high), of in zip(ranges, (simulated, real), strict=True)
-            ]
-            at = ",".join(map(str, both[0].roi[:2]))
-            found.append(Quantity(f"MTF50 at {at}", "cycles/px", simulated, real, math.hypot(*errors)))
+        edges = [each.edge for each in both]
+        usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
+        if usable and edges[0].bright_side == edges[1].bright_side:
+            ranges = [edge.noise_intervals["mtf50"] for edge in edges]
+            errors = [(high - low) / 2 / edge.mtf50 for (low, high), edge in zip(ranges, edges, strict=True)]
+            simulated, real = (edge.mtf50 for edge in edges)
+            name = f"MTF50 at {both[0].roi[0]},{both[0].roi[1]}"
+            found.append(Quantity(name, "cycles/px", simulated, real, math.hypot(*errors)))
     return found[:MOST_EDGES]
 
 
-def _spectrum(shares: Floats, levels: Floats) -> tuple[list[Quantity], Floats]:
-    """Power relative to the mean squared, by octave below half a cycle per px, and by ring.
+def _octaves(shares: Floats, noise: Sequence[float]) -> list[Quantity]:
+    """Power relative to the mean squared, by octave below half a cycle per px. noise: variance of each picture.
 
     A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
-    octave's values independent. N is that of white noise as the levels have it, or all of P without them.
+    octave's values independent. N is that of white noise, or all of P where it is unknown (inf).
     """
     height, width = shares[0].shape
     window = np.outer(np.hanning(height), np.hanning(width))
-    norm = float((window * window).sum())
     radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
     powers, errors = [], []
-    for column, each in enumerate(shares, start=1):
-        mean = float((window * each).sum() / window.sum())
-        power, noise = np.zeros(radius.shape), math.inf
+    for share, variance in zip(shares, noise, strict=True):
+        mean = float((window * share).sum() / window.sum())
+        power = np.zeros(radius.shape)
         if mean:
-            power = np.abs(np.fft.rfft2(window * (each / mean - 1))) ** 2 / norm
-            noise = float((levels[:, column] ** 2).mean()) / mean**2 if len(levels) else math.inf
-        white = np.minimum(noise, power) if math.isinf(noise) else noise
+            power = np.abs(np.fft.rfft2(window * (share / mean - 1))) ** 2 / float((window * window).sum())
+        flat = math.inf if not mean else variance / mean**2
+        white = power if math.isinf(flat) else np.full_like(power, flat)
         powers.append(power)
         errors.append(white**2 + 2 * white * np.maximum(power - white, 0))
     found, high = [], 0.5
     while high * min(height, width) >= 8:
         ring = (radius > high / 2) & (radius <= high)
-        totals = [float(power[ring].sum()) for power in powers]
-        relative = [
-            2.1 * math.sqrt(float(np.sum(error[ring]))) / total if total else math.nan
-            for error, total in zip(errors, totals, strict=True)
-        ]
         simulated, real = (float(power[ring].mean()) for power in powers)
+        totals = [
+            (float(np.sum(error[ring])), float(power[ring].sum()))
+            for error, power in zip(errors, powers, strict=True)
+        ]
+        relative = [2.1 * math.sqrt(error) / total if total else math.nan for error, total in totals]
         name = f"power, {high / 2:.3g} to {high:.3g} c/px"
         found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*relative)))
         high /= 2
-    steps = min(height, width) // 2
-    rings = np.round(radius * 2 * steps).astype(int).ravel()
-    counts = np.maximum(np.bincount(rings), 1)
-    by_ring = [np.bincount(rings, power.ravel()) / counts for power in powers]
-    frequency = np.arange(len(counts)) / (2 * steps)
-    return found, np.stack([frequency, *by_ring])[:, 1 : steps + 1]
+    return found

@@ -1,8 +1,7 @@
 """Slanted edges that can be measured, found in a picture of a chart or of anything else.
 
-Domain: linear pictures (C, H, W), C = 1 or 3, finite. A line detector proposes, :func:`slanted_edge` and a look
-at what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width,
-height), px.
+Domain: linear pictures (C, H, W), C = 1 or 3, finite. A line detector proposes, :func:`slanted_edge` and a check of
+what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width, height), px.
 
 An edge nearer to horizontal is handled in the transposed picture, so that below every edge runs down its region.
 """
@@ -13,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,9 +34,7 @@ MOST = 24
 UNUSABLE = WITHHELD | {Flag.TOO_FEW_PHASES, Flag.NOISE_DOMINATED}
 
 _STEEPEST = math.tan(math.radians(STEEPEST_DEG))
-_FINEST_PX = (
-    2048  # longer side in which lines are looked for; coarser by factors of 2 from there, for wide blurs
-)
+_FINEST_PX = 2048  # longer side in which lines are looked for; coarser by factors of 2, for wide blurs
 _COARSEST_PX = 100
 _TRIALS = 160  # lines looked into, longest first
 _WIDTHS_PX = (10, 16, 25, 40, 64, 100)  # beside the edge, at first the same on both sides
@@ -83,7 +81,7 @@ class _Box:
 
 
 def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) -> Found:
-    """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures without withholding.
+    """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
 
     picture: (C, H, W) linear floats; full_scale and black_level as for :func:`slanted_edge`. Edges are
     ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they miss
@@ -93,17 +91,15 @@ def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) 
     reasons: Counter[Flag] = Counter()
     frames = [_Frame(each, full_scale, black_level) for each in (picture, picture.mT)]
     for lying, line in _lines(frames[0].plane):
-        if any(lying == other and _crosses(line, roi) for roi, other, _ in kept):
+        alike = [(roi, known) for roi, other, known in kept if other == lying]
+        if any(_crosses(line, roi) for roi, _ in alike):
             continue
         found = frames[lying].grown(line)
         if isinstance(found, Flag):
             reasons[found] += 1
-        elif not any(lying == other and _crosses(known, found) for _, other, known in kept):
+        elif not any(_crosses(known, found) for _, known in alike):
             kept.append((found, lying, line))
-    rois = [
-        (top, left, high, wide) if lying else (left, top, wide, high)
-        for (left, top, wide, high), lying, _ in kept
-    ]
+    rois = [(roi[1], roi[0], roi[3], roi[2]) if lying else roi for roi, lying, _ in kept]
     rois.sort(key=lambda roi: (-roi[2] * roi[3], roi))
     waiting, ordered = sorted(rois[:MOST], key=lambda roi: (roi[1], roi[0])), list[Roi]()
     while waiting:  # top to bottom, and left to right what starts above the middle of the first of its line
@@ -127,9 +123,8 @@ class _Frame:
     def __init__(self, picture: Tensor, full_scale: float, black_level: float) -> None:
         self.picture, self.full_scale, self.black_level = picture, full_scale, black_level
         weights = picture.new_tensor(LUMINANCE if len(picture) == 3 else [1.0])
-        self.plane: NDArray[np.float32] = np.ascontiguousarray(
-            torch.einsum("chw,c->hw", picture, weights).sub(black_level).float().numpy()
-        )
+        plane = torch.einsum("chw,c->hw", picture, weights).sub(black_level).float()
+        self.plane: NDArray[np.float32] = np.ascontiguousarray(plane.numpy())
 
     def grown(self, line: Segment) -> Roi | Flag:
         """The largest region about ``line`` in which the edge can be used, or why there is none."""
@@ -150,10 +145,9 @@ class _Frame:
         roi = box.roi(*self.plane.shape)
         if roi is None:
             return Flag.REGION_TOO_SMALL
-        seen = slanted_edge(
-            self.picture, roi=roi, full_scale=self.full_scale, black_level=self.black_level, bootstrap=0
-        )
-        edge = seen[0] if isinstance(seen, list) else seen
+        levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
+        found = slanted_edge(self.picture, roi=roi, bootstrap=0, **levels)
+        edge = found[0] if isinstance(found, list) else found
         if bad := edge.flags & UNUSABLE:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
@@ -164,17 +158,16 @@ class _Frame:
     def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
         """Whether no block of the region stands off what the edge's shape along a straight line says of it.
 
-        Looks closer than the edge's own flags: a corner of the region that holds another edge changes no number
-        yet, and the corner of a blurred square passes for a slanted edge with a wider blur.
+        Closer than the edge's own flags: a corner of the region that holds another edge changes no number yet, and
+        the corner of a blurred square passes for a slanted edge with a wider blur.
         """
         left, top, width, height = roi
         step = edge.bright - edge.dark
         values = (self.plane[top : top + height, left : left + width] - edge.dark) / step
         rising = values if edge.bright_side == "right" else values[:, ::-1]
         rows = np.arange(height)
-        slope, first = np.polyfit(
-            rows, width - rising.sum(1), 1
-        )  # the dark part of each row ends at the edge
+        # the dark part of each row ends at the edge
+        slope, first = np.polyfit(rows, width - rising.sum(1), 1)
         away = (np.arange(width) + 0.5 - (first + slope * rows)[:, None]) / math.hypot(1, slope)
         shape = (edge.esf.numpy() - edge.dark) / step
         off = (rising - np.interp(away, edge.distance_px.numpy(), shape)).astype(np.float32)

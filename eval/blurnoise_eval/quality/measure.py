@@ -5,9 +5,9 @@ any development but a digital gain. Edges, patches and signs have the same two l
 ``DARK``, the grey on which Lin et al. 2024 (Sensors 24(16) 5135) place their targets, and ``BRIGHT``, the white of
 their stop signs.
 
-Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck.
-A number that any repeat withholds is withheld. PSNR and SSIM compare a stop sign, divided by what white would give
-and cut to [0, 1], with the scene itself; clipping is one of the differences they are there to tell.
+Every number rests on noise of its own chart and repeat; conditions share it, and differ by physics, not by luck. It
+is available where it is in every repeat. PSNR and SSIM compare a stop sign, divided by what white would give and cut
+to [0, 1], with the scene itself; clipping is one of the differences they show.
 
 Motion of 1 to 2 px rings by 2 % of a step in a picture that pixels have sampled: the flag "sharpened" there is the
 simulator's doing.
@@ -19,7 +19,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
+from operator import methodcaller
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -33,7 +35,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
+from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.sweep.three_sensors import behind_one_filter
+from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.tables import finite
 from blurnoise_eval.system.threads import limited_threads
 
@@ -58,8 +62,12 @@ class Charts:
 
     def __init__(self, camera: Camera, conditions: Conditions, repeats: int, seed: int) -> None:
         self._at = conditions.exposure(camera)
-        self._taker, self._digital_db = self._at.amplified
-        self._camera = _with_gain(self._taker, self._digital_db)
+        self._camera, digital_db = self._at.amplified
+        self._gain, self._black = 10 ** (digital_db / 20), camera.black_level_dn
+        self._full = self._camera.saturated_dn
+        if digital_db:
+            amplified_dn = math.floor((self._full - self._black) * self._gain + self._black)
+            self._full = min(camera.full_scale_dn, amplified_dn)
         self._moved_px = [abs(moved) for moved in conditions.displacement_px]
         self._repeats, self._seed = repeats, seed
 
@@ -67,7 +75,7 @@ class Charts:
         """Digital numbers (n, 1, H, W) of a chart by its name in :func:`_scenes`, not rounded after digital gain."""
         dn = simulate(
             _scenes()[name].expand(self._repeats, -1, -1, -1),
-            self._taker,
+            self._camera,
             exposure_s=self._at.exposure_s,
             illuminance_lux=self._at.illuminance_lux,
             velocity_px_s=self._at.velocity_px_s,
@@ -75,179 +83,143 @@ class Charts:
             encoding="linear",
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
-        if self._digital_db == 0:
+        if self._gain == 1:
             return dn
-        black = self._camera.black_level_dn
-        amplified = (dn - black) * 10 ** (self._digital_db / 20) + black
-        return amplified.clamp(0.0, self._camera.full_scale_dn)
+        return ((dn - self._black) * self._gain + self._black).clamp(0.0, self._camera.full_scale_dn)
 
     @cached_property
-    def across_x(self) -> list[SlantedEdge]:
-        """The edge that motion along x blurs."""
-        dn = self.frames("across_x")[..., SPARE_PX : SPARE_PX + ALONG_PX, :]
-        return self._edges(dn, along_px=self._moved_px[1], seed=0)
+    def edges(self) -> tuple[list[SlantedEdge], list[SlantedEdge]]:
+        """The edge that motion along x blurs, and that which motion along y does."""
+        cut = slice(SPARE_PX, SPARE_PX + ALONG_PX)
+        x, y = self.frames("across_x")[..., cut, :], self.frames("across_y")[..., cut]
+        return self._edges(x, self._moved_px[1], seed=0), self._edges(y, self._moved_px[0], seed=1)
 
-    @cached_property
-    def across_y(self) -> list[SlantedEdge]:
-        """The edge that motion along y blurs."""
-        dn = self.frames("across_y")[..., SPARE_PX : SPARE_PX + ALONG_PX]
-        return self._edges(dn, along_px=self._moved_px[0], seed=1)
-
-    def _edges(self, dn: Tensor, *, along_px: float, seed: int) -> list[SlantedEdge]:
+    def _edges(self, dn: Tensor, along_px: float, seed: int) -> list[SlantedEdge]:
         if along_px > 2 * SPARE_PX:
             return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
-        full, black = self._camera.saturated_dn, self._camera.black_level_dn
-        edges = slanted_edge(dn.clamp(max=full), full_scale=full, black_level=black, seed=seed)
+        levels: Any = {"full_scale": self._full, "black_level": self._black}
+        edges = slanted_edge(dn.clamp(max=self._full), **levels, seed=seed)
         return edges if isinstance(edges, list) else [edges]
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
         """The bright and the dark patch above black, (n, H, W)."""
-        black = self._camera.black_level_dn
-        return self.frames("bright").double()[:, 0] - black, self.frames("dark").double()[:, 0] - black
+        bright, dark = (self.frames(name).double()[:, 0] - self._black for name in ("bright", "dark"))
+        return bright, dark
 
     @cached_property
-    def snr(self) -> tuple[BatchEstimate, BatchEstimate]:
+    def snr(self) -> list[BatchEstimate]:
         """Mean over deviation of the bright and of the dark patch."""
-        black = self._camera.black_level_dn
-        limits = (-black, self._camera.saturated_dn - black)
-        bright, dark = (patch_snr(patch, limits_dn=limits) for patch in self.patches)
-        return bright, dark
+        limits = (-self._black, self._full - self._black)
+        return [patch_snr(patch, limits_dn=limits) for patch in self.patches]
 
     def of_patches(self, batch: BatchEstimate) -> list[Estimate]:
         """Estimates of what rests on both patches, either of which may be clipped."""
         bright, dark = self.snr
-        return _estimates(batch, clipped=bright.flags[CLIPPED] | dark.flags[CLIPPED])
-
-    def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
-        """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
-        frame, camera = self._sign, self._camera
-        light_e = photoelectrons(camera, self._at.illuminance_lux, self._at.exposure_s)
-        seen = (frame - camera.black_level_dn) / (camera.system_gain_dn_per_e * light_e or math.nan)
-        value = compare(seen.clamp(0, 1), _scenes()["sign"].double().expand_as(seen), data_range=1.0)
-        none = torch.full_like(value, math.nan)
-        dark = torch.full_like(value, light_e == 0, dtype=torch.bool)
-        found = _estimates(BatchEstimate(value, none, none, {"no_light": dark}))
-        cut = ((frame >= camera.saturated_dn) | (frame <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE
-        return [
-            replace(each, flags=each.flags | {CLIPPED}) if clipped else each
-            for each, clipped in zip(found, cut.tolist(), strict=True)
-        ]
+        clipped = bright.flags[CLIPPED] | dark.flags[CLIPPED]
+        return replace(batch, flags={**batch.flags, CLIPPED: clipped}).estimates(_WITHHELD)
 
     @cached_property
     def _sign(self) -> Tensor:
         return self.frames("sign").double()
 
-
-@dataclass(frozen=True)
-class Metric:
-    """A metric's name in tables, its title and unit, what exactly it is, and how it is measured.
-
-    of: an estimate per repeat. log: drawn over a logarithmic axis. share: it lies between 0 and 1.
-    """
-
-    name: str
-    title: str
-    unit: str
-    about: str
-    of: Callable[[Charts], list[Estimate]]
-    log: bool = False
-    share: bool = False
+    def of_sign(self, compare: Callable[..., Tensor]) -> list[Estimate]:
+        """A comparison of the stop sign, as a share of white, with its scene; clipping is a part of it."""
+        light_e = photoelectrons(self._camera, self._at.illuminance_lux, self._at.exposure_s)
+        white_dn = self._camera.system_gain_dn_per_e * self._gain * light_e
+        seen = ((self._sign - self._black) / (white_dn or math.nan)).clamp(0, 1)
+        value = compare(seen, _scenes()["sign"].double().expand_as(seen), data_range=1.0)
+        cut = ((self._sign >= self._full) | (self._sign <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE
+        none = torch.full_like(value, math.nan)
+        flags = {CLIPPED: cut, "no_light": torch.full_like(cut, light_e == 0)}
+        return BatchEstimate(value, none, none, flags).estimates({"no_light"})
 
 
-def _across_x(name: str) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: [edge.estimate(name) for edge in charts.across_x]
+Measure = Callable[[Charts], list[Estimate]]
 
 
-def _both_edges(measure: Callable[..., Estimate], **how: Any) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: [
-        measure(x, y, **how) for x, y in zip(charts.across_x, charts.across_y, strict=True)
-    ]
+def _edge(axis: int, measure: Callable[[SlantedEdge], Estimate]) -> Measure:
+    return lambda charts: [measure(edge) for edge in charts.edges[axis]]
 
 
-def _contrast(name: str) -> Callable[[Charts], list[Estimate]]:
-    return lambda charts: charts.of_patches(getattr(patch_contrast(*charts.patches), name))
+def _both(measure: Callable[..., Estimate], **how: int) -> Measure:
+    return lambda charts: [measure(*pair, **how) for pair in zip(*charts.edges, strict=True)]
 
 
-def _neq_0(charts: Charts) -> list[Estimate]:
-    """The square of the bright patch's SNR: white noise has its variance as spectrum."""
-    white, _ = charts.snr
-    low, high = white.low.clamp_min(0).square(), white.high.square()
-    return _estimates(replace(white, value=white.value.square(), low=low, high=high))
+def _patch(which: int) -> Measure:
+    return lambda charts: charts.snr[which].estimates(_WITHHELD)
 
 
-def _cdp(charts: Charts) -> list[Estimate]:
-    found = detection_probability(*charts.patches, nominal=WEBER, tolerance=TOLERANCE)
-    return charts.of_patches(found)
+def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Measure:
+    return lambda charts: charts.of_patches(measure(*charts.patches))
 
 
-METRICS = (
+def _contrast(name: str) -> Measure:
+    return _patches(lambda bright, dark: getattr(patch_contrast(bright, dark), name))
+
+
+_MTF50, _EDGE_SNR = (methodcaller("estimate", name) for name in ("mtf50", "edge_snr_db"))
+_CDP = partial(detection_probability, nominal=WEBER, tolerance=TOLERANCE)
+_UPRIGHT, _LYING = f"edge {TILT_DEG:g}° from vertical", f"edge {TILT_DEG:g}° from horizontal"
+_SIGN = f"{SIGN_PX} px stop sign against the scene"
+METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
+    Metric("mtf50_x", "MTF50 across x", "cycles/px", _UPRIGHT, _edge(0, _MTF50), "log"),
     Metric(
-        "mtf50_x", "MTF50 across x", "cycles/px", f"edge {TILT_DEG:g}° from vertical", _across_x("mtf50"), log=True
-    ),
-    Metric(
-        "mtf50_y", "MTF50 across y", "cycles/px",
-        f"edge {TILT_DEG:g}° from horizontal, so motion along x blurs it by its sine",
-        lambda charts: [edge.estimate("mtf50") for edge in charts.across_y], log=True,
+        "mtf50_y", "MTF50 across y", "cycles/px", f"{_LYING}, so motion along x blurs it by its sine",
+        _edge(1, _MTF50), "log",
     ),
     Metric(
         "edge_snr_db", "Edge SNR", "dB", "20 log10(step / root of the sides' mean variance), vertical edge",
-        _across_x("edge_snr_db"),
+        _edge(0, _EDGE_SNR),
     ),
     Metric(
-        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), log=True,
+        "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), "log",
     ),
     Metric(
-        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}",
-        lambda charts: _estimates(charts.snr[0]), log=True,
+        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", _patch(0), "log",
     ),
-    Metric(
-        "patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}",
-        lambda charts: _estimates(charts.snr[1]), log=True,
-    ),
+    Metric("patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}", _patch(1), "log"),
     Metric(
         "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x",
-        lambda charts: [information.capacity_radial(edge) for edge in charts.across_x],
+        _edge(0, information.capacity_radial),
     ),
     Metric(
         "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, as if all blur were that across y",
-        lambda charts: [information.capacity_radial(edge) for edge in charts.across_y],
+        _edge(1, information.capacity_radial),
     ),
     Metric(
         "sic_square", "SIC, square", "bits/px", "all frequencies of the pixel grid, from both edges",
-        _both_edges(information.capacity_square),
+        _both(information.capacity_square),
     ),
-    Metric("neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}", _neq_0, log=True),
+    Metric(
+        "neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}",  # white noise: its spectrum
+        lambda charts: charts.snr[0].squared().estimates(_WITHHELD), "log",
+    ),
     Metric(
         "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges",
-        _both_edges(information.neq_integral), log=True,
+        _both(information.neq_integral), "log",
     ),
     Metric(
         "snri", f"SNRI, {TARGET_PX} px square", "1", "ideal observer, a white square on grey, from both edges",
-        _both_edges(information.square_snr, side_px=TARGET_PX), log=True,
+        _both(information.square_snr, side_px=TARGET_PX), "log",
     ),
     Metric(
         "michelson", "Michelson contrast", "1", "(bright - dark)/(bright + dark), even patches",
-        _contrast("michelson"), share=True,
+        _contrast("michelson"), "share",
     ),
     Metric(
-        "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}", _cdp,
-        share=True,
+        "cdp", "CDP", "1", f"share of pixel pairs within ±{TOLERANCE:.0%} of Weber contrast {WEBER:.3g}",
+        _patches(_CDP), "share",
     ),
-    Metric(
-        "psnr_db", "PSNR", "dB", f"{SIGN_PX} px stop sign against the scene", lambda charts: charts.of_sign(psnr)
-    ),
-    Metric(
-        "ssim", "SSIM", "1", f"{SIGN_PX} px stop sign against the scene", lambda charts: charts.of_sign(ssim),
-        share=True,
-    ),
+    Metric("psnr_db", "PSNR", "dB", _SIGN, lambda charts: charts.of_sign(psnr)),
+    Metric("ssim", "SSIM", "1", _SIGN, lambda charts: charts.of_sign(ssim), "share"),
 )  # fmt: skip
 """All that is measured: a new metric is a line here, and appears in tables, figures and maps."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One metric under one condition, the mean of ``repeats``; ``told`` of them have a number.
+    """One metric under one condition, the mean of ``repeats``, of which ``n_available`` have a number.
 
     at: the condition's actual number on every axis.
     """
@@ -255,23 +227,18 @@ class Row:
     at: Mapping[str, float]
     metric: str
     estimate: Estimate
-    told: int
+    n_available: int
     repeats: int
 
-    @property
-    def blur_px(self) -> float:
-        """Length of the motion blur, px."""
-        return blur_px(self.at)
-
     def record(self) -> dict[str, Any]:
-        """As a table's row: None for what is withheld or has no interval, flags in alphabetical order."""
+        """As a table's row: None for what is not available or has no interval, flags in alphabetical order."""
         return {
             **self.at,
-            "blur_px": self.blur_px,
+            "blur_px": blur_px(self.at),
             "metric": self.metric,
             **{name: finite(getattr(self.estimate, name)) for name in ("value", "low", "high")},
             "flags": " ".join(sorted(self.estimate.flags)),
-            "told": self.told,
+            "told": self.n_available,
             "repeats": self.repeats,
         }
 
@@ -293,21 +260,16 @@ def measure(
     camera = behind_one_filter(camera)
 
     def at(condition: Conditions) -> list[Row]:
-        taken, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
-        found = [(metric.name, metric.of(taken)) for metric in METRICS]
-        return [
-            Row(numbers, name, together(each), sum(one.told for one in each), repeats) for name, each in found
-        ]
+        charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
+        found = {metric.name: metric.of(charts) for metric in METRICS}
+        available = {name: sum(estimate.told for estimate in each) for name, each in found.items()}
+        return [Row(numbers, name, Estimate.mean(found[name]), available[name], repeats) for name in found]
 
     rows: list[Row] = []
-    pool = ThreadPoolExecutor(threads)
-    with limited_threads(1):  # conditions are worked on side by side, each on one core
-        try:
-            for found in pool.map(at, conditions):
-                rows += found
-                progress(1)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    with limited_threads(1), ThreadPoolExecutor(threads) as pool:  # each condition on one core
+        for found in pool.map(at, conditions):
+            rows += found
+            progress(1)
     return rows
 
 
@@ -318,9 +280,7 @@ def check(camera: Camera, plan: SweepPlan) -> None:
     """
     for name in plan.grid:
         if AUTOMATIC in plan.values(name):
-            raise ValueError(
-                f"{name} = 'auto': must be numbers; the charts have no one mean for a camera to meter"
-            )
+            raise ValueError(f"{name} = 'auto': must be numbers; charts have no one mean to meter")
     if plan.cuts:
         raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
     if any(plan.values(EGO.name)):
@@ -329,14 +289,16 @@ def check(camera: Camera, plan: SweepPlan) -> None:
         conditions.exposure(camera)
 
 
-def together(estimates: Sequence[Estimate]) -> Estimate:
-    """The mean of independent estimates of one number, with its interval; NaN where one of them is withheld."""
-    count = len(estimates)
-    value = math.fsum(estimate.value for estimate in estimates) / count
-    below = math.fsum(estimate.value - estimate.low for estimate in estimates) / count**1.5
-    above = math.fsum(estimate.high - estimate.value for estimate in estimates) / count**1.5
-    flags = frozenset[str]().union(*(estimate.flags for estimate in estimates))
-    return Estimate(value, value - below, value + above, flags)
+def write(rows: Sequence[Row], camera: Camera, plan: SweepPlan, folder: Path) -> None:
+    """Write quality.csv, a row per condition and metric, and quality.json, that and its meaning; ``OSError``."""
+    records, about = [row.record() for row in rows], ("name", "title", "unit", "about")
+    document = {
+        "camera": camera.to_dict(),
+        "plan": plan.to_dict(),
+        "metrics": {metric.name: {name: getattr(metric, name) for name in about} for metric in METRICS},
+        "rows": records,
+    }
+    write_records("quality", records, document, folder)
 
 
 @cache
@@ -351,27 +313,3 @@ def _scenes() -> dict[str, Tensor]:
         "dark": charts.flat_patch(PATCH_PX, PATCH_PX, reflectance=DARK),
         "sign": charts.stop_sign(SIGN_PX, height_px=side, width_px=side, background=DARK),
     }
-
-
-def _with_gain(camera: Camera, gain_db: float) -> Camera:
-    """The camera as if its digital gain were the converter's: as many DN per electron, and the same end of scale."""
-    if gain_db == 0:
-        return camera
-    gain, black = 10 ** (gain_db / 20), camera.black_level_dn
-    clip_dn = min(
-        camera.full_scale_dn, math.floor((camera.clip_dn - black) * gain + black)
-    )  # what clips reaches it
-    per_e = camera.system_gain_dn_per_e * gain
-    return replace(camera, system_gain_dn_per_e=per_e, full_well_e=max(clip_dn - black, 1.0) / per_e)
-
-
-def _estimates(batch: BatchEstimate, **flags: Tensor) -> list[Estimate]:
-    """An estimate per item of the batch (n,), with ``flags`` beside its own; they may withhold it."""
-    raised = {name: where.tolist() for name, where in (dict(batch.flags) | flags).items()}
-    numbers = (batch.value.tolist(), batch.low.tolist(), batch.high.tolist())
-    found = []
-    for index, (value, low, high) in enumerate(zip(*numbers, strict=True)):
-        names = frozenset(name for name, where in raised.items() if where[index])
-        withheld = names & _WITHHELD
-        found.append(Estimate(math.nan, flags=names) if withheld else Estimate(value, low, high, names))
-    return found

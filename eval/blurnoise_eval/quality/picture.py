@@ -7,43 +7,29 @@ Regions are (left, top, width, height), px.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.files import read_text
+from blurnoise._core.files import read_samples
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Estimate, Roi
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.tables import finite
 
 Coding = Literal["auto", "srgb", "linear"]
 
-TITLES = {
-    "mtf50": "MTF50, cycles/px",
-    "mtf50p": "MTF50P, cycles/px",
-    "mtf_nyquist_2": "MTF at Nyquist/2",
-    "mtf_nyquist": "MTF at Nyquist",
-    "cnr": "CNR",
-    "edge_snr_db": "edge SNR, dB",
-    "michelson": "Michelson contrast",
-    "sic_radial": "SIC radial, bits/px",
-    "sic_square": "SIC square, bits/px",
-    "neq_0": "NEQ(0), quanta/px",
-    "neq_integral": "NEQ sum, quanta/px",
-    "snri": "SNRI",
-}
-"""The numbers of a region in their order, and what people call them."""
 LARGEST_TARGET_PX = 64
 FEWEST_FIELDS = 3
 """Of a grey scale: two make a straight line."""
@@ -84,9 +70,53 @@ class Square:
         checks.limited("target_contrast", self.contrast, "contrast")
 
 
+class Pair(NamedTuple):
+    """An edge, one across the other axis, or the same again, and the square that an ideal observer is to see."""
+
+    edge: SlantedEdge
+    second: SlantedEdge
+    target: Square
+
+
+def _edge(measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
+    return lambda pair: measure(pair.edge)
+
+
+def _both(measure: Callable[[SlantedEdge, SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
+    return lambda pair: measure(pair.edge, pair.second)  # in either order: seen from the side all is the same
+
+
+def _scalar(name: str) -> Callable[[Pair], Estimate]:
+    return lambda pair: pair.edge.estimate(name)
+
+
+def _square_snr(pair: Pair) -> Estimate:
+    # square_snr's target is as high as the mean step of both
+    level, step = (sum(each.bright + sign * each.dark for each in pair[:2]) for sign in (1, -1))
+    scale = pair.target.contrast * level / 2 / step
+    return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
+
+
+EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
+    Metric("mtf50", "MTF50", "cycles/px", "response half of that at 0", _scalar("mtf50"), "log"),
+    Metric("mtf50p", "MTF50P", "cycles/px", "response half of its peak", _scalar("mtf50p"), "log"),
+    Metric("mtf_nyquist_2", "MTF at Nyquist/2", "1", "at 1/4 cycles/px", _scalar("mtf_nyquist_2"), "share"),
+    Metric("mtf_nyquist", "MTF at Nyquist", "1", "at 1/2 cycles/px", _scalar("mtf_nyquist"), "share"),
+    Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
+    Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
+    Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
+    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _edge(information.capacity_radial)),
+    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _both(information.capacity_square)),
+    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _edge(information.neq_0), "log"),
+    Metric("neq_integral", "NEQ sum", "quanta/px", "all frequencies", _both(information.neq_integral), "log"),
+    Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
+)
+"""The numbers of a region in their order: a new one is a line here."""
+
+
 @dataclass(frozen=True)
 class Measured:
-    """One region. estimates: by the names of ``TITLES``; those that cannot be told are NaN and ``doubts`` say why.
+    """One region. estimates: by the names of ``EDGE_METRICS``; what is not available is NaN, and ``doubts`` say why.
 
     second: the number of the region whose edge crosses the other axis, for what needs both directions; None where
     there is none, and the blur is taken for the same both ways. doubts: flags in words.
@@ -100,20 +130,18 @@ class Measured:
     doubts: tuple[str, ...]
 
     def row(self) -> dict[str, Any]:
-        """All of it by plain names, None for what cannot be told, or for an end of an interval that is open."""
-        edge = self.edge
+        """All of it by plain names, None for what is not available, or for an end of an interval that is open."""
         row: dict[str, Any] = {"region": self.number}
         row |= zip(("left_px", "top_px", "width_px", "height_px"), self.roi, strict=True)
-        row |= {"orientation": edge.orientation, "bright_side": edge.bright_side}
-        row |= {name: finite(getattr(edge, name)) for name in ("angle_deg", "dark", "bright")}
+        row |= {"orientation": self.edge.orientation, "bright_side": self.edge.bright_side}
+        row |= {name: finite(getattr(self.edge, name)) for name in ("angle_deg", "dark", "bright")}
         for name, estimate in self.estimates.items():
-            row |= {name: finite(estimate.value)}
-            row |= {f"{name}_low": finite(estimate.low), f"{name}_high": finite(estimate.high)}
+            ends = {"": estimate.value, "_low": estimate.low, "_high": estimate.high}
+            row |= {f"{name}{end}": finite(value) for end, value in ends.items()}
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-@dataclass(frozen=True)
-class Oecf:
+class Oecf(NamedTuple):
     """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
 
     numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
@@ -122,42 +150,24 @@ class Oecf:
     numbers: tuple[float, ...]
     light: tuple[float, ...]
 
-    def __post_init__(self) -> None:
-        for name, values in (("numbers", self.numbers), ("light", self.light)):
-            sound = all(math.isfinite(value) and value >= 0 for value in values)
-            rising = all(a < b for a, b in pairwise(values))
-            if not (sound and rising and len(values) >= FEWEST_FIELDS):
-                raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
 
-    @classmethod
-    def read(cls, path: Path) -> Oecf:
-        """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+def read_oecf(path: Path) -> Oecf:
+    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
 
-        Raises ``OSError``, and ``ValueError`` for other content.
-        """
-        fields = []
-        for number, line in enumerate(read_text(path).split("\n"), 1):
-            try:
-                at, light = (float(cell) for cell in line.split(","))
-                fields.append((at, light))
-            except ValueError:
-                if number > 1 and line.strip():
-                    raise ValueError(
-                        f"oecf: line {number} of {path} must be two numbers with a comma, got {line!r}"
-                    ) from None
-        if not fields:
-            raise ValueError(f"oecf: {path} holds no line of two numbers with a comma")
-        return cls(*zip(*sorted(fields), strict=True))
+    Raises ``OSError``, and ``ValueError`` for other content.
+    """
+    oecf = Oecf(*read_samples(path, 1, "a digital number"))
+    for name, values in oecf._asdict().items():
+        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
+        if not rising or len(values) < FEWEST_FIELDS:
+            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+    return oecf
 
 
 def linear(
-    picture: Image,
-    coding: Coding = "auto",
-    *,
-    black_level: float | None = None,
-    full_scale: float | None = None,
+    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
     oecf: Oecf | None = None,
-) -> Linear:
+) -> Linear:  # fmt: skip
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
     black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
@@ -170,24 +180,20 @@ def linear(
     given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
     if oecf is not None:
         if given or coding != "auto":
-            raise ValueError(
-                f"{[*given, 'coding'][0]}: goes without --oecf, which says what every number means"
-            )
+            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
         least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
         light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
         note = f"made linear by a grey scale of {len(oecf.light)} fields"
         return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
-    if coding == "srgb" or (coding == "auto" and bits == 8):
-        if given:
-            raise ValueError(
-                f"{given[0]}: belongs to linear digital numbers, but {bits} bits are taken as sRGB-coded; add "
-                "--linear if they are linear"
-            )
-        if coding == "auto":
-            notes.append(
-                "8 bits: taken as sRGB-coded and made linear; --linear takes the numbers as they are"
-            )
+    coded = coding == "srgb" or (coding == "auto" and bits == 8)
+    if coding == "auto":
+        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
+        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
+        notes.append(f"{bits} bits: taken as {usual}")
+    if coded and given:
+        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
+    if coded:
         return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
@@ -198,13 +204,9 @@ def linear(
     if largest > top:
         raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
     black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
-    if coding == "auto":
-        notes.append(f"{bits} bits: taken as linear; --srgb if the picture is sRGB-coded")
     if full_scale is None and largest <= most / 4:
-        notes.append(
-            f"full scale taken as {most:g}, the largest number is {largest:g}: clipping at fewer bits goes unseen "
-            "without --full-scale"
-        )
+        text = f"full scale taken as {most:g}, the largest number is {largest:g}"
+        notes.append(f"{text}: clipping at fewer bits goes unseen without --full-scale")
     return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
 
 
@@ -216,14 +218,13 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
     found = find_edges(light.picture, full_scale=light.full_scale, black_level=light.black_level)
     if not found.rois:
         reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
-        passed = f"lines turned down: {reasons}" if reasons else "no straight line at all"
         raise ValueError(
             f"image: no usable slanted edge: looked for straight edges of {SHORTEST_PX} px or more, at most "
-            f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that "
-            f"do not clip ({passed}); name a region with --roi x,y,w,h to see its flags"
+            f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that do "
+            f"not clip ({reasons or 'no straight line at all'}); name a region with --roi x,y,w,h to see its flags"
         )
     left_out = f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any"
-    return found.rois, (left_out,) if found.left_out else ()
+    return found.rois, (left_out,) * (found.left_out > 0)
 
 
 def measure(
@@ -236,13 +237,13 @@ def measure(
     scale: Any = {"full_scale": light.full_scale, "black_level": light.black_level}
     edges: list[SlantedEdge] = []
     for roi in rois:
-        seen = slanted_edge(light.picture, mode=mode, roi=roi, bootstrap=_RESAMPLES, **scale)
-        edges += seen if isinstance(seen, list) else [seen]
+        edge = slanted_edge(light.picture, mode=mode, roi=roi, bootstrap=_RESAMPLES, **scale)
+        edges += edge if isinstance(edge, list) else [edge]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
-        other = edge if second is None else edges[second]
-        estimates = _estimates(edge, other, target or Square(10, 0.1))
+        pair = Pair(edge, edge if second is None else edges[second], target or Square(10, 0.1))
+        estimates = {metric.name: metric.of(pair) for metric in EDGE_METRICS}
         flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
         doubts = [flag.value for flag in Flag if flag in edge.flags]
         doubts += [text for flag, text in _DOUBTS.items() if flag in flags]
@@ -260,20 +261,3 @@ def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> in
         if not math.isnan(edge.bright) and edge.orientation != edges[index].orientation
     ]
     return min(others)[1] if others and not math.isnan(edges[index].bright) else None
-
-
-def _estimates(edge: SlantedEdge, second: SlantedEdge, target: Square) -> dict[str, Estimate]:
-    """Every number of ``edge``; ``second`` crosses the other axis, or is ``edge`` itself."""
-    both = edge, second  # in either order: a square is the same seen from the side
-    # square_snr's target is as high as the mean step of both
-    level, step = (sum(each.bright + sign * each.dark for each in both) for sign in (1, -1))
-    snr = information.square_snr(*both, side_px=target.size_px)
-    scale = target.contrast * level / 2 / step
-    found = {name: edge.estimate(name) for name in TITLES if hasattr(edge, name)} | {
-        "sic_radial": information.capacity_radial(edge),
-        "sic_square": information.capacity_square(*both),
-        "neq_0": information.neq_0(edge),
-        "neq_integral": information.neq_integral(*both),
-        "snri": Estimate(scale * snr.value, scale * snr.low, scale * snr.high, snr.flags),
-    }
-    return {name: found[name] for name in TITLES}

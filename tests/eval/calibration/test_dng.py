@@ -7,7 +7,7 @@ from pathlib import Path
 import made_frames
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.dng import stated_by
+from blurnoise_eval.calibration.to_camera import camera_of_dng
 
 PLANE = np.full((48, 64), 500, np.uint16)
 GAIN, READ_E, BLACK, WHITE = 0.4, 3.0, 64, 4095
@@ -28,48 +28,31 @@ def dng(folder: Path, **changed: tuple[int, object] | None) -> Path:
 
 
 def test_the_noise_profile_is_a_camera(tmp_path: Path) -> None:
-    stated = stated_by(dng(tmp_path))
-    camera = stated.camera
+    """At x = 0.3 the camera's K signal + dark variance is (S x + O) of white less black."""
+    camera = camera_of_dng(dng(tmp_path))
     assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
     assert camera.read_noise_e == pytest.approx(READ_E)
-    assert camera.black_level_dn == BLACK
-    assert camera.clip_dn == WHITE
-    assert camera.bit_depth == 12
+    signal = 0.3 * SPAN
+    variance = camera.dark_variance_dn2() + camera.system_gain_dn_per_e * signal
+    assert variance == pytest.approx((S * 0.3 + O) * SPAN**2)
+    assert (camera.black_level_dn, camera.clip_dn, camera.bit_depth) == (BLACK, WHITE, 12)
     assert (camera.width_px, camera.height_px) == (64, 48)
     assert camera.f_number == pytest.approx(1.8)
     assert camera.name == "Made Up 1 at ISO 200"
-    assert (stated.exposure_s, stated.iso, stated.cfa) == (pytest.approx(0.01), 200, "RGGB")
     assert "NoiseProfile of photo.dng at ISO 200" in camera.sources["read_noise_e"]
     assert camera.sources["pixel_pitch_um"] == "assumed, as of the preset imx250"
 
 
-def test_its_variance_is_the_profiles(tmp_path: Path) -> None:
-    """At x = 0.3: the camera's K signal + dark variance is (S x + O) of white less black."""
-    camera = stated_by(dng(tmp_path)).camera
-    signal = 0.3 * SPAN
-    variance = camera.dark_variance_dn2() + camera.system_gain_dn_per_e * signal
-    assert variance == pytest.approx((S * 0.3 + O) * SPAN**2)
-
-
-def test_the_green_plane_of_three(tmp_path: Path) -> None:
-    camera = stated_by(dng(tmp_path, t51041=(12, (2 * S, O, S, O, 3 * S, O)))).camera
+def test_other_tags(tmp_path: Path) -> None:
+    """The green plane of three, noise below rounding, four black levels, none."""
+    camera = camera_of_dng(dng(tmp_path, t51041=(12, (2 * S, O, S, O, 3 * S, O))))
     assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
     assert "plane 2 of 3" in camera.sources["system_gain_dn_per_e"]
-
-
-def test_noise_below_rounding_is_none(tmp_path: Path) -> None:
-    assert stated_by(dng(tmp_path, t51041=(12, (S, 0.0)))).camera.read_noise_e == 0
-
-
-def test_without_levels_the_bits_are_taken(tmp_path: Path) -> None:
-    camera = stated_by(dng(tmp_path, t50714=None, t50717=None, t34855=None)).camera
-    assert (camera.black_level_dn, camera.bit_depth) == (0, 16)
-    assert camera.sources["black_level_dn"].startswith("assumed")
-    assert camera.name == "Made Up 1"
-
-
-def test_four_black_levels_are_averaged(tmp_path: Path) -> None:
-    assert stated_by(dng(tmp_path, t50714=(4, (60, 64, 64, 68)))).camera.black_level_dn == 64
+    assert camera_of_dng(dng(tmp_path, t51041=(12, (S, 0.0)))).read_noise_e == 0
+    assert camera_of_dng(dng(tmp_path, t50714=(4, (60, 64, 64, 68)))).black_level_dn == 64
+    bare = camera_of_dng(dng(tmp_path, t50714=None, t50717=None, t34855=None))
+    assert (bare.black_level_dn, bare.bit_depth, bare.name) == (0, 16, "Made Up 1")
+    assert bare.sources["black_level_dn"].startswith("assumed")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +66,7 @@ def test_four_black_levels_are_averaged(tmp_path: Path) -> None:
 )
 def test_tags_that_make_no_camera(tmp_path: Path, changed: dict[str, tuple[int, object]], why: str) -> None:
     with pytest.raises(ValueError, match=why) as caught:
-        stated_by(dng(tmp_path, **changed))
+        camera_of_dng(dng(tmp_path, **changed))
     assert str(caught.value).startswith(str(tmp_path / "photo.dng"))
 
 
@@ -91,4 +74,4 @@ def test_tags_that_make_no_camera(tmp_path: Path, changed: dict[str, tuple[int, 
 def test_files_that_are_no_dng(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.dng").write_bytes(data)
     with pytest.raises(ValueError, match=r"x\.dng: is no"):
-        stated_by(tmp_path / "x.dng")
+        camera_of_dng(tmp_path / "x.dng")

@@ -20,20 +20,10 @@ def found_in(folder: Path, seed: int, **how: float) -> Measurement:
 
 
 def frames(
-    seed: int,
-    *,
-    warming: float = 0.0,
-    hot: float = 0.0,
-    gamma: float = 1.0,
-    stray_e_s: float = 0.0,
-    slope: float = 0.0,
-    filters: float = 0.0,
-    prnu: float = 0.01,
-    dark_e_s: float = DARK_E_S,
-    uneven: float = 0.0,
-    lamp: float = 0.0,
-    jitter_dn: float = 0.0,
-) -> dict[tuple[str, float], list[np.ndarray]]:
+    seed: int, *, warming: float = 0.0, hot: float = 0.0, gamma: float = 1.0, stray_e_s: float = 0.0,
+    slope: float = 0.0, filters: float = 0.0, prnu: float = 0.01, dark_e_s: float = DARK_E_S, uneven: float = 0.0,
+    lamp: float = 0.0, jitter_dn: float = 0.0,
+) -> dict[tuple[str, float], list[np.ndarray]]:  # fmt: skip
     """Eight exposures, two dark and two flat frames of each, taken one after the other.
 
     warming: growth of the dark current over all. hot: share of pixels with about 40 000 e-/s. stray_e_s: light in
@@ -51,9 +41,8 @@ def frames(
     taken: dict[tuple[str, float], list[np.ndarray]] = {}
     for place in range(32):
         exposure_s, kind = 0.0125 * (1 + place // 4), ("dark", "flat")[place // 2 % 2]
-        flat_e = (
-            0.85 * WELL_E * exposure_s / 0.1 * (1 - 0.15 * (x * x + y * y)) * (1 + lamp * lights[place // 4])
-        )
+        vignetted = (1 - 0.15 * (x * x + y * y)) * (1 + lamp * lights[place // 4])
+        flat_e = 0.85 * WELL_E * exposure_s / 0.1 * vignetted
         light_e = flat_e if kind == "flat" else stray_e_s * exposure_s * (1 + slope * x)
         mean_e = charge_e_s * (1 + warming * place / 31) * exposure_s + light_e * response
         electrons = (
@@ -103,15 +92,14 @@ def test_a_tone_curve_is_named_with_its_gamma(tmp_path: Path, gamma: float) -> N
     assert holds(found, "system_gain_dn_per_e", GAIN)
 
 
-@pytest.mark.parametrize(
-    "stray",
-    [
-        {"stray_e_s": 300.0},
-        {"slope": 0.7, "prnu": 0.001, "stray_e_s": 300.0},
-        {"filters": 0.6, "stray_e_s": 100.0},
-    ],
-    ids=["even", "from one side", "through colour filters"],
-)
+STRAY = {
+    "even": {"stray_e_s": 300.0},
+    "from one side": {"slope": 0.7, "prnu": 0.001, "stray_e_s": 300.0},
+    "through colour filters": {"filters": 0.6, "stray_e_s": 100.0},
+}
+
+
+@pytest.mark.parametrize("stray", STRAY.values(), ids=STRAY)
 def test_light_in_dark_frames_is_named(tmp_path: Path, stray: dict[str, float]) -> None:
     """Even light by the pixels' sensitivity, other light by where it falls."""
     found = found_in(tmp_path / "frames", 3, dark_e_s=20.0, **stray)

@@ -84,7 +84,7 @@ def test_a_dng(tmp_path: Path, capsys: Output) -> None:
     )
     path = tmp_path / "phone.yaml"
     assert main(["cameras", "fit", "--dng", str(tmp_path / "photo.dng"), "-o", str(path)]) == 0
-    assert "iso 400" in capsys.readouterr().out
+    assert "ISO 400" in capsys.readouterr().out
     assert Camera.load(path).system_gain_dn_per_e == pytest.approx(0.4095)
 
 

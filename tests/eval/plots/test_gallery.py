@@ -12,6 +12,7 @@ import pytest
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.grid.values import bounds
 from blurnoise_eval.plots import gallery
+from blurnoise_eval.system.files import write_figure
 from commands import main
 
 from blurnoise import photoelectrons
@@ -78,19 +79,12 @@ def test_seeds_repeat_tiles() -> None:
     assert not {a.exposure_s for a in first} & {b.exposure_s for b in other}
 
 
-def test_captions_state_the_conditions() -> None:
-    camera = TWO.cameras[0]
-    tile = gallery.Tile(np.zeros((2, 2), np.uint8), camera, 0.012, 50.0, 400.0, 90.0)
-    white = photoelectrons(camera, 50.0, 0.012)
-    assert tile.caption == f"12 ms · 50 lux · imx250\n400 px/s · blur 4.8 px · white {white:.0f} e⁻"
-
-
 @pytest.mark.parametrize("shape", [(30, 44, 3), (61, 37)])
 def test_every_pixel_of_a_tile_is_drawn(tmp_path: Path, shape: tuple[int, ...]) -> None:
     coded = scene(*shape)
     tiles = gallery.tiles(coded, TWO, 4, seed=0)
     path = tmp_path / "gallery.png"
-    gallery.write(gallery.draw(coded, tiles), path)
+    write_figure(path, gallery.draw(coded, tiles), dpi=gallery.DPI)
     drawn = cv2.imread(str(path), cv2.IMREAD_COLOR)
     for picture in (np.asarray((coded * 255).round(), np.uint8), *(tile.picture for tile in tiles)):
         bgr = picture[..., ::-1] if picture.ndim == 3 else np.stack([picture] * 3, -1)
@@ -107,16 +101,24 @@ def test_large_pictures_are_shrunk_and_small_ones_kept() -> None:
     assert gallery.scene(np.full((4, 5), 65535, np.uint16), 16).max() == 1.0
 
 
+def test_captions_and_ranges_as_text() -> None:
+    tile = gallery.Tile(np.zeros((2, 2), np.uint8), TWO.cameras[0], 0.012, 50.0, 400.0, 90.0)
+    white = f"white {photoelectrons(tile.camera, 50.0, 0.012):.0f} e⁻"
+    assert tile.caption == f"12 ms · 50 lux · imx250\n400 px/s · blur 4.8 px · {white}"
+    assert (bounds("1:60"), bounds("2.5")) == ((1.0, 60.0), (2.5, 2.5))
+    for text in ("", "1:2:3", "a:b", "1:"):
+        with pytest.raises(Exception, match="low:high"):
+            bounds(text)
+
+
 def test_command_writes_the_gallery(tmp_path: Path, capsys: Output) -> None:
     path = tmp_path / "gallery.png"
     arguments = [
         "gallery", str(photograph(tmp_path)), "-o", str(path), "--exposure-ms", "3:7", "--lux", "40",
-        "--speed", "10:20", "--camera", "imx250,ar0237", "--count", "6", "--seed", "2",
+        "--speed", "10:20", "--camera", "imx250,ar0237", "--count", "6", "--seed", "2", "--json",
     ]  # fmt: skip
     assert main(arguments) == 0
-    assert capsys.readouterr().out.strip() == str(path)
     assert cv2.imread(str(path)) is not None
-    assert main([*arguments, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert len(said["tiles"]) == 6
     for tile in said["tiles"]:
@@ -131,7 +133,6 @@ def test_command_writes_the_gallery(tmp_path: Path, capsys: Output) -> None:
     [
         (["--exposure-ms", "0:60"], "--exposure-ms"),
         (["--lux", "9:3"], "--lux = 9:3"),
-        (["--count", "0"], "count"),
         (["--count", "1000"], "count"),
         (["--seed", "-1"], "seed"),
         (["--size", "3"], "size"),
@@ -146,10 +147,3 @@ def test_command_names_what_is_wrong(tmp_path: Path, capsys: Output, given: list
     assert (out, len(err.splitlines())) == ("", 1)
     assert named in err
     assert not (tmp_path / "gallery.png").exists()
-
-
-def test_ranges_are_two_numbers_or_one() -> None:
-    assert (bounds("1:60"), bounds("2.5")) == ((1.0, 60.0), (2.5, 2.5))
-    for text in ("", "1:2:3", "a:b", "1:"):
-        with pytest.raises(Exception, match="low:high"):
-            bounds(text)

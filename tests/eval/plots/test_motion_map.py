@@ -27,29 +27,31 @@ def test_the_road_at_the_bottom_and_no_limit_at_the_horizon() -> None:
     road, plane = maps()
     x, y = 480 / VIEW.focal_px, 270 / VIEW.focal_px
     fastest = VIEW.focal_px * y * math.hypot(x, y) * SPEED_M_S / 1.5
-    assert motion_map.bottom_edge_s(road) == pytest.approx(1 / fastest)
-    assert motion_map.horizon_s(road) == math.inf
-    assert road.at_share_s(0.5) == math.inf  # the sky
-    told = motion_map.facts(road)
-    assert told["horizon_ms"] is None
-    assert told["half_ms"] is None
+    limits = road.limits_s()
+    assert limits["bottom_edge"] == pytest.approx(1 / fastest)
+    assert limits["horizon"] == limits["half"] == math.inf  # the sky
+    told = road.facts()
+    assert told["horizon_ms"] is told["half_ms"] is None
     assert told["all_ms"] == told["bottom_edge_ms"] == pytest.approx(1e3 / fastest)
     corner_px_s = math.hypot(480, 270) * SPEED_M_S / 10  # of the plane, above the road
-    assert plane.at_share_s(1.0) == pytest.approx(1 / corner_px_s)
+    assert plane.limits_s() == {
+        "all": pytest.approx(1 / corner_px_s),
+        "half": pytest.approx(plane.at_share_s(0.5)),
+    }
 
 
 def test_yaw_alone_limits_the_sky() -> None:
     """f w (1 + x^2) at the horizon's ends, f w in its middle."""
     sky = maps(yaw_deg_s=10.0, blur_px=2.0)[0]
     at_end = VIEW.focal_px * math.radians(10) * (1 + (480 / VIEW.focal_px) ** 2)
-    assert motion_map.horizon_s(sky) == pytest.approx(2 / at_end, rel=1e-5)
+    assert sky.limits_s()["horizon"] == pytest.approx(2 / at_end, rel=1e-5)
 
 
 def test_pitched_below_the_horizon_there_is_none() -> None:
     found = maps(Vehicle(1.5, pitch_deg=40.0))[0]
-    assert motion_map.horizon_s(found) is None
-    assert "horizon" not in next(motion_map.sentences([found], 1.0))
-    assert motion_map.facts(found)["horizon_ms"] is None
+    assert "horizon" not in found.limits_s()
+    assert "horizon" not in found.sentence(1.0)
+    assert found.facts()["horizon_ms"] is None
 
 
 def test_shares() -> None:
@@ -101,17 +103,17 @@ def test_values_are_coarser_or_all_of_the_same_map(tmp_path: Path) -> None:
 def test_a_figure_of_whatever_is_seen(case: tuple[View, Vehicle, EgoMotion, tuple[float, ...]]) -> None:
     view, mount, motion, planes_m = case
     found = motion_map.maps_of(view, mount, motion, planes_m, most=40)
-    figure = motion_map.draw(found, view, mount, 1.0, "A camera")
+    figure = motion_map.draw(found, view, 1.0, "A camera")
     titles = [axes.get_title() for axes in figure.axes]
     assert titles[: len(found)] == [each.scene for each in found]
     figure.savefig(io.BytesIO(), dpi=30)
-    assert len(list(motion_map.sentences(found, 1.0))) == len(found)
+    assert all(each.sentence(1.0, 0.01) for each in found)
 
 
 def test_contours_are_where_the_map_says() -> None:
     """The line of 1 ms on the plane at 10 m, a circle around the focus of expansion: r = 10 m x 1 px/(V 1 ms)."""
     found = maps()
-    figure = motion_map.draw(found, VIEW, MOUNT, 1.0, "")
+    figure = motion_map.draw(found, VIEW, 1.0, "")
     lines = figure.axes[1].collections[1]
     place = list(lines.levels).index(2.0)  # type: ignore[attr-defined]
     vertices = np.concatenate(list(lines.get_paths()[place].to_polygons(closed_only=False)))

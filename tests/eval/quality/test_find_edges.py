@@ -98,19 +98,17 @@ def test_wide_blur_under_noise_shows_at_coarser_scales() -> None:
     assert found(noise(image, 0.03)).rois == [(0, 0, 200, 200)]
 
 
-@pytest.mark.parametrize(
-    ("image", "reason"),
-    [
-        (charts.slanted_edge(120, 160, angle_deg=0.0), Flag.TOO_FEW_PHASES),
-        ((chart.squares() * 1.4).clamp(max=1), Flag.CLIPPED),
-        (charts.slanted_edge(120, 160, angle_deg=40.0), None),
-        (charts.flat_patch(90, 120), None),
-        (noise(charts.flat_patch(90, 120), 0.02), None),
-        (charts.slanted_edge(20, 20), None),
-        (charts.slanted_edge(1, 1), None),
-    ],
-    ids=["upright", "clipped", "steep", "even", "noise", "small", "one pixel"],
-)
+NOT_FOUND: dict[str, tuple[Tensor, Flag | None]] = {
+    "upright": (charts.slanted_edge(120, 160, angle_deg=0.0), Flag.TOO_FEW_PHASES),
+    "clipped": ((chart.squares() * 1.4).clamp(max=1), Flag.CLIPPED),
+    "steep": (charts.slanted_edge(120, 160, angle_deg=40.0), None),
+    "noise": (noise(charts.flat_patch(90, 120), 0.02), None),
+    "small": (charts.slanted_edge(20, 20), None),
+    "one pixel": (charts.slanted_edge(1, 1), None),
+}
+
+
+@pytest.mark.parametrize(("image", "reason"), NOT_FOUND.values(), ids=NOT_FOUND)
 def test_what_cannot_be_measured_is_not_found(image: Tensor, reason: Flag | None) -> None:
     seen = found(image)
     assert seen.rois == []
