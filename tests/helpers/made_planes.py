@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.deciding.predicted import Predicted
-from blurnoise_eval.program.inputs import Inputs
+from blurnoise_eval.deciding.surface import Predicted
 from blurnoise_eval.program.limits import Limits, Metering
-from blurnoise_eval.program.problem import Problem
+from blurnoise_eval.program.problem import Inputs, Problem
 from blurnoise_eval.program.scenario import Scenario, half_stops
 from made_tables import on_plane
 

@@ -23,7 +23,7 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
     Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
     there. A plan is that of 'blurnoise sweep --save-plan'.
     """
-    from blurnoise_eval.deciding.deciding import Precision, decided
+    from blurnoise_eval.deciding.decision import decided
     from blurnoise_eval.system.working_folder import written_run
 
     plan = given.sweep_plan()
@@ -41,7 +41,8 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
             keep=given.keep,
             score=given.score,
             cluster=given.cluster,
-            precision=Precision(given.regret, given.edge_stops, given.most_nodes),
+            regret=given.regret,
+            most_nodes=given.most_nodes,
             engine=given_by.engine(given, workers),
             threads=workers,
             progress=True,

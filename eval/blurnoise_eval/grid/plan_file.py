@@ -145,9 +145,6 @@ class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of th
         "R",
         panel=ENOUGH,
     )
-    edge_stops: float | None = setting(
-        None, "decide takes pictures until no window's end has a wider 95 % interval, stops"
-    )
     most_nodes: int = setting(
         72, "conditions from which on decide searches no more; those that check the answers come on top"
     )

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.deciding.kriging import fractional_logistic, logistic
+from blurnoise_eval.deciding.surface import fractional_logistic, logistic
 from blurnoise_eval.maps.nodes import Array, Nodes, NodeScores
 from blurnoise_eval.maps.ranking import FEWEST_NODES, Mask, auc, blocks, explained, held_out
 

@@ -12,11 +12,12 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 
-from blurnoise._core.checks import in_range
+from blurnoise._core.checks import Figure
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure, Setting
 
@@ -31,46 +32,23 @@ _STEP = 1e-9
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What a program may use.
+class Limits(AutoExposure):
+    """What a program may use: the camera's own limits, and those of the lamps and the sensor.
 
-    fps, readout_s: at most 1 / fps - readout_s. mains_hz: 50 or 60: whole periods of its light; banding: below one
-    period any exposure all the same. led: at least 1/90 s. most_gain_db: in place of the camera's own, if less.
-    line_time_s: exposures are whole lines. least_exposure_s: the sensor's shortest.
-    Raises ``ValueError`` naming the field, or the rules that leave nothing.
+    led: at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the field, or the rules
+    that leave nothing.
     """
 
-    fps: float = 30.0
-    readout_s: float = 0.0
-    mains_hz: float = 0.0
-    banding: bool = False
     led: bool = False
-    most_gain_db: float = 120.0
-    line_time_s: float = 0.0
-    least_exposure_s: float = PREGIUS_LEAST_S
+    least_exposure_s: Annotated[Figure, Ge(1e-7), Le(1)] = PREGIUS_LEAST_S
 
     def __post_init__(self) -> None:
-        if self.banding and not self.mains_hz:
-            raise ValueError("banding: says what --anti-flicker may do, and so must stand with it")
-        in_range("least_exposure_s", self.least_exposure_s, 1e-7, 1.0)
-        longest_s = self.rule.limit_s  # which checks the fields
-        if self.shortest_s > longest_s * (1 + _STEP):
+        super().__post_init__()
+        if self.shortest_s > self.limit_s * (1 + _STEP):
             raise ValueError(
-                f"{self._why_long}: leaves no exposure at any light: it must be {1e3 * self.shortest_s:.4g} ms or "
-                f"more, and {self.fps:g} frames/s less {1e3 * self.readout_s:g} ms of read-out leave "
-                f"{1e3 * longest_s:.4g} ms"
+                f"{', '.join(self.words)}: leave no exposure at any light: it must be "
+                f"{1e3 * self.shortest_s:.4g} ms or more, and the frame leaves {1e3 * self.limit_s:.4g} ms"
             )
-
-    @cached_property
-    def rule(self) -> AutoExposure:
-        """The camera's own rule under these limits."""
-        return AutoExposure(
-            frame_rate_hz=self.fps,
-            readout_s=self.readout_s,
-            mains_hz=self.mains_hz,
-            row_time_s=self.line_time_s,
-            gain_max_db=self.most_gain_db,
-        )
 
     @property
     def _period_s(self) -> float:
@@ -78,20 +56,18 @@ class Limits:
 
     @cached_property
     def shortest_s(self) -> float:
-        """The shortest exposure that the rules allow; 0: any."""
-        period_s = self._period_s
-        least = max(0.0 if self.banding else period_s, LED_S if self.led else 0.0)
-        least = max(least, self.line_time_s, self.least_exposure_s)
-        unit_s = period_s if period_s and least >= period_s else self.line_time_s
+        """The shortest exposure that the rules allow."""
+        least = max(self._period_s, LED_S if self.led else 0.0, self.row_time_s, self.least_exposure_s)
+        unit_s = self._period_s or self.row_time_s
         return math.ceil(least / unit_s - _STEP) * unit_s if unit_s else least
 
     def settled(self, exposure_s: float) -> float:
         """The longest allowed exposure that is not longer; the shortest there is, if all are."""
-        return self.rule.allowed_s(max(exposure_s, self.shortest_s))
+        return self.allowed_s(max(exposure_s, self.shortest_s))
 
     def candidates(self, low_s: float, high_s: float) -> tuple[float, ...]:
         """Allowed exposures from low to high, 1/8 stop apart or as far as the rules put them; rising."""
-        longest, first = min(high_s, self.rule.limit_s), max(low_s, self.shortest_s)
+        longest, first = min(high_s, self.limit_s), max(low_s, self.shortest_s)
         if first > longest * (1 + _STEP):
             return ()
         steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _STEP) if longest > first else 0
@@ -105,25 +81,16 @@ class Limits:
     def words(self) -> list[str]:
         """The limits that hold, in words."""
         less = f" less {1e3 * self.readout_s:g} ms" if self.readout_s else ""
-        below = ", banding below one period" if self.banding else ""
+        from_us = 1e6 * self.least_exposure_s
         holding = {
-            f"{self.fps:g} frames/s{less}": True,
-            f"whole periods of {self.mains_hz:g} Hz mains{below}": self.mains_hz > 0,
+            f"{self.frame_rate_hz:g} frames/s{less}": True,
+            f"whole periods of {self.mains_hz:g} Hz mains": self.mains_hz > 0,
             "LEDs: 1/90 s or more": self.led,
-            f"gain up to {self.most_gain_db:g} dB": self.most_gain_db < 120,
-            f"exposures from {1e6 * self.least_exposure_s:.4g} us on": self.least_exposure_s
-            > self.line_time_s,
-            f"whole lines of {1e6 * self.line_time_s:g} us": self.line_time_s > 0,
+            f"gain up to {self.gain_max_db:g} dB": self.gain_max_db < 120,
+            f"exposures from {from_us:.4g} us on": self.least_exposure_s > self.row_time_s,
+            f"whole lines of {1e6 * self.row_time_s:g} us": self.row_time_s > 0,
         }
         return [words for words, holds in holding.items() if holds]
-
-    @property
-    def _why_long(self) -> str:
-        if self.mains_hz and not self.banding:
-            return f"anti-flicker {self.mains_hz:g} Hz" + (" and led" if self.led else "")
-        if self.led:
-            return "led"
-        return "line time" if self.line_time_s >= self.least_exposure_s else "least exposure"
 
 
 @dataclass(frozen=True)
@@ -136,13 +103,8 @@ class Metering:
     temperature_c: float = 25.0
 
     def _setting(self, rule: AutoExposure, lux: float, exposure_s: float | None = None) -> Setting:
-        return rule.setting(
-            self.camera,
-            mean_light=self.mean_light,
-            illuminance_lux=lux,
-            exposure_s=exposure_s,
-            temperature_c=self.temperature_c,
-        )
+        at = {"mean_light": self.mean_light, "illuminance_lux": lux, "temperature_c": self.temperature_c}
+        return rule.setting(self.camera, exposure_s=exposure_s, **at)
 
     def total_s(self, illuminance_lux: float) -> float:
         """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""

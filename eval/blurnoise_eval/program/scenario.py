@@ -39,16 +39,19 @@ class Scenario:
 
     def __post_init__(self) -> None:
         one_of("objective", self.objective, get_args(Objective))
-        in_range("tail", self.tail, 0.0, 1.0)
-        if self.tail == 0:
-            raise ValueError("tail = 0: must be > 0; --objective worst is the worst of all")
+        in_range("tail", self.tail, 0.0, 1.0, above=True)
         lights = tuple(limited("illuminance_lux", light) for light in self.lights_lux)
         if not lights or lights[0] <= 0 or any(a >= b for a, b in pairwise(lights)):
             raise ValueError(f"lights_lux = {self.lights_lux!r}: must be above 0 and rise")
         for speed in self.speeds_px_s:
             limited("speed_px_s", speed)
-        object.__setattr__(self, "speeds_px_s", _as_shares("speeds", self.speeds_px_s))
-        object.__setattr__(self, "targets", _as_shares("targets", self.targets))
+        for field, name in (("speeds_px_s", "speeds"), ("targets", "targets")):
+            weights = getattr(self, field)
+            total = sum(weights.values())
+            if any(not 0 <= weight < math.inf for weight in weights.values()) or not 0 < total < math.inf:
+                raise ValueError(f"{name} = {dict(weights)!r}: shares must be 0 or more, and one above 0")
+            shares = {key: weight / total for key, weight in weights.items() if weight > 0}
+            object.__setattr__(self, field, shares)
 
     @property
     def cases(self) -> list[tuple[float, str]]:
@@ -75,17 +78,12 @@ class Scenario:
         return np.where(np.isnan(values).any(axis=0), np.nan, weights)
 
     @property
-    def objective_text(self) -> str:
-        """'expected', or 'the worst of them'."""
-        words = {"worst": "the worst of them", "tail": f"the worst {self.tail:g} of them on average"}
-        return words.get(self.objective, "expected")
-
-    @property
     def text(self) -> str:
         """'0 px/s (0.3), 200 px/s (0.7); large (0.5); medium (0.5); expected'."""
         speeds = ", ".join(f"{speed:.4g} px/s ({share:.2g})" for speed, share in self.speeds_px_s.items())
         targets = "; ".join(f"{target} ({share:.2g})" for target, share in self.targets.items())
-        return f"{speeds}; {targets}; {self.objective_text}"
+        words = {"worst": "the worst of them", "tail": f"the worst {self.tail:g} of them on average"}
+        return f"{speeds}; {targets}; {words.get(self.objective, 'expected')}"
 
 
 def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
@@ -97,46 +95,13 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     return (low_lux, *between, high_lux) if steps else (low_lux,)
 
 
-def _as_shares(name: str, weights: Mapping[T, float]) -> dict[T, float]:
-    total = sum(weights.values())
-    if any(not 0 <= weight < math.inf for weight in weights.values()) or not 0 < total < math.inf:
-        raise ValueError(f"{name} = {dict(weights)!r}: shares must be 0 or more, and one above 0")
-    return {key: weight / total for key, weight in weights.items() if weight > 0}
+def speed_shares(text: str | None, own: Sequence[float]) -> dict[float, float]:
+    """Shares by px/s of "0:0.3,200:0.7"; None: ``own``, all alike. Raises ``ValueError``."""
+    return _shares("speeds", text, own, lambda word: _number("speeds", word))
 
 
-def _read(name: str, text: str, key: Callable[[str], T]) -> tuple[dict[T, float], list[str]]:
-    """Shares of "a:0.3,b:0.7", 1 each of "a,b", by ``key`` of what is before the colon; and that they will be divided
-    by their sum, if it is not 1. Raises ``ValueError`` naming the argument, also for an entry that is given twice."""
-    shares: dict[T, float] = {}
-    parts = [part.strip().partition(":") for part in text.split(",")]
-    if len({colon for _, colon, _ in parts}) > 1:
-        raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")
-    for word, _, written in parts:
-        found = key(word)
-        if found in shares:
-            raise ValueError(f"{name}: {found} is given twice; give each once, with its whole share")
-        shares[found] = _number(name, written or "1")
-    total = math.fsum(shares.values()) if ":" in text else 1.0
-    scaled = not math.isclose(total, 1.0, rel_tol=1e-6)
-    return shares, [f"{name}: shares add up to {total:g}; each was divided by that"] * scaled
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None
-
-
-def speed_shares(text: str | None, own: Sequence[float]) -> tuple[dict[float, float], list[str]]:
-    """Shares by px/s, and notes on them; None: ``own``, all alike. Raises ``ValueError``."""
-    if text is None:
-        return dict.fromkeys(own, 1.0), []
-    return _read("speeds", text, lambda word: _number("speeds", word))
-
-
-def target_shares(text: str | None, groups: Sequence[str]) -> tuple[dict[str, float], list[str]]:
-    """Shares of the groups that ``text`` names by any part of their name, and notes on them; None: all alike.
+def target_shares(text: str | None, groups: Sequence[str]) -> dict[str, float]:
+    """Shares of the groups that ``text`` names by any part of their name; None: all alike.
 
     Raises ``ValueError`` for a word that is found in none of them, or in several.
     """
@@ -147,4 +112,23 @@ def target_shares(text: str | None, groups: Sequence[str]) -> tuple[dict[str, fl
             raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
         return fitting[0]
 
-    return (dict.fromkeys(groups, 1.0), []) if text is None else _read("targets", text, group_of)
+    return _shares("targets", text, groups, group_of)
+
+
+def _shares(name: str, text: str | None, own: Sequence[T], key: Callable[[str], T]) -> dict[T, float]:
+    if text is None:
+        return dict.fromkeys(own, 1.0)
+    parts = [part.strip().partition(":") for part in text.split(",")]
+    if len({colon for _, colon, _ in parts}) > 1:
+        raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")
+    shares = {key(word): _number(name, share or "1") for word, _, share in parts}
+    if len(shares) < len(parts):
+        raise ValueError(f"{name} = {text!r}: must have each entry once, with its whole share")
+    return shares
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None

@@ -18,15 +18,14 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.recommendation import CLOSE, MOST_COMMON
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.deciding import deciding
-from blurnoise_eval.deciding.deciding import Precision, decided
-from blurnoise_eval.deciding.decision import Decision, question_of
+from blurnoise_eval.deciding import decision
+from blurnoise_eval.deciding.decision import Decision, decided, question_of
 from blurnoise_eval.deciding.question import Question
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.program.inputs import inputs_of
+from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.engines import Answers, ThreadEngine
@@ -67,7 +66,7 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
 
 def decide(folder: Path, detector: Detector, grid: Any = GRID, **options: Any) -> Decision:
     pictures: PictureSet = options.pop("pictures", PICTURES)
-    options = {"threshold": 0.5, "precision": Precision(most_nodes=12)} | options
+    options = {"threshold": 0.5, "most_nodes": 12} | options
     plan = SweepPlan(grid)
     return decided([detector], pictures, options.pop("camera", CAMERA), plan, folder, **options)
 
@@ -187,38 +186,14 @@ def test_it_takes_no_more_pictures_than_asked(
     detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Enough at once where any loss is allowed; the same pictures first where none is, and all of them then."""
-    monkeypatch.setattr(deciding, "FIRST_PICTURES", 8)
-    few = decide(tmp_path / "few", detector, precision=Precision(regret=1.0, most_nodes=12))
+    monkeypatch.setattr(decision, "FIRST_PICTURES", 8)
+    few = decide(tmp_path / "few", detector, regret=1.0)
     assert {answer["n_pictures"] for answer in few.answers} == {8}
     asked_of_few = held(tmp_path / "few")[1]
-    every = decide(tmp_path / "few", detector, precision=Precision(regret=0.0, most_nodes=12))
+    every = decide(tmp_path / "few", detector, regret=0.0)
     assert {answer["n_pictures"] for answer in every.answers} == {10}
     assert held(tmp_path / "few")[1][: len(asked_of_few)] == asked_of_few
     assert every.summary["missing_cells"] == 0
-
-
-@pytest.mark.parametrize(
-    ("answer", "precision", "reached"),
-    [
-        ({"regret_95": 0.01}, Precision(regret=0.01), True),
-        ({"regret_95": 0.02}, Precision(regret=0.01), False),
-        ({"regret_95": None}, Precision(regret=0.01), False),
-        ({}, Precision(edge_stops=1.0), True),
-        ({"windows_high_s": [(0.01, 0.0201)]}, Precision(edge_stops=1.0), False),
-        ({"windows_high_s": [(None, 0.02)]}, Precision(edge_stops=1.0), False),
-        ({"regret_95": 0.02}, Precision(regret=0.01, edge_stops=1.0), True),
-    ],
-)
-def test_when_it_is_precise_enough(answer: dict[str, Any], precision: Precision, reached: bool) -> None:
-    usual = {
-        "exposures_s": (0.001, 0.09),
-        "recommended_s": 0.005,
-        "regret_95": 0.5,
-        "windows_s": [(0.001, 0.015)],
-        "windows_low_s": [(None, None)],  # an end of what was tested is no edge
-        "windows_high_s": [(0.01, 0.02)],
-    }
-    assert precision.reached([usual | answer]) is reached
 
 
 def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_path: Path) -> None:
@@ -236,8 +211,15 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_pa
 
 
 def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> None:
-    for wrong in ({"keep": 0.9}, {"score": "ap50"}, {"cluster": "("}, {"engine": "rays"}, {"threshold": 1.5}):
-        with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
+    for wrong in (
+        {"keep": 0.9},
+        {"score": "ap5"},
+        {"cluster": "("},
+        {"engine": "rays"},
+        {"threshold": 1.5},
+        {"regret": 2.0},
+    ):
+        with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold|regret"):
             decide(tmp_path / "run", detector, **wrong)
     assert not (tmp_path / "run").exists()
 
@@ -271,7 +253,7 @@ def test_a_grid_that_is_cheaper_is_computed(detector: Detector, tmp_path: Path, 
     """Twelve conditions, where a search may ask for more: the answers are the sweep's, and it is said first."""
     tested = (0.008, 0.016, 0.032)
     question = {**GRID, "exposure_s": tested}
-    run = decide(tmp_path / "run", detector, question, precision=Precision(), progress=True)
+    run = decide(tmp_path / "run", detector, question, most_nodes=72, progress=True)
     first = capsys.readouterr().err.splitlines()[0]
     assert first.startswith("decide: it has 12 conditions, a search would ask for up to ")
     assert run.decided is not None
@@ -298,7 +280,7 @@ def test_lists_that_have_no_plane_are_the_grid_of_a_sweep(
 ) -> None:
     grid = {**GRID, "exposure_s": (0.008, 0.032), "illuminance_lux": (5.0,), **stated}
     some = replace(PICTURES, pictures=PICTURES.pictures[:8])
-    options: dict[str, Any] = {"pictures": some, "precision": Precision(regret=0.5)}
+    options: dict[str, Any] = {"pictures": some, "regret": 0.5}
     done = decide(tmp_path / "run", detector, grid, **options)
     assert reason in done.how()[0]
     assert done.decided is not None

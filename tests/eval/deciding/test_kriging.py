@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from blurnoise_eval.deciding.kriging import Kriging, Trend, correlation
-from blurnoise_eval.deciding.lines import Line, lattice, spread
+from blurnoise_eval.deciding.question import Line, lattice, spread
+from blurnoise_eval.deciding.surface import Kriging, Trend, correlation
 from numpy.typing import NDArray
 
 from blurnoise import Camera
@@ -24,10 +24,10 @@ def drawn(lengths: tuple[float, float], scale: float, seed: int) -> Array:
     return 0.5 + scale * np.linalg.cholesky(covariance) @ np.random.default_rng(seed).normal(size=len(PLACES))
 
 
-@pytest.mark.parametrize("mean", [None, Trend()])
-def test_exact_at_nodes_and_near_between(mean: Trend | None) -> None:
+@pytest.mark.parametrize("trend", [None, Trend()])
+def test_exact_at_nodes_and_near_between(trend: Trend | None) -> None:
     chosen = PLACES[spread(PLACES, 60)]
-    surface = Kriging.fit(chosen, logistic(chosen), mean=mean)
+    surface = Kriging.fit(chosen, logistic(chosen), trend=trend)
     assert surface.weights(chosen) @ logistic(chosen) == pytest.approx(logistic(chosen), abs=0.01)
     assert surface.sigma(chosen).max() < 0.01
     wrong = surface.weights(PLACES) @ logistic(chosen) - logistic(PLACES)
@@ -41,27 +41,25 @@ def test_weights_are_linear_and_add_up() -> None:
     assert weights.shape == (len(PLACES), 20)
     assert weights.sum(axis=1) == pytest.approx(1.0)
     # a plane of values that follows the trend is reproduced, whatever its height
-    assert surface.trend is not None
-    follows = 0.2 + 0.1 * surface.trend(chosen)
-    assert weights @ follows == pytest.approx(0.2 + 0.1 * surface.trend(PLACES))
+    follows = surface.basis(chosen) @ (0.2, 0.1)
+    assert weights @ follows == pytest.approx(surface.basis(PLACES) @ (0.2, 0.1))
 
 
 def test_two_routes_to_the_weights() -> None:
-    """The bordered system of universal kriging, solved at once."""
+    """By generalised least squares for the trend, then simple kriging of what it leaves."""
     chosen = PLACES[spread(PLACES, 15)]
     surface = Kriging.fit(chosen, logistic(chosen))
-    assert surface.trend is not None
-
-    def basis(at: Array) -> Array:
-        return np.stack([np.ones(len(at)), surface.trend(at)], axis=1)  # type: ignore[misc]
-
-    covariance = correlation(chosen, chosen, surface.lengths) + surface.nugget * np.eye(15)
-    bordered = np.block([[covariance, basis(chosen)], [basis(chosen).T, np.zeros((2, 2))]])
     asked = PLACES[::7]
-    right = np.concatenate([correlation(chosen, asked, surface.lengths), basis(asked).T])
-    solved = np.linalg.solve(bordered, right)
-    assert surface.weights(asked) == pytest.approx(solved[:15].T, abs=1e-8)
-    variance = surface.scale**2 * (1 - (solved * right).sum(axis=0))
+    basis, there = surface.basis(chosen), surface.basis(asked)
+    assert basis.shape == (15, 2)
+    covariance = correlation(chosen, chosen, surface.lengths) + surface.nugget * np.eye(15)
+    simple = np.linalg.solve(covariance, correlation(chosen, asked, surface.lengths)).T
+    of_trend = np.linalg.inv(basis.T @ np.linalg.solve(covariance, basis))
+    fit = of_trend @ np.linalg.solve(covariance, basis).T
+    rest = there - simple @ basis
+    assert surface.weights(asked) == pytest.approx(simple + rest @ fit, abs=1e-8)
+    known = (simple * correlation(asked, chosen, surface.lengths)).sum(axis=1)
+    variance = surface.scale**2 * (1 - known + (rest @ of_trend * rest).sum(axis=1))
     own = surface.scale**2 * surface.nugget
     assert surface.sigma(asked) == pytest.approx(np.sqrt(np.maximum(variance, 0) + own), abs=1e-6)
     assert np.diag(surface.covariance(asked)) == pytest.approx(variance, abs=1e-9)
@@ -74,7 +72,7 @@ def test_sigma_is_honest() -> None:
     squares = []
     for seed in range(20):
         values = drawn((3.3, 2.5), 0.1, seed)
-        surface = Kriging.fit(PLACES[chosen], values[chosen], mean=None)
+        surface = Kriging.fit(PLACES[chosen], values[chosen], trend=None)
         rest = np.setdiff1d(np.arange(len(PLACES)), chosen)
         wrong = surface.weights(PLACES[rest]) @ values[chosen] - values[rest]
         squares.append(np.mean((wrong / surface.sigma(PLACES[rest])) ** 2))
@@ -83,7 +81,7 @@ def test_sigma_is_honest() -> None:
 
 def test_finds_which_way_is_rough() -> None:
     values = drawn((6.0, 1.2), 0.2, 3)
-    length_u, length_w = Kriging.fit(PLACES, values, mean=None).lengths
+    length_u, length_w = Kriging.fit(PLACES, values, trend=None).lengths
     assert length_u > 2 * length_w
 
 
@@ -91,7 +89,7 @@ def test_nothing_known_is_not_taken_for_certain() -> None:
     """Few equal values say little: sigma stays, between them and more so beyond."""
     chosen = PLACES[spread(PLACES, 5)]
     surface = Kriging.fit(chosen, np.full(5, 0.7))
-    assert surface.trend is None
+    assert surface.coefficients is None
     assert surface.weights(PLACES) @ np.full(5, 0.7) == pytest.approx(0.7)
     assert surface.sigma(PLACES).max() > 0.02
     one = Kriging.fit(chosen[:1], [0.7])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.deciding.lines import FLOOR, Line, lattice, spread
+from blurnoise_eval.deciding.question import FLOOR, Line, lattice, spread
 
 LINES = [Line(lux, (speed, 0.0)) for lux in (3.0, 70.0) for speed in (0.0, 50.0, 900.0)]
 

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.kriging import USUAL
-from blurnoise_eval.deciding.lines import FLOOR, Line, lattice
-from blurnoise_eval.deciding.predicted import predicted_table
-from blurnoise_eval.deciding.question import Question
+from blurnoise_eval.deciding.question import FLOOR, Line, Question, lattice
+from blurnoise_eval.deciding.surface import USUAL, predicted_table
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run

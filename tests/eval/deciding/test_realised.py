@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of
-from blurnoise_eval.deciding.lines import FLOOR, Line, conditions_at, lattice
+from blurnoise_eval.deciding.question import FLOOR, Line, conditions_at, lattice
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.sweep.exposing import Scene, frames
 from signs_in_memory import CAMERA, picture, sign

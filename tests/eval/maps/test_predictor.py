@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from blurnoise_eval.deciding.kriging import logistic
+from blurnoise_eval.deciding.surface import logistic
 from blurnoise_eval.maps import predictor
 from made_maps import plane, scores_at
 

@@ -1,87 +1,180 @@
-"""Exports, each read back as a camera would."""
+"""Exports, read back; libcamera's mode driven by a small model of its metering, from starlight to the sun."""
 
 from __future__ import annotations
 
 import csv
 import json
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
+from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program import export
-from blurnoise_eval.program.optimise import Program, optimise
+from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.optimise import EARLY_GAIN_DB, Program, optimise
 from blurnoise_eval.program.stages import STOCK, Stages
 from made_planes import METERING, made_problem
 
-LIGHTS = made_problem().lights_lux
-NODES_OF_7 = Stages(
-    tuple(1e-3 * 1.5**k for k in range(8)), tuple(1.3**k for k in range(8))
-)  # as many as a program can have
+REAL = sorted((Path(__file__).parents[4] / "shared/real/libcamera").glob("*.json"))
+LIMITS = Limits()
+TARGET = 0.18
+FAST = {0.0: 0.1, 1500.0: 0.9}
+PIXELS = np.random.default_rng(2).gamma(
+    1.2, 1 / 1.2, 4000
+)  # linear light, mean 1, long tailed as pictures are
 
 
-@pytest.fixture(scope="module")
-def program() -> Program:
-    return optimise(made_problem())
+def mean_of(light_lux: float, total_s: float) -> float:
+    """The picture's mean at an exposure times gain, white is 1 and clips."""
+    return float(np.minimum(PIXELS * TARGET * total_s / METERING.total_s(light_lux), 1.0).mean())
 
 
-@pytest.fixture(scope="module")
-def folder(program: Program, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    where = tmp_path_factory.mktemp("program")
-    export.write(program, where, "run")
-    return where
+class Libcamera:
+    """Its metering of a scene at rest: gain to the target, damped, divided over the mode's stages."""
+
+    def __init__(self, mode: dict[str, list[float]], least_s: float) -> None:
+        assert len(mode["shutter"]) == len(mode["gain"]) >= 2
+        self.times = [max(1e-6 * time, least_s) for time in mode["shutter"]]  # limitShutter
+        self.gains = mode["gain"]
+
+    def settled(self, light_lux: float) -> tuple[float, float]:
+        """Time and gain after 80 frames."""
+        time_s, gain, wanted = 1e-3, 1.0, 0.0  # its default start
+        for frame in range(80):
+            more = 1.0
+            for _ in range(8):
+                step = min(10.0, TARGET / (mean_of(light_lux, time_s * gain * more) + 0.001))
+                more *= step
+                if step < 1.01:
+                    break
+            target = min(time_s * gain * more, self.times[-1] * self.gains[-1])
+            speed = 1.0 if frame <= 10 else 0.2
+            wanted = speed * target + (1 - speed) * wanted
+            time_s, gain = self.divided(wanted)
+        return time_s, gain
+
+    def divided(self, total_s: float) -> tuple[float, float]:
+        time_s, gain = self.times[0], self.gains[0]
+        if time_s * gain < total_s:
+            for stage in range(1, len(self.gains)):
+                if self.times[stage] * gain >= total_s:
+                    return total_s / gain, gain
+                time_s = self.times[stage]
+                if self.gains[stage] * time_s >= total_s:
+                    return time_s, total_s / time_s
+                gain = self.gains[stage]
+        return time_s, gain
 
 
-def test_the_table_reads_back(program: Program, folder: Path) -> None:
+@pytest.fixture(scope="module", params=[None, FAST], ids=["slow", "fast"])
+def program(request: pytest.FixtureRequest) -> Program:
+    more = {} if request.param is None else {"speeds_px_s": request.param}
+    return optimise(made_problem(LIMITS, **more))
+
+
+@pytest.fixture
+def folder(program: Program, tmp_path: Path) -> Path:
+    export.write(program, tmp_path, "run")
+    return tmp_path
+
+
+def mode_of(folder: Path) -> dict[str, list[float]]:
+    found = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]
+    return found["custom"]  # type: ignore[no-any-return]
+
+
+def lights(program: Program) -> Iterator[float]:
+    """From the darkest that the stages meet to the brightest, a third of a stop apart."""
+    unity, stages = METERING.total_s(1.0), program.stages
+    low, high = unity / (stages.times_s[-1] * stages.gains[-1]), unity / stages.times_s[0]
+    yield from np.geomspace(low, high, math.ceil(3 * math.log2(high / low)) + 1).tolist()
+
+
+def test_libcamera_meters_from_dark_to_daylight(program: Program, folder: Path) -> None:
+    driver = Libcamera(mode_of(folder), LIMITS.least_exposure_s)
+    for light in lights(program):
+        time_s, gain = driver.settled(light)
+        assert mean_of(light, time_s * gain) == pytest.approx(TARGET, rel=0.03), light
+        taken = program.stages.divided(time_s * gain)
+        assert (time_s, gain) == pytest.approx(taken, rel=2e-3, abs=1e-6), light
+
+
+def test_a_first_stage_of_what_was_tested_would_overexpose_daylight(program: Program, folder: Path) -> None:
+    mode = mode_of(folder)
+    mode["shutter"] = [max(1e6 * program.tested_s, 1000.0), *mode["shutter"][1:]]
+    time_s, gain = Libcamera(mode, LIMITS.least_exposure_s).settled(20_000.0)
+    assert mean_of(20_000.0, time_s * gain) > 0.8
+
+
+def test_stages_differ_and_gain_waits_for_time(program: Program, folder: Path) -> None:
+    mode = mode_of(folder)
+    stages = list(zip(mode["shutter"], mode["gain"], strict=True))
+    assert all(before != after for before, after in pairwise(stages))
+    assert stages[0] == (20, 1.0)
+    longest = mode["shutter"][-1]
+    assert all(20 * math.log10(gain) <= EARLY_GAIN_DB + 1e-3 for time, gain in stages if time < longest)
+
+
+def test_only_what_is_brighter_than_tested_is_extrapolated(program: Program, folder: Path) -> None:
+    """All other exposures lie between the shortest and the longest that the made run knows about."""
+    told = json.loads((folder / "libcamera.json").read_text())
+    assert told["extrapolated_below_us"] == pytest.approx(1e6 * program.tested_s)
+    problem = made_problem()
+    low_s, high_s = 2.0**-11 / 300.0, 2.0**3 / 2.0  # light times exposure of the made planes
+    assert program.tested_s == pytest.approx(max(low_s, LIMITS.least_exposure_s))
+    assert max(mode_of(folder)["shutter"]) <= 1e6 * high_s + 1
+    darkest = METERING.total_s(problem.lights_lux[0])
+    last = mode_of(folder)["shutter"][-1] * mode_of(folder)["gain"][-1]
+    assert 1e-6 * last <= darkest * 2 ** (1 / 8)  # a step of the lattice
+
+
+def test_rounded_stages_are_one() -> None:
+    stages = Stages((20e-6, 1e-3, 1.0000001e-3, 5e-3), (1.0, 2.0, 2.000001, 8.0))
+    assert export.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
+    alike = Stages((1e-3, 1.0000001e-3), (1.0, 1.000001))
+    assert len(export.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
+
+
+def test_limits_hold_for_the_first_stage() -> None:
+    made = optimise(made_problem(Limits(mains_hz=50.0)))
+    assert made.stages.times_s[0] == pytest.approx(0.01)
+    assert not made.extrapolates(made.stages.times_s[0])
+
+
+@pytest.mark.skipif(not REAL, reason="no tuning files")
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
+def test_in_real_tuning_files(program: Program, folder: Path, path: Path) -> None:
+    """Beside their own modes, in every channel; those meter daylight too, by the same model."""
+    (agc,) = (entry["rpi.agc"] for entry in json.loads(path.read_text())["algorithms"] if "rpi.agc" in entry)
+    for channel in agc.get("channels", [agc]):
+        modes = {**channel["exposure_modes"], "custom": mode_of(folder)}
+        for name in ("normal", "custom"):
+            driver = Libcamera(modes[name], 20e-6)
+            time_s, gain = driver.settled(5000.0)
+            assert mean_of(5000.0, time_s * gain) == pytest.approx(TARGET, rel=0.03)
+
+
+def test_table_and_document_read_back(program: Program, folder: Path) -> None:
+    ours = program.schedule
     with (folder / "program.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["illuminance_lux"]) for row in rows] == list(LIGHTS)
-    assert [float(row["exposure_s"]) for row in rows] == list(program.schedule.exposures_s)
-    assert [float(row["gain_db"]) for row in rows] == list(program.schedule.gains_db)
-    assert [float(row["value"]) for row in rows] == list(program.schedule.values)
-
-
-def test_the_document_reads_back(program: Program, folder: Path) -> None:
-    told = json.loads((folder / "program.json").read_text())
-    assert told["model"] == "made"
-    assert told["value"] == program.schedule.value
-    assert told["regret_95"] == program.regret_95
-    assert [node["exposure_s"] for node in told["nodes"]] == list(program.schedule.exposures_s)
-    names = [rival["name"] for rival in told["rivals"]]
-    assert names[:3] == ["best fixed time", *(f"{name}, to 33.3 ms" for name in STOCK)]
+    columns = {"illuminance_lux": program.problem.lights_lux, "exposure_s": ours.exposures_s}
+    columns |= {"gain_db": ours.gains_db, "value": ours.values}
+    for name, values in columns.items():
+        assert [float(row[name]) for row in rows] == list(values)
+    found = json.loads((folder / "program.json").read_text())
+    assert (found["model"], found["value"], found["regret_95"]) == ("made", ours.value, program.regret_95)
+    assert [node["exposure_s"] for node in found["nodes"]] == list(ours.exposures_s)
+    names = [f"best fixed time, {milliseconds(program.best_fixed_s or 0)} ms"]
+    assert [each["name"] for each in found["rivals"]] == names + [f"{name}, to 33.3 ms" for name in STOCK]
 
 
 def test_libcamera_takes_the_same_exposures(program: Program, folder: Path) -> None:
-    """Two lists of one length, two or more, us; divided up they give the program's exposures to a us."""
-    mode = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]["custom"]
-    assert len(mode["shutter"]) == len(mode["gain"]) >= 2
+    """Divided up, the mode gives the program's exposures to a us."""
+    mode = mode_of(folder)
     read = Stages(tuple(1e-6 * time for time in mode["shutter"]), tuple(mode["gain"]))
-    for light, time_s in zip(LIGHTS, program.schedule.exposures_s, strict=True):
+    for light, time_s in zip(program.problem.lights_lux, program.schedule.exposures_s, strict=True):
         assert read.divided(METERING.total_s(light))[0] == pytest.approx(time_s, rel=1e-3, abs=1e-6)
-
-
-@pytest.mark.parametrize("stages", [*STOCK.values(), NODES_OF_7])
-def test_an_ae_route_obeys_its_rules(stages: Stages) -> None:
-    nodes = export.ae_route(stages)
-    assert 2 <= len(nodes) <= export.MOST_NODES
-    assert all(isinstance(part, int) for node in nodes for part in node.values())
-    assert all(node["int_time"] > 0 and node["sys_gain"] >= 1024 for node in nodes)
-    for before, after in pairwise(nodes):
-        assert math.prod(before.values()) < math.prod(after.values())
-        risen = [name for name in before if after[name] > before[name]]
-        same = [name for name in before if after[name] == before[name]]
-        assert len(risen) == len(same) == 1
-
-
-def test_an_ae_route_takes_the_same_exposures(program: Program, folder: Path) -> None:
-    """Between two nodes the component that differs takes up what is asked for."""
-    route = json.loads((folder / "ae_route.json").read_text())
-    nodes = [(1e-6 * node["int_time"], node["sys_gain"] / 1024) for node in route["route_node"]]
-    assert route["total_num"] == len(nodes)
-    for light, time_s in zip(LIGHTS, program.schedule.exposures_s, strict=True):
-        total = METERING.total_s(light)
-        (low, high) = next(
-            (pair for pair in pairwise(nodes) if math.prod(pair[1]) >= total), (nodes[-1], nodes[-1])
-        )
-        taken = high[0] if low[0] == high[0] else min(high[0], total / low[1])
-        assert taken == pytest.approx(time_s, rel=1e-3, abs=1e-6)

@@ -1,10 +1,15 @@
-"""Limits: what rules leave of exposure times, and what they say when they leave nothing."""
+"""Limits: what rules leave of exposure times; metering: gains of the camera's own rule, and the pictures' light."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.program.limits import Limits
+from blurnoise_eval.program.limits import Limits, Metering, mean_light
+
+from blurnoise.optics.camera import PRESETS
+from blurnoise.scene.metering import USUAL
+
+CAMERA = PRESETS["imx250"]
 
 
 def ms(times: tuple[float, ...]) -> list[float]:
@@ -12,7 +17,7 @@ def ms(times: tuple[float, ...]) -> list[float]:
 
 
 def test_frames_less_read_out() -> None:
-    times = Limits(fps=50.0, readout_s=0.004).candidates(1e-3, 1.0)
+    times = Limits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
     assert times[0] == 1e-3
     assert times[-1] == pytest.approx(0.016)
     assert np.diff(np.log2(times)).max() <= 1 / 8 + 1e-9
@@ -23,21 +28,14 @@ def test_whole_periods() -> None:
     assert ms(Limits(mains_hz=60.0).candidates(1e-4, 1.0)) == [8.3333, 16.6667, 25, 33.3333]
 
 
-def test_banding_only_if_said() -> None:
-    times = Limits(mains_hz=50.0, banding=True).candidates(1e-4, 1.0)
-    assert [time for time in ms(times) if time > 9.99] == [10, 20, 30]
-    assert min(times) == pytest.approx(1e-4)
-
-
 def test_leds() -> None:
     assert min(Limits(led=True).candidates(1e-4, 1.0)) == pytest.approx(1 / 90)
     assert ms(Limits(led=True, mains_hz=50.0).candidates(1e-4, 1.0)) == [20, 30]
-    assert ms(Limits(led=True, mains_hz=50.0, banding=True).candidates(1e-4, 1.0)) == [20, 30]
 
 
 def test_whole_lines() -> None:
     line_s = 14.8e-6
-    times = np.array(Limits(line_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
+    times = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
     assert np.abs(times - times.round()).max() < 1e-6
     assert times.min() * line_s >= 1 / 90
 
@@ -53,15 +51,39 @@ def test_settles_on_what_is_allowed_and_not_longer() -> None:
     ("rules", "named"),
     [
         (
-            {"fps": 100.0, "readout_s": 0.002, "mains_hz": 50.0},
-            r"anti-flicker 50 Hz.*any light.*10 ms.*leave 8 ms",
+            {"frame_rate_hz": 100.0, "readout_s": 0.002, "mains_hz": 50.0},
+            r"50 Hz.*any light.*10 ms.*leaves 8 ms",
         ),
-        ({"fps": 100.0, "led": True}, r"led.*any light.*11.11 ms.*leave 10 ms"),
-        ({"fps": 60.0, "led": True, "mains_hz": 50.0}, r"anti-flicker 50 Hz and led.*20 ms"),
-        ({"banding": True}, "banding.*--anti-flicker"),
+        ({"frame_rate_hz": 100.0, "led": True}, r"LEDs.*any light.*11.11 ms.*leaves 10 ms"),
+        ({"frame_rate_hz": 60.0, "led": True, "mains_hz": 50.0}, r"50 Hz mains, LEDs.*20 ms"),
+        ({"least_exposure_s": 0.0}, "least_exposure_s = 0"),
         ({"mains_hz": 55.0}, "mains_hz = 55"),
     ],
 )
 def test_rules_that_leave_nothing_are_named(rules: dict[str, float], named: str) -> None:
     with pytest.raises(ValueError, match=named):
         Limits(**rules)
+
+
+def test_time_and_gain_make_the_total() -> None:
+    metering = Metering(CAMERA, 0.217)
+    total_s = metering.total_s(10.0)
+    for time_s in (0.001, 0.01, 0.1):
+        gain = 10 ** (metering.gain_db(10.0, time_s) / 20)
+        assert gain * time_s == pytest.approx(total_s, rel=2e-3)  # dark charge
+    assert metering.gain_db(10.0, 10.0) == 0.0
+    assert metering.gain_db(10.0, 1e-6) == CAMERA.gain_max_db
+    shortest_s = total_s / 10 ** (CAMERA.gain_max_db / 20)
+    assert not metering.lacks_gain(10.0, shortest_s * 1.001)
+    assert metering.lacks_gain(10.0, shortest_s * 0.99)
+
+
+def test_mean_light_follows_from_gains() -> None:
+    rows = []
+    for image, light in {"a": 0.1, "b": 0.3}.items():
+        for lux in (0.01, 10.0, 50.0, 1e5):  # at the first gain is at its most, at the last at none
+            at = {"illuminance_lux": lux, "exposure_s": 0.005}
+            gain_db = USUAL.setting(CAMERA, mean_light=light, **at).gain_db
+            rows.append({"image": image, "applied_gain_db": gain_db, **at})
+    assert mean_light(rows, CAMERA) == pytest.approx(0.2, rel=1e-3)
+    assert mean_light([row for row in rows if row["illuminance_lux"] in (0.01, 1e5)], CAMERA) is None

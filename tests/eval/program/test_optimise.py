@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.recommendation import NEAR
-from blurnoise_eval.deciding.predicted import Predicted
-from blurnoise_eval.program.inputs import Inputs
+from blurnoise_eval.deciding.surface import Predicted
 from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.optimise import ENOUGH, Program, interval_of, optimise, regret_of
-from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.program.optimise import ENOUGH, Program, interval_of, optimise, regret_of, solve
 from blurnoise_eval.program.view import sentence
 from made_planes import METERING, made_planes, made_problem
 from made_tables import on_plane
@@ -27,16 +24,15 @@ def program() -> Program:
 
 
 def value(found: Program, name: str) -> float:
-    (rival,) = [rival for rival in found.baselines if rival.name == name]
-    assert rival.schedule is not None
-    assert rival.schedule.value is not None
-    return rival.schedule.value
+    (rival,) = [schedule for each, schedule in found.baselines.items() if each.startswith(name)]
+    assert rival.value is not None
+    return rival.value
 
 
 def test_never_longer_in_more_light(program: Program) -> None:
     for way in (program.schedule, program.best):
         assert all(a >= b * (1 - 1e-9) for a, b in pairwise(way.exposures_s))
-        assert max(way.exposures_s) <= LIMITS.rule.limit_s
+        assert max(way.exposures_s) <= LIMITS.limit_s
     assert program.schedule.exposures_s[0] > 4 * program.schedule.exposures_s[-1]
 
 
@@ -51,13 +47,12 @@ def test_better_than_what_else_a_camera_may_do(program: Program) -> None:
         "best fixed time",
         "libcamera imx296 normal, to 30.3 ms",
         "libcamera imx296 short, to 30.3 ms",
-        "whole periods of 50 Hz mains",
     ):
         assert value(program, name) < program.schedule.value - 0.005, name
 
 
 def test_a_program_without_rivals_is_a_whole_sentence(program: Program) -> None:
-    told = sentence(replace(program, baselines=()))
+    told = sentence(replace(program, baselines={}))
     assert "of made's confidence. " in told
 
 
@@ -68,43 +63,6 @@ def test_the_fixed_time_is_the_best(program: Program) -> None:
         assert tried.value is None or tried.value <= value(program, "best fixed time") + NEAR + 2e-3
 
 
-def test_a_fixed_time_that_is_known_is_taken_where_it_is_allowed(program: Program) -> None:
-    assert optimise(made_problem(LIMITS), fixed_s=0.005).best_fixed_s == 0.005
-    assert optimise(made_problem(LIMITS), fixed_s=0.2).best_fixed_s == program.best_fixed_s
-
-
-@pytest.mark.parametrize(
-    ("more", "same"),
-    [
-        ({}, True),
-        ({"lights_lux": (2.0, 30.0, 300.0)}, True),  # what lies between is the program's own choice
-        ({"speeds_px_s": {0.0: 2.0, 200.0: 2.0}}, True),
-        ({"lights_lux": (2.0, 100.0)}, False),
-        ({"speeds_px_s": {0.0: 0.3, 200.0: 0.7}}, False),
-        ({"speeds_px_s": {0.0: 1.0}}, False),
-        ({"targets": {"large": 1.0}}, False),
-        ({"objective": "worst"}, False),
-    ],
-)
-def test_the_report_s_exposure_answers_the_report_s_question_alone(
-    more: dict[str, object], same: bool
-) -> None:
-    asked = {"lights_lux": (2.0, 300.0), "speeds_px_s": {0.0: 1.0, 200.0: 1.0}}
-    scenario = Scenario(**{**asked, "targets": {"large": 1.0, "small": 1.0}, **more})  # type: ignore[arg-type]
-    material = Inputs(
-        "made",
-        Criterion(0.9, True),
-        made_planes(),
-        METERING,
-        (2.0, 300.0),
-        (1e-3, 0.1),
-        (0.0, 200.0),
-        (),
-        0.004,
-    )
-    assert material.recommended_for(scenario) == (0.004 if same else None)
-
-
 def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
     """By hand at one light: by shares of speeds, targets alike."""
     problem, planes = made_problem(), made_planes()
@@ -113,8 +71,8 @@ def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
     expected = 0.0
     for speed, share in ((0.0, 0.3), (200.0, 0.5), (800.0, 0.2)):
         for plane in planes.values():
-            there = plane.on([(np.log2(light * time_s), np.log2(max(speed * time_s, 0.5)))])
-            expected += share / 2 * float(there.sums.sum() / there.counts.sum())
+            sums, counts = plane.on([(np.log2(light * time_s), np.log2(max(speed * time_s, 0.5)))])
+            expected += share / 2 * float(sums.sum() / counts.sum())
     assert program.schedule.values[place] == pytest.approx(expected, abs=1e-9)
 
 
@@ -165,7 +123,7 @@ def test_departures_are_those_of_pictures_drawn_again() -> None:
     cases = problem.predicted(lights, times)
     for _ in range(400):
         weight = generator.multinomial(24, np.full(24, 1 / 24))[:, None]
-        ratios = np.array([(case.sums * weight).sum(0) / (case.counts * weight).sum(0) for case in cases])
+        ratios = np.array([(sums * weight).sum(0) / (counts * weight).sum(0) for sums, counts in cases])
         drawn.append((problem.scenario.shares[:, None] * ratios).sum(0))
     # standard deviation of 400 draws is known to 1/sqrt(800) = 3.5 %; the jackknife exceeds the bootstrap by n/(n-1)
     assert error == pytest.approx(np.std(drawn, axis=0), rel=0.15)
@@ -197,26 +155,23 @@ def test_whole_periods_at_every_light() -> None:
     made = optimise(made_problem(Limits(mains_hz=50.0)))
     periods = np.array(made.schedule.exposures_s) / 0.01
     assert np.abs(periods - periods.round()).max() < 1e-9
-    assert value(made, "without anti-flicker") > made.schedule.value  # type: ignore[operator]
 
 
 def test_reached_gain_is_shown() -> None:
-    dark = optimise(made_problem(Limits(fps=200.0), lights_lux=(0.25, 0.5, 1.0, 8.0)))
+    dark = optimise(made_problem(Limits(frame_rate_hz=200.0), lights_lux=(0.25, 0.5, 1.0, 8.0)))
     assert dark.schedule.lacks_gain[0]
     assert not dark.schedule.lacks_gain[-1]
     assert dark.schedule.gains_db[0] == METERING.camera.gain_max_db
 
 
 def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light() -> None:
-    with pytest.raises(
-        ValueError, match=r"most_gain_db = 6: leaves no exposure at 2 lux.*30.* ms.*needs 2\d"
-    ):
-        optimise(made_problem(Limits(most_gain_db=6.0, readout_s=1 / 30 - 0.03)))
+    with pytest.raises(ValueError, match=r"lux = 2: no exposure is left.*30 frames/s.*gain up to 6 dB"):
+        optimise(made_problem(Limits(gain_max_db=6.0)))
 
 
 @pytest.mark.slow
 def test_a_gain_limit_holds(program: Program) -> None:
-    made = optimise(made_problem(Limits(most_gain_db=28.0)))
+    made = optimise(made_problem(Limits(gain_max_db=28.0)))
     assert max(made.schedule.gains_db) <= 28.01
     assert max(program.schedule.gains_db) > 30
 
@@ -227,14 +182,36 @@ def test_a_gain_limit_holds(program: Program) -> None:
     [
         ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run tells of light x exposure 0.000488 to 8 lux s"),
         ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
-        ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 1e\+07 px/s.*motion 0.5 to 64 px"),
+        ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 0, 1e\+07 px/s.*motion 0.5 to 64 px"),
     ],
 )
 def test_what_was_not_tested_is_refused_with_the_range(more: dict[str, object], named: str) -> None:
     with pytest.raises(ValueError, match=named):
-        optimise(made_problem(Limits(fps=100.0), **more))  # type: ignore[arg-type]
+        optimise(made_problem(Limits(frame_rate_hz=100.0), **more))  # type: ignore[arg-type]
 
 
 def test_nothing_is_said_outside_the_range() -> None:
     _, objective = made_problem(lights_lux=(1e4,)).at([1e4], [0.01])
     assert np.isnan(objective).all()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_solve_equals_brute_force(seed: int) -> None:
+    worth = np.random.default_rng(seed).normal(size=(4, 6))
+    worth[worth > 1.2] = np.nan
+    never_longer = [way for way in product(range(6), repeat=4) if all(np.diff(way) <= 0)]
+    sums = {way: sum(worth[light, place] for light, place in enumerate(way)) for way in never_longer}
+    best = max((total for total in sums.values() if np.isfinite(total)), default=None)
+    chosen = solve(worth)
+    if best is None:
+        assert chosen is None
+    else:
+        assert chosen in sums
+        assert sums[chosen] == pytest.approx(best, abs=1e-12)
+
+
+def test_solve_takes_the_shortest_of_equals_and_nothing_of_none() -> None:
+    assert solve(np.zeros((3, 5))) == (0, 0, 0)
+    longer_in_more_light = np.array([[1.0, np.nan], [np.nan, 1.0]])
+    assert solve(longer_in_more_light) is None
+    assert solve(longer_in_more_light[::-1]) == (1, 0)

@@ -49,33 +49,38 @@ def test_what_is_not_known_in_one_case_is_not_known() -> None:
     assert np.isnan(scenario().weights(np.array([[0.9], [np.nan], [0.1]]))).all()
 
 
-def test_targets_are_found_by_part_of_their_name() -> None:
-    groups = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
-    assert target_shares("large:3,medium:1", groups)[0] == {groups[0]: 3.0, groups[1]: 1.0}
-    with pytest.raises(ValueError, match=r"targets: objects, large.* is given twice"):
-        target_shares("large,> 96", groups)
-    assert target_shares(None, groups) == (dict.fromkeys(groups, 1.0), [])
-    for word in ("tiny", "px"):
-        with pytest.raises(ValueError, match=f"targets = '{word}'.*large"):
-            target_shares(word, groups)
+GROUPS = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
 
 
 def test_shares_are_read() -> None:
-    assert speed_shares("0:0.3, 200:0.5,800:0.2", ()) == ({0.0: 0.3, 200.0: 0.5, 800.0: 0.2}, [])
-    assert speed_shares("0,200", ()) == ({0.0: 1.0, 200.0: 1.0}, [])
-    assert speed_shares(None, (0.0, 5.0)) == ({0.0: 1.0, 5.0: 1.0}, [])
-    with pytest.raises(ValueError, match="a share for every entry, or for none"):
-        speed_shares("0:0.3,200", ())
-    with pytest.raises(ValueError, match=r"speeds: 200\.0 is given twice"):
-        speed_shares("0:0.3,200:0.2,200:0.5", ())
-    for wrong in ("0:x", "fast"):
-        with pytest.raises(ValueError, match=r"speeds = .*must be as 0:0.3,200:0.7"):
-            speed_shares(wrong, ())
+    assert speed_shares("0:0.3, 200:0.5,800:0.2", ()) == {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
+    assert speed_shares("0,200", ()) == {0.0: 1.0, 200.0: 1.0}
+    assert speed_shares(None, (0.0, 5.0)) == {0.0: 1.0, 5.0: 1.0}
+    assert target_shares("large:3,medium:1", GROUPS) == {GROUPS[0]: 3.0, GROUPS[1]: 1.0}
+    assert target_shares(None, GROUPS) == dict.fromkeys(GROUPS, 1.0)
 
 
-def test_shares_that_are_scaled_are_named() -> None:
-    _, notes = speed_shares("0:3,200:5,800:2", ())
-    assert notes == ["speeds: shares add up to 10; each was divided by that"]
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("0:0.3,200", "a share for every entry, or for none"),
+        ("0:0.3,200:0.2,200:0.5", "speeds = .*each entry once"),
+        ("0:x", r"speeds = .*must be as 0:0.3,200:0.7"),
+        ("fast", r"speeds = .*must be as 0:0.3,200:0.7"),
+    ],
+)
+def test_shares_that_cannot_be_read_are_refused(text: str, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        speed_shares(text, ())
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [("large,> 96", "targets = .*each entry once"), ("tiny", "'tiny'.*large"), ("px", "'px'.*large")],
+)
+def test_targets_are_named_by_part_of_their_name(text: str, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        target_shares(text, GROUPS)
 
 
 @pytest.mark.parametrize(

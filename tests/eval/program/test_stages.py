@@ -30,12 +30,6 @@ def test_a_total_is_divided_up_in_stages(total_s: float, time_s: float, gain: fl
     assert SHORT.divided(total_s) == pytest.approx((time_s, gain), rel=1e-12)
 
 
-def test_corners_rise_one_component_at_a_time() -> None:
-    assert SHORT.corners[:5] == [(1e-4, 1.0), (5e-3, 1.0), (5e-3, 2.0), (10e-3, 2.0), (10e-3, 4.0)]
-    normal = STOCK["libcamera imx296 normal"].corners  # its first gain does not rise: no corner twice
-    assert normal[:3] == [(1e-4, 1.0), (30e-3, 1.0), (45e-3, 1.0)]
-
-
 def test_times_are_limited_by_the_frame() -> None:
     assert SHORT.no_longer(0.015).times_s == (1e-4, 5e-3, 10e-3, 15e-3, 15e-3)
 
