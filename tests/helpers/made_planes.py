@@ -5,9 +5,8 @@ import math
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.deciding.surface import Predicted
-from blurnoise_eval.program.limits import Limits, Metering
 from blurnoise_eval.program.problem import Inputs, Problem
-from blurnoise_eval.program.scenario import Scenario, half_stops
+from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
 from made_tables import on_plane
 
 from blurnoise.optics.camera import PRESETS

@@ -31,19 +31,22 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     Writes DIR/program.csv (a row per light), program.json, libcamera.json (an exposure mode for a Raspberry Pi tuning
     file) and program.png.
     """
-    from blurnoise_eval.program import export, view
-    from blurnoise_eval.program.limits import PREGIUS_LEAST_S, Limits
+    from blurnoise_eval.program import report
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
-    from blurnoise_eval.program.scenario import Scenario, half_stops, speed_shares, target_shares
-    from blurnoise_eval.program.stages import MOST
+    from blurnoise_eval.program.scenario import (
+        PREGIUS_LEAST_S,
+        Limits,
+        Scenario,
+        half_stops,
+        speed_shares,
+        target_shares,
+    )
     from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    if given.stages is not None and not 1 <= given.stages <= MOST:
-        raise ValueError(f"stages = {given.stages}: must be 1 to {MOST}")
     least_us = given.least_exposure_us
     limits = Limits(
         frame_rate_hz=given.fps,
@@ -73,17 +76,17 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         advance(1)
         advance.note("tries exposures at every light")
         problem = Problem(inputs, scenario, limits)
-        found = optimise(problem, given.stages)
+        found = optimise(problem)
         advance(1)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
-        written = export.write(found, folder.path, str(run), inputs.notes)
+        written = report.write(found, folder.path, str(run), inputs.notes)
         title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
-        written.append(view.draw(found, title, folder.path / "program.png"))
+        written.append(report.draw(found, title, folder.path / "program.png"))
     if as_json:
-        document = export.document(found, str(run), inputs.notes)
+        document = report.document(found, str(run), inputs.notes)
         say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
         return
-    say(*view.lines(found, width()))
+    say(*report.lines(found, width()))
     say(*inputs.notes, error=True)
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")

@@ -1,19 +1,14 @@
-"""Deciding: which exposures work, from as few pictures as that takes.
+"""Deciding: which exposures work, from as few conditions as that takes.
 
 A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time; each is a plan that
 :func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and the scores there decide what to ask next. So
 a run that was killed goes on where it was, and a wider question begins with all nodes there are. Where the plane does
 not hold it is the full grid, as a sweep has it.
-
-A decision has the same tables, figures and page as a sweep, but predicted from the nodes, with what they leave open
-in every interval.
 """
 
 from __future__ import annotations
 
-import hashlib
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,21 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, integer
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.answers.clusters import check_cluster, cluster_of
+from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import Criterion, stated
-from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
-from blurnoise_eval.deciding.question import (
-    Question,
-    conditions_at,
-    direction_of_all,
-    lattice,
-    what_breaks,
-)
+from blurnoise_eval.deciding.question import Question, conditions_at, direction_of_all, lattice, what_breaks
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.deciding.surface import Trend, predicted_table
 from blurnoise_eval.detectors.detector import Detector
@@ -58,12 +45,9 @@ from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
-from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
-FIRST_PICTURES = 20
-"""With which a decision begins that takes no more than it needs; from then on it doubles them."""
 _QUESTION = "question"  # under which a run's store keeps what was asked last
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
@@ -82,8 +66,6 @@ def decided(
     keep: float | None = None,
     score: str | None = None,
     cluster: str | None = None,
-    regret: float | None = None,
-    most_nodes: int = MOST_NODES,
     engine: str | Engine = "threads",
     threads: int | None = 1,
     progress: bool | None = None,
@@ -91,25 +73,20 @@ def decided(
 ) -> Decision:
     """Ask models which exposures of a plan's range work, in a folder; a decision begun there goes on.
 
-    regret: pictures are taken until no recommended exposure loses more at 95 %; None: all are. most_nodes: from which
-    on nothing more is searched for. The other arguments are as of :func:`~blurnoise_eval.evaluation.evaluate`, which
-    computes the plan's grid where the plane does not hold, or the grid is cheaper. Raises what that raises.
+    The other arguments are as of :func:`~blurnoise_eval.evaluation.evaluate`, which computes the plan's grid where
+    the plane does not hold, or the grid is cheaper. Raises what that raises.
     """
     folder = working_folder(output)
-    if regret is not None:
-        in_range("regret", regret, 0.0, 1.0)
-    integer("most_nodes", most_nodes, 12, 10_000)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
     criterion = stated(threshold, keep, score, reads=not isinstance(models[0], Detector), **of_pictures)
     check_cluster(cluster, (picture.name for picture in pictures))
     question = Question({name: plan.values(name) for name in plan.grid})
-    most, grid = most_nodes + CHECKED, question.grid_conditions
-    because = question.not_on_a_plane or what_breaks(camera, question, plan.trajectory)
+    most, grid = MOST_NODES + CHECKED, question.grid_conditions
+    because = what_breaks(camera, question, plan.trajectory)
     if not because:
         most = min(most, len(lattice(question.lines, question.exposures_s)))
-        if grid < most and regret is None and not _has_begun(folder):
-            because = [f"it has {grid} conditions, a search would ask for up to {most}"]
+        because = [f"it has {grid} conditions, a search would ask for up to {most}"] * (grid < most)
     if progress:
         why = "; ".join(because) or f"a search of at most {most} conditions; the grid has {grid}"
         say(f"decide: {why}", error=True)
@@ -119,7 +96,7 @@ def decided(
             **enough, cluster=cluster, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
         with Store(folder.path) as store:
-            note_question(store, replace(question, because=because))
+            store.set_about(_QUESTION, asdict(replace(question, because=because)))
         return Decision(folder, **enough, cluster=cluster, progress=progress)
     nodes = NodePlan(
         (), question.further, direction_of_all(question.lines), plan.repeats, plan.seed,
@@ -137,34 +114,13 @@ def decided(
         models, comparisons = contracts_chosen(models, pictures, say=progress)
         facts = {"command": command, **engine_facts(engine, threads)}
         open_run(store, models, camera, pictures, nodes, facts)
-        note_question(store, question)
+        store.set_about(_QUESTION, asdict(question))
         store.set_about(ENOUGH, enough)
-        drawn = _drawn(pictures, plan.seed, cluster)
-        run = _Run(
-            store,
-            models,
-            camera,
-            drawn,
-            nodes,
-            question,
-            criterion,
-            cluster,
-            regret,
-            most_nodes,
-            engine_kept,
-            progress,
-        )
+        of_question = question, criterion, cluster
+        run = _Run(store, models, camera, pictures, nodes, *of_question, engine_kept, progress)
         run.compute()
         note_models(store, models, pictures, comparisons, computed=run.outcome.computed)
     return Decision(folder, **enough, cluster=cluster, outcome=run.outcome, progress=progress)
-
-
-def _has_begun(folder: WorkingFolder) -> bool:
-    """Whether a search has asked for nodes in this folder."""
-    if not (folder.path / RUN_FILE).is_file():
-        return False
-    with Store(folder.path) as store:
-        return any(batch.places for batch in asked(store))
 
 
 @dataclass(frozen=True)
@@ -179,57 +135,39 @@ class _Run:
     question: Question
     criterion: Criterion
     cluster: str | None
-    regret: float | None
-    most_nodes: int
     engine: Engine
     progress: bool | None
     outcome: Outcome = field(default_factory=Outcome)
 
     def compute(self) -> None:
-        """Ask and compute, batch by batch, from where the store is until it is enough."""
-        if before := len(asked(self.store)):  # asked until the run was stopped, or of a narrower question
-            self.up_to(before - 1)
-        for n_pictures in self._numbers_of_pictures():
-            if (batches := asked(self.store)) and batches[-1].n_pictures < n_pictures:
-                self.ask(n_pictures)
-            self._find_edges(n_pictures)
-            while common := self._common():
-                self.ask(n_pictures, (), common)
-            if self.regret is not None and self._regret() <= self.regret:
-                break
+        """Ask and compute, batch by batch, from where the store is until nothing is left to ask."""
+        if before := asked(self.store):  # until the run was stopped, or of a narrower question
+            self._up_to(before)
+        self._find_edges()
+        while common := self._common():
+            self._ask((), common)
 
-    def _numbers_of_pictures(self) -> Iterator[int]:
-        """With how many pictures, one after the other: all, unless fewer may be enough."""
-        some = max([FIRST_PICTURES, *(batch.n_pictures for batch in asked(self.store))])
-        while self.regret is not None and some < len(self.pictures):
-            yield some
-            some *= 2
-        yield len(self.pictures)
-
-    def ask(
-        self, n_pictures: int, places: Sequence[Place] = (), conditions: Sequence[Conditions] = ()
-    ) -> None:
+    def _ask(self, places: Sequence[Place], conditions: Sequence[Conditions]) -> None:
         """Note a batch, then compute it."""
-        ask(self.store, Batch(n_pictures, tuple(places), tuple(conditions)))
-        self.up_to(len(asked(self.store)) - 1)
+        ask(self.store, Batch(len(self.pictures), tuple(places), tuple(conditions)))
+        self._up_to(asked(self.store))
 
-    def up_to(self, last: int) -> None:
-        """Every node of the batches up to the last, before the pictures that it names."""
-        batches = asked(self.store)[: last + 1]
+    def _up_to(self, batches: Sequence[Batch]) -> None:
+        """Compute every node of the batches before every picture."""
         nodes = tuple(at for batch in batches for at in batch.conditions)
-        some = replace(self.pictures, pictures=self.pictures.pictures[: batches[-1].n_pictures])
-        plan = replace(self.plan, nodes=nodes, examples=last == 0)
-        with progress_bar(f"{len(nodes)} nodes", count_cells(some, plan), self.progress) as advance:
+        plan = replace(self.plan, nodes=nodes, examples=len(batches) == 1)
+        cells = count_cells(self.pictures, plan)
+        with progress_bar(f"{len(nodes)} nodes", cells, self.progress) as advance:
             done = sweep.run(
-                self.models, self.camera, some, plan, self.store,
+                self.models, self.camera, self.pictures, plan, self.store,
                 engine=self.engine, progress=advance, resumed=advance.already, died=tell_of(advance),
             )  # fmt: skip
         self.outcome.add(done)
         skipped = self.store.skipped()
-        if len(skipped) == len(some):
+        if len(skipped) == len(self.pictures):
             raise ValueError(f"images: none could be read (first: {skipped[0]['reason']})")
 
-    def _find_edges(self, n_pictures: int) -> None:
+    def _find_edges(self) -> None:
         """Ask until the search is done, or no group of targets has a score that means something.
 
         The search is told each batch once; where the groups become others it begins anew with all of them.
@@ -239,12 +177,10 @@ class _Run:
             batches = [batch for batch in asked(self.store) if batch.places]
             if told == len(batches):
                 places = [(u, w) for u, w in search.ask().tolist()]
-                self.ask(n_pictures, places, [self._conditions(at) for at in places])
+                of = self.question.lines, self.question.exposures_s, self.question.further
+                self._ask(places, [conditions_at(at, *of) for at in places])
                 continue
-            unfit = withheld_models(self.store, self.cluster)
-            tables = score_tables(self.store, self.criterion, self.cluster)
-            fit = (each for each in tables if not each.knows_too_little and each.model not in unfit)
-            planes = [plane for table in fit for plane in table.on_plane()]
+            planes = [plane for table in self._tables() for plane in table.on_plane()]
             if not planes:
                 return
             if len(planes) != groups:
@@ -254,27 +190,22 @@ class _Run:
                 search.tell(batch.places, np.array(values), np.array(errors))
             told = len(batches)
 
-    def _conditions(self, place: Place) -> Conditions:
-        of = self.question
-        return conditions_at(place, of.lines, of.exposures_s, of.further)
+    def _tables(self) -> Tables:
+        """Those of what was measured that have answers."""
+        withheld = withheld_models(self.store, self.cluster)
+        for table in score_tables(self.store, self.criterion, self.cluster):
+            if not table.knows_too_little and table.model not in withheld:
+                yield table
 
     def _search(self) -> Search:
         lines, exposures_s, trend = self.question.lines, self.question.exposures_s, Trend.of(self.camera)
-        return Search(lines, exposures_s, self.criterion.level, most_nodes=self.most_nodes, trend=trend)
-
-    def _predicted(self) -> list[ScoreTable]:
-        return predicted_tables(self.store, self.criterion, self.cluster)
-
-    def _regret(self) -> float:
-        """What any recommended exposure loses at most, at 95 %; infinite where one does not say."""
-        given = [answer for table in self._predicted() for answer in answers(table, self.criterion)]
-        regrets = [answer["regret_95"] for answer in given if answer["recommended_s"] is not None]
-        return max((math.inf if each is None else each for each in regrets), default=math.inf)
+        return Search(lines, exposures_s, self.criterion.level, most_nodes=MOST_NODES, trend=trend)
 
     def _common(self) -> tuple[Conditions, ...]:
         """All lights and speeds at the exposure that is recommended for all of them, where no near one was measured
         there; nothing where each model has one, or ``MOST_COMMON`` exposures."""
-        models = run_averages(self.store, self._predicted(), self.criterion.level)
+        tables = on_lines(self.store, self._tables())
+        models = run_averages(self.store, tables, self.criterion.level)
         batches = asked(self.store)
         measured = {at.exposure_s for batch in batches if not batch.places for at in batch.conditions}
         wanted = [each for each in (model.unmeasured(measured) for model in models) if each is not None]
@@ -291,21 +222,6 @@ def _at(seen: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
     nearest, there = away.argmin(axis=1), away.min(axis=1) <= _SAME_PLACE
     mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.standard_error))
     return mean, error
-
-
-def _drawn(pictures: PictureSet, seed: int, cluster: str | None) -> PictureSet:
-    """The pictures in an order drawn by a hash of their clusters' names, so that more of them begin with the same."""
-
-    def order(name: str) -> tuple[bytes, str]:
-        key = repr((seed, cluster_of(name, cluster)))
-        return hashlib.blake2b(key.encode("utf-8", "backslashreplace"), digest_size=8).digest(), name
-
-    return replace(pictures, pictures=tuple(sorted(pictures, key=lambda picture: order(picture.name))))
-
-
-def note_question(store: Store, question: Question) -> None:
-    """Keep what is asked of the run."""
-    store.set_about(_QUESTION, asdict(question))
 
 
 def question_of(store: Store) -> Question | None:
@@ -329,13 +245,6 @@ def on_lines(store: Store, measured: Tables) -> Tables:
             yield predicted_table(seen, question, trend)
 
 
-def predicted_tables(store: Store, criterion: Criterion, cluster: str | None) -> list[ScoreTable]:
-    """The tables of all that has answers, on the lines of the run's question."""
-    withheld = withheld_models(store, cluster)
-    measured = (table for table in score_tables(store, criterion, cluster) if table.model not in withheld)
-    return [table for table in on_lines(store, measured) if not table.knows_too_little]
-
-
 class Decision(Evaluation):
     """As :class:`Evaluation`; ``answers`` and ``curves`` are of the lines asked for, ``scores`` of the nodes.
 
@@ -353,7 +262,7 @@ class Decision(Evaluation):
             if question is None:
                 return None
             repeats = store.about("identity")["plan"]["repeats"]
-            n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
+            n_pictures = store.about("manifest")["images"]["count"]
         grid = question.grid_conditions
         nodes = grid if question.because else sum(len(batch.conditions) for batch in batches)
         return {

@@ -64,8 +64,8 @@ class Line:
 class Question:
     """Every exposure from the shortest to the longest of a grid, with every combination of its other values.
 
-    grid: by axis, as :class:`~blurnoise_eval.grid.conditions.SweepPlan` has it. because: why the full grid is computed
-    in place of a search; none of a search.
+    grid: by axis, as :class:`~blurnoise_eval.grid.conditions.SweepPlan` has it. because: why the full grid is
+    computed in place of a search; none of a search.
     """
 
     grid: Mapping[str, Sequence[float]]
@@ -76,21 +76,6 @@ class Question:
         """The shortest and the longest, s."""
         tested = self.grid[EXPOSURE.name]
         return min(tested), max(tested)
-
-    @property
-    def not_on_a_plane(self) -> list[str]:
-        """Why only a grid answers, whatever the camera, a reason each."""
-        low, high = self.exposures_s
-        reasons = {
-            "the camera sets the exposure itself": high == AUTOMATIC,
-            "there is one exposure": low == high != AUTOMATIC,
-            "without light there is no lux x seconds": 0 in self.grid[LIGHT.name],
-        }
-        reasons |= {
-            f"{axis(name).title.lower()} has several values": len(self.grid.get(name, ())) > 1
-            for name in FURTHER
-        }
-        return [reason for reason, holds in reasons.items() if holds]
 
     @property
     def further(self) -> dict[str, float]:
@@ -114,38 +99,42 @@ def what_breaks(
 ) -> list[str]:
     """Why the plane does not hold for a question, a reason each; empty where it holds.
 
-    At gain 0 dB: gain raises the dark charge and the noise that hides it alike. Raises ``ValueError`` for a camera of
-    several captures.
+    Raises ``ValueError`` for a camera of several captures.
     """
-    longest_s = max(question.exposures_s)
-    temperature_c = question.further.get("temperature_c", 25.0)
-    reasons = [
-        f"{name} goes with the exposure time alone ({dn:.2g} DN in {1e3 * longest_s:g} ms at {temperature_c:g} °C)"
-        for name, dn in _of_time_alone(camera, question.exposures_s, temperature_c).items()
-    ]
+    low, high = question.exposures_s
     directions = {direction_of(line.velocity_px_s) for line in question.lines} - {None}
-    if len(directions) > 1:
-        reasons.append(f"motion has {len(directions)} directions, and blurs differently in each")
-    if trajectory is not None:
-        text = trajectory if isinstance(trajectory, str) else trajectory.text
-        reasons.append(f"along {text} another exposure sees another part of the path")
-    if question.further.get(EGO.name):
-        reasons.append("before a camera that drives the blur differs from place to place")
-    return reasons
+    path = trajectory if isinstance(trajectory, str | None) else trajectory.text
+    reasons = {
+        "the camera sets the exposure itself": high == AUTOMATIC,
+        "there is one exposure": low == high != AUTOMATIC,
+        "without light there is no lux x seconds": 0 in question.grid[LIGHT.name],
+        f"motion has {len(directions)} directions, and blurs differently in each": len(directions) > 1,
+        f"along {path} another exposure sees another part of the path": path is not None,
+        "before a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
+        > 0,
+    }
+    for name in FURTHER:
+        reasons[f"{axis(name).title.lower()} has several values"] = len(question.grid.get(name, ())) > 1
+    return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, question)
 
 
-def _of_time_alone(camera: Camera, exposures_s: Range, temperature_c: float) -> dict[str, float]:
-    """DN RMS of what the budget keeps at the longest exposure, and would not be the same at the shortest."""
+def _of_time_alone(camera: Camera, question: Question) -> list[str]:
+    """What the budget keeps at the longest exposure, DN RMS, and would not be the same at the shortest.
+
+    At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
+    """
+    (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
         return plan_at(exposed.Conditions(of, exposure_s, temperature_c, white_e, (1.0, 0.0))).stages
 
-    shortest_s, longest_s = exposures_s
     found = [each for each in budget(camera, longest_s, 0.0) if each.name == DARK_CURRENT.name]
     cold, bright_e = replace(camera, dark_current_e_s=0.0), camera.full_well_e
     both = zip(budget(cold, shortest_s, bright_e), budget(cold, longest_s, bright_e), strict=True)
     found += [long for short, long in both if long.contribution_dn != short.contribution_dn]
-    return {each.name: each.contribution_dn for each in found if each.kept}
+    at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
+    kept = {each.name: each.contribution_dn for each in found if each.kept}
+    return [f"{name} goes with the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
 
 
 def direction_of_all(lines: Sequence[Line]) -> tuple[float, float]:

@@ -68,4 +68,3 @@ class ProgramFile(Settings):
     least_exposure_us: float | None = setting(
         None, "the sensor's shortest exposure (default: its line time; global shutters 20)"
     )
-    stages: int | None = setting(None, "how many, 1 to 7 (default: as few as lose less than 0.002)")

@@ -20,8 +20,7 @@ from blurnoise_eval.deciding.question import Question, what_breaks
 from blurnoise_eval.deciding.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.program.limits import Limits, Metering, mean_light
-from blurnoise_eval.program.scenario import Scenario
+from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
 from blurnoise_eval.scoring.estimates import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -61,12 +60,11 @@ def inputs_of(
     run, where = Run(store), f"run = {str(store.folder)!r}"
     withheld = withheld_models(store, cluster)
     names = [name for name in run.models if name not in withheld]
-    if model in withheld or not names:
-        reasons = (f"{name}: {reason}" for name, reason in withheld.items() if model in (None, name))
-        raise ValueError(f"{where}: {'; '.join(reasons)}")
-    if model not in names and (model is not None or len(names) > 1):
-        raise ValueError(f"model = {model!r}: must be one of {', '.join(names)}; give it by --model")
-    of_model = [each for each in score_tables(store, criterion, cluster) if each.model == (model or names[0])]
+    chosen = names[0] if model is None and len(names) == 1 else model
+    if chosen not in names:
+        unfit = "".join(f"; {name}: {reason}" for name, reason in withheld.items())
+        raise ValueError(f"{where}: model = {chosen!r}: must be one of {', '.join(names)}{unfit}")
+    of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = (each.group for each in of_model if each.knows_too_little)
     notes = [f"{group}: left out, for the model knows too little of these" for group in little]
@@ -77,8 +75,7 @@ def inputs_of(
     question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
     setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    because = question.not_on_a_plane or what_breaks(camera, question, run.trajectory)
-    if because:
+    if because := what_breaks(camera, question, run.trajectory):
         raise ValueError(
             f"{where}: light x exposure and motion do not say all there, so no program follows: {'; '.join(because)}"
         )
@@ -104,7 +101,7 @@ def inputs_of(
 class Schedule(NamedTuple):
     """Exposures and gains over the scenario's lights, (L,) each; lacks_gain: whether the gain's limit is reached;
     values: the objective, None where it was not tested. value: their mean; worst_speed: the least mean of a speed
-    over the lights; worst_light: the least of a light."""
+    over the lights."""
 
     exposures_s: tuple[float, ...]
     gains_db: tuple[float, ...]
@@ -112,16 +109,6 @@ class Schedule(NamedTuple):
     values: tuple[float | None, ...]
     value: float | None
     worst_speed: float | None
-    worst_light: float | None
-
-
-class Uncertain(NamedTuple):
-    """The objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the surfaces'
-    prediction, ``CAUTION`` times as wide as they have it."""
-
-    objective: Array
-    influence: Array
-    prediction_cov: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,11 +119,6 @@ class Problem:
     inputs: Inputs
     scenario: Scenario
     limits: Limits
-
-    @property
-    def lights_lux(self) -> tuple[float, ...]:
-        """The scenario's, (L,)."""
-        return self.scenario.lights_lux
 
     @property
     def _planes(self) -> list[Predicted]:
@@ -164,8 +146,8 @@ class Problem:
         """Allowed exposures that were asked for, and tested at some light, rising, (S,)."""
         (low, _), (high, _) = self._range
         asked_s = self.inputs.exposures_s
-        shortest_s = max(float(low / self.lights_lux[-1]), asked_s[0])
-        return self.limits.candidates(shortest_s, min(float(high / self.lights_lux[0]), asked_s[1]))
+        shortest_s = max(float(low / self.scenario.lights_lux[-1]), asked_s[0])
+        return self.limits.candidates(shortest_s, min(float(high / self.scenario.lights_lux[0]), asked_s[1]))
 
     def nothing_left(self, lights_lux: Sequence[float]) -> ValueError:
         """The error where no exposure is left at these lights."""
@@ -197,39 +179,41 @@ class Problem:
 
     def objective(self, times_s: Sequence[float]) -> Array:
         """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
-        shape = len(self.lights_lux), len(times_s)
-        _, values = self.at(np.repeat(self.lights_lux, shape[1]), np.tile(times_s, shape[0]))
+        shape = len(self.scenario.lights_lux), len(times_s)
+        _, values = self.at(np.repeat(self.scenario.lights_lux, shape[1]), np.tile(times_s, shape[0]))
         allowed = self.gains_db(times_s) <= self.limits.gain_max_db + 1e-9
         return np.where(allowed, values.reshape(shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:
         """(L, S)."""
         gain_db = self.inputs.metering.gain_db
-        return np.array([[gain_db(lux, time) for time in times_s] for lux in self.lights_lux])
+        return np.array([[gain_db(lux, time) for time in times_s] for lux in self.scenario.lights_lux])
 
     def schedule(self, exposures_s: Sequence[float]) -> Schedule:
         """What these exposures do, one at each light, with the camera's gain."""
-        cases, values = self.at(self.lights_lux, exposures_s)
+        cases, values = self.at(self.scenario.lights_lux, exposures_s)
         by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
         of_speeds = np.average(by_speed, axis=1, weights=list(self.scenario.targets.values()))
-        metering, pairs = self.inputs.metering, list(zip(self.lights_lux, exposures_s, strict=True))
+        metering = self.inputs.metering
+        gains_db = tuple(map(metering.gain_db, self.scenario.lights_lux, exposures_s))
         return Schedule(
             exposures_s=tuple(float(exposure) for exposure in exposures_s),
-            gains_db=tuple(metering.gain_db(*pair) for pair in pairs),
-            lacks_gain=tuple(metering.lacks_gain(*pair) for pair in pairs),
+            gains_db=gains_db,
+            lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
             value=finite(values.mean()),
             worst_speed=finite(of_speeds.min()),
-            worst_light=finite(values.min()),
         )
 
-    def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> Uncertain:
-        """At pairs; the influence's standard deviation by the root of C is the objective's error."""
-        cases, objective = self.at(lights_lux, exposures_s)
-        weights = np.nan_to_num(self.scenario.weights(cases))
+    def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array, Array]:
+        """At pairs the objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the
+        surfaces' prediction, ``CAUTION`` times as wide as they have it."""
+        there = self.predicted(lights_lux, exposures_s)
+        cases = np.array([ratio_of_sums(*of_case) for of_case in there])
+        weights = self.scenario.weights(cases)
+        objective, weights = (weights * cases).sum(axis=0), np.nan_to_num(weights)
         place = {cluster: index for index, cluster in enumerate(self.clusters)}
         total = np.zeros((len(place), len(objective)))
-        there = self.predicted(lights_lux, exposures_s)
         for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
             own = influence(*of_case)
             known = np.maximum(np.isfinite(own).sum(axis=0), 1)
@@ -242,4 +226,4 @@ class Problem:
         for plane, weight in zip(self._planes, of_targets, strict=True):
             own = plane.surface.covariance(at).reshape(*weight.shape, *weight.shape)
             cov += np.einsum("vm,vmwn,wn->mn", weight, own, weight)
-        return Uncertain(objective, total, CAUTION**2 * cov)
+        return objective, total, CAUTION**2 * cov

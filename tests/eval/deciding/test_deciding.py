@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -32,6 +33,8 @@ from blurnoise_eval.sweep.engines import Answers, ThreadEngine
 from blurnoise_eval.sweep.work import Work
 from numpy.typing import NDArray
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign
+
+from blurnoise import Camera
 
 
 def speckled(index: int) -> NDArray[np.uint8]:
@@ -64,11 +67,18 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
     return matched_detector(tmp_path_factory.mktemp("model"))
 
 
-def decide(folder: Path, detector: Detector, grid: Any = GRID, **options: Any) -> Decision:
-    pictures: PictureSet = options.pop("pictures", PICTURES)
-    options = {"threshold": 0.5, "most_nodes": 12} | options
-    plan = SweepPlan(grid)
-    return decided([detector], pictures, options.pop("camera", CAMERA), plan, folder, **options)
+def decide(
+    folder: Path,
+    detector: Detector,
+    grid: Any = GRID,
+    pictures: PictureSet = PICTURES,
+    camera: Camera = CAMERA,
+    most_nodes: int = 12,
+    **options: Any,
+) -> Decision:
+    """From fewer nodes than usual."""
+    with mock.patch.object(decision, "MOST_NODES", most_nodes):
+        return decided([detector], pictures, camera, SweepPlan(grid), folder, **{"threshold": 0.5} | options)
 
 
 @pytest.fixture(scope="module")
@@ -181,21 +191,6 @@ def test_another_camera_is_another_run(done: Decision, detector: Detector) -> No
         decide(done.folder, detector, upwards)
 
 
-@pytest.mark.slow
-def test_it_takes_no_more_pictures_than_asked(
-    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Enough at once where any loss is allowed; the same pictures first where none is, and all of them then."""
-    monkeypatch.setattr(decision, "FIRST_PICTURES", 8)
-    few = decide(tmp_path / "few", detector, regret=1.0)
-    assert {answer["n_pictures"] for answer in few.answers} == {8}
-    asked_of_few = held(tmp_path / "few")[1]
-    every = decide(tmp_path / "few", detector, regret=0.0)
-    assert {answer["n_pictures"] for answer in every.answers} == {10}
-    assert held(tmp_path / "few")[1][: len(asked_of_few)] == asked_of_few
-    assert every.summary["missing_cells"] == 0
-
-
 def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_path: Path) -> None:
     warm = replace(CAMERA, dark_current_e_s=500.0)
     some = replace(PICTURES, pictures=PICTURES.pictures[:2])
@@ -217,9 +212,8 @@ def test_bad_questions_make_no_folder(detector: Detector, tmp_path: Path) -> Non
         {"cluster": "("},
         {"engine": "rays"},
         {"threshold": 1.5},
-        {"regret": 2.0},
     ):
-        with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold|regret"):
+        with pytest.raises(ValueError, match=r"keep|score|cluster|engine|threshold"):
             decide(tmp_path / "run", detector, **wrong)
     assert not (tmp_path / "run").exists()
 
@@ -280,8 +274,7 @@ def test_lists_that_have_no_plane_are_the_grid_of_a_sweep(
 ) -> None:
     grid = {**GRID, "exposure_s": (0.008, 0.032), "illuminance_lux": (5.0,), **stated}
     some = replace(PICTURES, pictures=PICTURES.pictures[:8])
-    options: dict[str, Any] = {"pictures": some, "regret": 0.5}
-    done = decide(tmp_path / "run", detector, grid, **options)
+    done = decide(tmp_path / "run", detector, grid, some)
     assert reason in done.how()[0]
     assert done.decided is not None
     assert done.decided["nodes"] == len(SweepPlan(grid).conditions())

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.grid.axes import milliseconds
-from blurnoise_eval.program import export
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.optimise import EARLY_GAIN_DB, Program, optimise
-from blurnoise_eval.program.stages import STOCK, Stages
+from blurnoise_eval.program import report
+from blurnoise_eval.program.optimise import EARLY_GAIN_DB, STOCK, Program, Stages, optimise
+from blurnoise_eval.program.scenario import Limits
 from made_planes import METERING, made_problem
 
 REAL = sorted((Path(__file__).parents[4] / "shared/real/libcamera").glob("*.json"))
@@ -77,7 +76,7 @@ def program(request: pytest.FixtureRequest) -> Program:
 
 @pytest.fixture
 def folder(program: Program, tmp_path: Path) -> Path:
-    export.write(program, tmp_path, "run")
+    report.write(program, tmp_path, "run")
     return tmp_path
 
 
@@ -126,16 +125,16 @@ def test_only_what_is_brighter_than_tested_is_extrapolated(program: Program, fol
     low_s, high_s = 2.0**-11 / 300.0, 2.0**3 / 2.0  # light times exposure of the made planes
     assert program.tested_s == pytest.approx(max(low_s, LIMITS.least_exposure_s))
     assert max(mode_of(folder)["shutter"]) <= 1e6 * high_s + 1
-    darkest = METERING.total_s(problem.lights_lux[0])
+    darkest = METERING.total_s(problem.scenario.lights_lux[0])
     last = mode_of(folder)["shutter"][-1] * mode_of(folder)["gain"][-1]
     assert 1e-6 * last <= darkest * 2 ** (1 / 8)  # a step of the lattice
 
 
 def test_rounded_stages_are_one() -> None:
     stages = Stages((20e-6, 1e-3, 1.0000001e-3, 5e-3), (1.0, 2.0, 2.000001, 8.0))
-    assert export.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
+    assert report.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
     alike = Stages((1e-3, 1.0000001e-3), (1.0, 1.000001))
-    assert len(export.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
+    assert len(report.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
 
 
 def test_limits_hold_for_the_first_stage() -> None:
@@ -161,7 +160,7 @@ def test_table_and_document_read_back(program: Program, folder: Path) -> None:
     ours = program.schedule
     with (folder / "program.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    columns = {"illuminance_lux": program.problem.lights_lux, "exposure_s": ours.exposures_s}
+    columns = {"illuminance_lux": program.problem.scenario.lights_lux, "exposure_s": ours.exposures_s}
     columns |= {"gain_db": ours.gains_db, "value": ours.values}
     for name, values in columns.items():
         assert [float(row[name]) for row in rows] == list(values)
@@ -176,5 +175,5 @@ def test_libcamera_takes_the_same_exposures(program: Program, folder: Path) -> N
     """Divided up, the mode gives the program's exposures to a us."""
     mode = mode_of(folder)
     read = Stages(tuple(1e-6 * time for time in mode["shutter"]), tuple(mode["gain"]))
-    for light, time_s in zip(program.problem.lights_lux, program.schedule.exposures_s, strict=True):
+    for light, time_s in zip(program.problem.scenario.lights_lux, program.schedule.exposures_s, strict=True):
         assert read.divided(METERING.total_s(light))[0] == pytest.approx(time_s, rel=1e-3, abs=1e-6)
