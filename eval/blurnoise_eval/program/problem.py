@@ -81,7 +81,7 @@ def inputs_of(
         )
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
-        raise ValueError(f"{where}: its gain is {gain}; a program needs a run with --gain auto")
+        raise ValueError(f"{where}: it has {gain}; a program needs a run with --gain auto")
     light = mean_light(queries.gains_set(store, seen[0].model), camera)
     if light is None:
         notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")

@@ -1,9 +1,12 @@
 """A search: few nodes, edges found, always the same; and what it does where the surface is none."""
 
+from pathlib import Path
+
 import numpy as np
 import populations_on_planes as made
 import pytest
 from blurnoise_eval.answers.plane import same_places
+from blurnoise_eval.bench import decide
 from blurnoise_eval.deciding.question import FLOOR, Line, lattice
 from blurnoise_eval.deciding.search import CAUTION, CHECKED, FIRST, Search
 from blurnoise_eval.deciding.surface import Predicted
@@ -193,12 +196,6 @@ def test_narrow_questions(lines: list[Line]) -> None:
         assert (found.nodes[:, 1] == FLOOR).all()
 
 
-def test_one_exposure_is_a_question_too() -> None:
-    found = Search(made.LINES, (0.01, 0.01), 0.8)
-    made.searched(found, made.photographs)
-    assert found.done
-
-
 def test_questions_share_nodes() -> None:
     """Two models whose edges lie apart: both are found, with fewer nodes than two searches."""
 
@@ -261,3 +258,33 @@ def test_what_is_not_known_is_left_out() -> None:
         places = empty.ask()
         empty.tell(places, np.full(len(places), np.nan), np.zeros(len(places)))
     assert len(empty.nodes) == FIRST
+
+
+RECORDED = Path(__file__).parents[2] / "data" / "planes-fixed.npz"
+
+
+def recorded() -> decide.Truth:
+    """The built-in detector before 8 pictures of signs: few, and with cliffs."""
+    with np.load(RECORDED) as file:
+        places, sums, clean = (file[name].astype(float) for name in ("places", "sums", "clean"))
+    known = clean.sum(axis=1) >= 1
+    sums, clean = sums[known], clean[known]
+    total = clean.sum(axis=1)[:, None]
+    kept = sums.sum(axis=1) / total
+    away = sums - kept[:, None] * clean[:, :, None]
+    return decide.Truth(places, kept, np.sqrt((away**2).sum(axis=1)) / total)
+
+
+@pytest.mark.slow
+def test_46_nodes_are_nearer_than_a_grid_of_120_conditions() -> None:
+    truth = recorded()
+    found = {each.name: each.call() for each in decide.case(truth).contenders}
+    wrong = {name: truth.stops_wrong(values) for name, (values, _) in found.items()}
+    assert found["grid of 6 exposures"][1] == 120
+    assert wrong["grid of 4 exposures"] > wrong["grid of 10 exposures"] > wrong["grid of 16 exposures"]
+    few = Search(truth.lines, decide.EXPOSURES, decide.LEVELS)
+    while len(few.nodes) < 46:
+        places = few.ask()
+        few.tell(places, *truth.seen(places))
+    assert truth.stops_wrong(truth.through(few.nodes)) < wrong["grid of 6 exposures"]
+    assert wrong["decide's search"] <= wrong["grid of 10 exposures"]
