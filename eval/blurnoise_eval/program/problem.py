@@ -74,14 +74,14 @@ def inputs_of(
     asked = question_of(store) or Question(run.grid)
     question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
     setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
+    if setting["gain_db"] != AUTOMATIC:
+        gain = axis("gain_db").text(setting["gain_db"])
+        raise ValueError(f"{where}: it has {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
     if because := what_breaks(camera, question, run.trajectory):
         raise ValueError(
             f"{where}: light x exposure and motion do not say all there, so no program follows: {'; '.join(because)}"
         )
-    if setting["gain_db"] != AUTOMATIC:
-        gain = axis("gain_db").text(setting["gain_db"])
-        raise ValueError(f"{where}: it has {gain}; a program needs a run with --gain auto")
     light = mean_light(queries.gains_set(store, seen[0].model), camera)
     if light is None:
         notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")

@@ -236,14 +236,6 @@ def test_a_level_on_a_plateau_is_not_told() -> None:
     assert told <= 3
 
 
-def test_nothing_to_find_costs_little() -> None:
-    """Far from the level throughout: the first nodes and the held-out ones say so."""
-    found = search()
-    made.searched(found, lambda places: 0.3 + 0 * made.photographs(places))
-    assert found.precise
-    assert len(found.nodes) == FIRST + CHECKED
-
-
 def test_what_is_not_known_is_left_out() -> None:
     """A question without values asks nothing; nodes at which one is missing are known of the others."""
     found, alone = search(), search()

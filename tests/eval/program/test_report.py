@@ -101,13 +101,6 @@ def test_libcamera_meters_from_dark_to_daylight(program: Program, folder: Path) 
         assert (time_s, gain) == pytest.approx(taken, rel=2e-3, abs=1e-6), light
 
 
-def test_a_first_stage_of_what_was_tested_would_overexpose_daylight(program: Program, folder: Path) -> None:
-    mode = mode_of(folder)
-    mode["shutter"] = [max(1e6 * program.tested_s, 1000.0), *mode["shutter"][1:]]
-    time_s, gain = Libcamera(mode, LIMITS.least_exposure_s).settled(20_000.0)
-    assert mean_of(20_000.0, time_s * gain) > 0.8
-
-
 def test_stages_differ_and_gain_waits_for_time(program: Program, folder: Path) -> None:
     mode = mode_of(folder)
     stages = list(zip(mode["shutter"], mode["gain"], strict=True))
@@ -135,12 +128,6 @@ def test_rounded_stages_are_one() -> None:
     assert report.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
     alike = Stages((1e-3, 1.0000001e-3), (1.0, 1.000001))
     assert len(report.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
-
-
-def test_limits_hold_for_the_first_stage() -> None:
-    made = optimise(made_problem(Limits(mains_hz=50.0)))
-    assert made.stages.times_s[0] == pytest.approx(0.01)
-    assert not made.extrapolates(made.stages.times_s[0])
 
 
 @pytest.mark.skipif(not REAL, reason="no tuning files")

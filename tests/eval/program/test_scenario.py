@@ -112,32 +112,27 @@ def test_nonsense_is_refused(wrong: dict[str, object]) -> None:
         scenario(**wrong)
 
 
-def ms(times: tuple[float, ...]) -> list[float]:
-    return [round(1e3 * time, 4) for time in times]
+@pytest.mark.parametrize(
+    ("rules", "expected"),
+    [
+        ({"mains_hz": 50.0}, [10, 20, 30]),
+        ({"mains_hz": 60.0}, [8.3333, 16.6667, 25, 33.3333]),
+        ({"led": True, "mains_hz": 50.0}, [20, 30]),
+    ],
+)
+def test_whole_periods(rules: dict[str, float], expected: list[float]) -> None:
+    assert [round(1e3 * time, 4) for time in Limits(**rules).candidates(1e-4, 1.0)] == expected
 
 
-def test_frames_less_read_out() -> None:
+def test_frames_leds_and_whole_lines() -> None:
     times = Limits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
     assert times[0] == 1e-3
     assert times[-1] == pytest.approx(0.016)
     assert np.diff(np.log2(times)).max() <= 1 / 8 + 1e-9
-
-
-def test_whole_periods() -> None:
-    assert ms(Limits(mains_hz=50.0).candidates(1e-4, 1.0)) == [10, 20, 30]
-    assert ms(Limits(mains_hz=60.0).candidates(1e-4, 1.0)) == [8.3333, 16.6667, 25, 33.3333]
-
-
-def test_leds() -> None:
-    assert min(Limits(led=True).candidates(1e-4, 1.0)) == pytest.approx(1 / 90)
-    assert ms(Limits(led=True, mains_hz=50.0).candidates(1e-4, 1.0)) == [20, 30]
-
-
-def test_whole_lines() -> None:
     line_s = 14.8e-6
-    times = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
-    assert np.abs(times - times.round()).max() < 1e-6
-    assert times.min() * line_s >= 1 / 90
+    lines = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
+    assert np.abs(lines - lines.round()).max() < 1e-6
+    assert 1 / 90 <= lines.min() * line_s < 1 / 90 + line_s
 
 
 def test_settles_on_what_is_allowed_and_not_longer() -> None:
