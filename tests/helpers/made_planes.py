@@ -45,9 +45,8 @@ def made_problem(
         criterion=Criterion(0.9, kept=True),
         planes=made_planes(pictures),
         metering=METERING,
-        lights_lux=(2.0, 300.0),
+        scenario=Scenario(half_stops(2.0, 300.0), dict.fromkeys(SPEEDS, 1.0), {"large": 1.0, "small": 1.0}),
         exposures_s=(0.0, math.inf),
-        speeds_px_s=tuple(SPEEDS),
-        notes=(),
+        recommended_s=0.005,
     )
     return Problem(inputs, Scenario(**{**of, **more}), limits)  # type: ignore[arg-type]

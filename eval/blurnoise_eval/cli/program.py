@@ -66,10 +66,13 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         camera = inputs.metering.camera
         if least_us is None:
             limits = replace(limits, least_exposure_s=camera.row_time_s or PREGIUS_LEAST_S)
+        asked = inputs.scenario
         scenario = Scenario(
-            lights_lux=half_stops(*(inputs.lights_lux if given.lux is None else bounds(given.lux))),
-            speeds_px_s=speed_shares(given.speeds, inputs.speeds_px_s),
-            targets=target_shares(given.targets, list(inputs.planes)),
+            lights_lux=asked.lights_lux if given.lux is None else half_stops(*bounds(given.lux)),
+            speeds_px_s=asked.speeds_px_s if given.speeds is None else speed_shares(given.speeds),
+            targets=asked.targets
+            if given.targets is None
+            else target_shares(given.targets, [*inputs.planes]),
             objective=given.objective,
             tail=given.tail,
         )

@@ -23,12 +23,10 @@ from blurnoise_eval.answers.uncertainty import NORMAL
 from blurnoise_eval.deciding.question import Line, Range, lattice, spread
 from blurnoise_eval.deciding.surface import CAUTION, USUAL, Kriging, Trend
 
-FIRST = 16
-"""Nodes of the first batch, spread over the lattice."""
+FIRST = 16  # nodes of the first batch, spread over the lattice
 BATCH = 6
 MOST_NODES = 72
-CHECKED = 8
-"""Held-out nodes at the end."""
+CHECKED = 8  # held-out nodes at the end
 _SURPRISING = 4.0  # times CAUTION times sigma: no held-out node of a smooth surface is further off
 _PRECISE, _PRECISE_STOPS = 0.01, 0.05  # of the score, of an edge: nothing need be known better
 _CHECKS = 2  # that may fail before the lattice is asked

@@ -30,8 +30,7 @@ from blurnoise_eval.deciding.question import STEP, Question, exposures_on, sprea
 
 CAUTION = 1.5
 """Inflation of the kriging sigma, calibrated by ``python -m blurnoise_eval.bench decide``."""
-PER_STOP = 12
-"""Predicted exposures on a line."""
+PER_STOP = 12  # predicted exposures on a line
 USUAL_LENGTH = 3.3  # stops
 _LENGTH_SPREAD = 0.6  # of its natural logarithm
 _USUAL_SCALE, _SCALE_WEIGHT = 0.05, 2.0  # deviation about the trend, as if so many values had shown it

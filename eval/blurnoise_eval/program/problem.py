@@ -15,18 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.deciding.decision import question_of
+from blurnoise_eval.deciding.decision import on_lines, question_of
 from blurnoise_eval.deciding.question import Question, what_breaks
 from blurnoise_eval.deciding.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.program.scenario import Limits, Metering, Scenario, mean_light
+from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.scoring.estimates import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import score_tables
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18
@@ -36,17 +36,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Inputs:
-    """A model's planes by targets in a run, and what goes with them. lights_lux, exposures_s: from the least to the
-    greatest; speeds_px_s: each that was asked for. notes: what was left out or assumed."""
+    """A model's planes by targets in a run, and what goes with them. scenario: what the run was asked, all alike.
+    exposures_s: from the least to the greatest; recommended_s: what the run's report recommends for all conditions.
+    notes: what was left out or assumed."""
 
     model: str
     criterion: Criterion
     planes: Mapping[str, Predicted]
     metering: Metering
-    lights_lux: tuple[float, float]
+    scenario: Scenario
     exposures_s: tuple[float, float]
-    speeds_px_s: tuple[float, ...]
-    notes: tuple[str, ...]
+    recommended_s: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 def inputs_of(
@@ -66,7 +67,7 @@ def inputs_of(
         raise ValueError(f"{where}: model = {chosen!r}: must be one of {', '.join(names)}{unfit}")
     of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
-    little = (each.group for each in of_model if each.knows_too_little)
+    little = [each.group for each in of_model if each.knows_too_little]
     notes = [f"{group}: left out, for the model knows too little of these" for group in little]
     seen = [plane for table in tables for plane in table.on_plane()]
     if not seen:
@@ -76,24 +77,25 @@ def inputs_of(
     setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
-        raise ValueError(f"{where}: it has {gain}; a program needs a run with --gain auto")
+        raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
     if because := what_breaks(camera, question, run.trajectory):
-        raise ValueError(
-            f"{where}: light x exposure and motion do not say all there, so no program follows: {'; '.join(because)}"
-        )
+        raise ValueError(f"{where}: has no program, for its conditions are no plane: {'; '.join(because)}")
     light = mean_light(queries.gains_set(store, seen[0].model), camera)
     if light is None:
         notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")
-    trend, lights = Trend.of(camera), question.grid[LIGHT.name]
+    lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
+    speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
+    planes = {each.group: Predicted(each, Trend.of(camera)) for each in seen}
+    choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
     return Inputs(
         model=seen[0].model,
         criterion=criterion,
-        planes={each.group: Predicted(each, trend) for each in seen},
+        planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
-        lights_lux=(min(lights), max(lights)),
+        scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
         exposures_s=question.exposures_s,
-        speeds_px_s=tuple(sorted({line.speed_px_s for line in question.lines})),
+        recommended_s=choice and choice.exposure_s,
         notes=tuple(notes),
     )
 

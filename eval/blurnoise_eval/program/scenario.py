@@ -110,13 +110,13 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     return (low_lux, *between, high_lux) if steps else (low_lux,)
 
 
-def speed_shares(text: str | None, own: Sequence[float]) -> dict[float, float]:
-    """Shares by px/s of "0:0.3,200:0.7"; None: ``own``, all alike. Raises ``ValueError``."""
-    return _shares("speeds", text, own, lambda word: _number("speeds", word))
+def speed_shares(text: str) -> dict[float, float]:
+    """Shares by px/s of "0:0.3,200:0.7", or alike of "0,200". Raises ``ValueError``."""
+    return _shares("speeds", text, lambda word: _number("speeds", word))
 
 
-def target_shares(text: str | None, groups: Sequence[str]) -> dict[str, float]:
-    """Shares of the groups that ``text`` names by any part of their name; None: all alike.
+def target_shares(text: str, groups: Sequence[str]) -> dict[str, float]:
+    """Shares of the groups that ``text`` names by any part of their name.
 
     Raises ``ValueError`` for a word that is found in none of them, or in several.
     """
@@ -127,12 +127,10 @@ def target_shares(text: str | None, groups: Sequence[str]) -> dict[str, float]:
             raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
         return fitting[0]
 
-    return _shares("targets", text, groups, group_of)
+    return _shares("targets", text, group_of)
 
 
-def _shares(name: str, text: str | None, own: Sequence[T], key: Callable[[str], T]) -> dict[T, float]:
-    if text is None:
-        return dict.fromkeys(own, 1.0)
+def _shares(name: str, text: str, key: Callable[[str], T]) -> dict[T, float]:
     parts = [part.strip().partition(":") for part in text.split(",")]
     if len({colon for _, colon, _ in parts}) > 1:
         raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")

@@ -40,6 +40,17 @@ def test_a_program_from_a_sweep(run: Path, tmp_path: Path, capsys: pytest.Captur
     Stages(tuple(time / 1e6 for time in mode["shutter"]), tuple(mode["gain"]))
 
 
+def test_the_best_fixed_time_is_what_the_report_recommends(
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with (run / "recommendations.csv").open(newline="") as file:
+        (whole,) = [row for row in csv.DictReader(file) if row["scope"] == "all"]
+    capsys.readouterr()
+    assert main(["program", str(run), "-o", str(tmp_path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["best_fixed_s"] == float(whole["exposure_s"])
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [

@@ -23,7 +23,7 @@ from blurnoise_eval.program.optimise import (
 )
 from blurnoise_eval.program.report import sentence
 from blurnoise_eval.program.scenario import Limits
-from made_planes import METERING, made_planes, made_problem
+from made_planes import METERING, SPEEDS, made_planes, made_problem
 from made_tables import on_plane
 
 LIMITS = Limits(readout_s=0.003)
@@ -86,6 +86,14 @@ def test_the_value_is_the_mean_of_what_the_planes_say(program: Program) -> None:
             sums, counts = plane.on([(np.log2(light * time_s), np.log2(max(speed * time_s, 0.5)))])
             expected += share / 2 * float(sums.sum() / counts.sum())
     assert program.schedule.values[place] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_report_s_exposure_answers_the_report_s_question_alone(program: Program) -> None:
+    """And where the limits allow it; else the fixed time is found by the report's rule."""
+    alike = {"speeds_px_s": dict.fromkeys(SPEEDS, 1.0)}
+    assert optimise(made_problem(LIMITS, **alike)).best_fixed_s == 0.005
+    assert optimise(made_problem(Limits(mains_hz=50.0), **alike)).best_fixed_s == pytest.approx(0.01)
+    assert program.best_fixed_s != 0.005
 
 
 @pytest.mark.slow

@@ -49,7 +49,7 @@ def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path: Path) -> None:
     [
         ({}, {"trajectory": "shake:6"}, "along shake:6 another exposure"),
         ({"velocity_y_px_s": (0.0, 200.0)}, {}, "motion has 3 directions"),
-        ({"gain_db": (6.0,)}, {}, "it has gain 6 dB; a program needs a run with --gain auto"),
+        ({"gain_db": (6.0,)}, {}, "gain 6 dB; a program needs a run with --gain auto"),
     ],
 )
 def test_runs_without_a_program(tmp_path: Path, grid: Any, options: Any, reason: str) -> None:

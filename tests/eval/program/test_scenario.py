@@ -66,11 +66,9 @@ GROUPS = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
 
 
 def test_shares_are_read() -> None:
-    assert speed_shares("0:0.3, 200:0.5,800:0.2", ()) == {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
-    assert speed_shares("0,200", ()) == {0.0: 1.0, 200.0: 1.0}
-    assert speed_shares(None, (0.0, 5.0)) == {0.0: 1.0, 5.0: 1.0}
+    assert speed_shares("0:0.3, 200:0.5,800:0.2") == {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
+    assert speed_shares("0,200") == {0.0: 1.0, 200.0: 1.0}
     assert target_shares("large:3,medium:1", GROUPS) == {GROUPS[0]: 3.0, GROUPS[1]: 1.0}
-    assert target_shares(None, GROUPS) == dict.fromkeys(GROUPS, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +82,7 @@ def test_shares_are_read() -> None:
 )
 def test_shares_that_cannot_be_read_are_refused(text: str, named: str) -> None:
     with pytest.raises(ValueError, match=named):
-        speed_shares(text, ())
+        speed_shares(text)
 
 
 @pytest.mark.parametrize(
