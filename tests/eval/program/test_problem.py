@@ -34,11 +34,10 @@ def inputs(folder: Path, grid: dict[str, tuple[float, ...]], **options: Any) -> 
 
 def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path: Path) -> None:
     found = inputs(tmp_path, {})
-    assert (found.lights_lux, found.exposures_s, found.speeds_px_s) == (
-        (2.0, 5.0),
-        (0.008, 0.032),
-        (0.0, 200.0),
-    )
+    asked = found.scenario
+    assert (asked.lights_lux[0], asked.lights_lux[-1], found.exposures_s) == (2.0, 5.0, (0.008, 0.032))
+    assert asked.speeds_px_s == {0.0: 0.5, 200.0: 0.5}
+    assert found.recommended_s in (0.008, 0.032)
     # two exposures under two lights, at rest and moving, all at different places
     assert [len(plane.places) for plane in found.planes.values()] == [8] * len(found.planes)
     assert 0.05 < found.metering.mean_light < 0.9
