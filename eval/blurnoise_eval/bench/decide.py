@@ -89,9 +89,8 @@ class Truth:
 
     def through(self, nodes: Array) -> Array:
         """On the lines by surfaces through some nodes (M, 2), as ``blurnoise decide`` has them."""
-        return np.array(
-            [Kriging.fit(nodes, values, USUAL).mean(self.places) for values in self.seen(nodes)[0]]
-        )
+        fits = [Kriging.fit(nodes, values, USUAL) for values in self.seen(nodes)[0]]
+        return np.array([fit.mean(self.places) for fit in fits])
 
     def stops_wrong(self, found: Array) -> float:
         """Of shares (Q, M) on the lines."""

@@ -8,7 +8,7 @@ not hold it is the full grid, as a sweep has it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -190,11 +190,15 @@ class _Run:
                 search.tell(batch.places, np.array(values), np.array(errors))
             told = len(batches)
 
+    @cached_property
+    def _withheld(self) -> Collection[str]:
+        """Models without answers, by the original pictures, which are computed in the first batch."""
+        return withheld_models(self.store, self.cluster)
+
     def _tables(self) -> Tables:
         """Those of what was measured that have answers."""
-        withheld = withheld_models(self.store, self.cluster)
         for table in score_tables(self.store, self.criterion, self.cluster):
-            if not table.knows_too_little and table.model not in withheld:
+            if not table.knows_too_little and table.model not in self._withheld:
                 yield table
 
     def _search(self) -> Search:

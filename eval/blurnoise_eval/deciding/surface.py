@@ -191,8 +191,8 @@ class Kriging:
     @property
     def _variance(self) -> float:
         """Of the departures from the trend, from their weighted square and a usual one."""
-        count = len(self.values)
-        square = max(float(self.values @ self._inverse[:count, :count] @ self.values), 0.0)
+        known = np.pad(self.values, (0, len(self._system) - len(self.values)))
+        square = max(float(known @ np.linalg.solve(self._system, known)), 0.0)
         return (square + _SCALE_WEIGHT * _USUAL_SCALE**2) / self._degrees
 
     @property
@@ -213,8 +213,8 @@ def _trend_of(places: Array, values: Array, trend: Trend) -> Array | None:
 
 def correlation(places: Array, others: Array, lengths: ArrayLike) -> Array:
     """Matern 5/2 between places (M, 2) and others (N, 2), (M, N)."""
-    away = (places[:, None] - others[None]) / np.asarray(lengths)
-    far = np.sqrt(5.0 * (away**2).sum(axis=-1))
+    one, other = places / np.asarray(lengths), others / np.asarray(lengths)
+    far = np.sqrt(5.0 * sum(np.subtract.outer(one[:, k], other[:, k]) ** 2 for k in (0, 1)))
     return np.asarray((1 + far + far**2 / 3) * np.exp(-far))
 
 
