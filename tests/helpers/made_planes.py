@@ -4,11 +4,9 @@ import math
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.deciding.predicted import Predicted
-from blurnoise_eval.program.inputs import Inputs
-from blurnoise_eval.program.limits import Limits, Metering
-from blurnoise_eval.program.problem import Problem
-from blurnoise_eval.program.scenario import Scenario, half_stops
+from blurnoise_eval.deciding.surface import Predicted
+from blurnoise_eval.program.problem import Inputs, Problem
+from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
 from made_tables import on_plane
 
 from blurnoise.optics.camera import PRESETS
@@ -47,9 +45,8 @@ def made_problem(
         criterion=Criterion(0.9, kept=True),
         planes=made_planes(pictures),
         metering=METERING,
-        lights_lux=(2.0, 300.0),
+        scenario=Scenario(half_stops(2.0, 300.0), dict.fromkeys(SPEEDS, 1.0), {"large": 1.0, "small": 1.0}),
         exposures_s=(0.0, math.inf),
-        speeds_px_s=tuple(SPEEDS),
-        notes=(),
+        recommended_s=0.005,
     )
     return Problem(inputs, Scenario(**{**of, **more}), limits)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from blurnoise_eval.answers.curves import windows
-from blurnoise_eval.deciding.lines import Line, exposures_on
+from blurnoise_eval.deciding.question import Line, exposures_on
 from blurnoise_eval.deciding.search import Search
 from numpy.typing import NDArray
 
@@ -62,16 +62,15 @@ def seen(rates: Rates, places: Array, references: Array = REFERENCES) -> Found:
 
 
 def searched(
-    search: Search, *questions: Rates, references: Array = REFERENCES, most: int = 400
+    search: Search, *questions: Rates, references: Array = REFERENCES, until: str = "done"
 ) -> list[Array]:
-    """Answer the search until it is done; the batches that it asked."""
-    asked = []
-    while not search.done and most:
+    """Answer the search until it is done, or in a phase; the batches that it asked."""
+    asked: list[Array] = []
+    while search.phase not in ("done", until) and len(asked) < 400:
         places = search.ask()
         found = [seen(rates, places, references) for rates in questions]
         search.tell(places, [each.mean for each in found], [each.error for each in found])
         asked.append(places)
-        most -= 1
     return asked
 
 

@@ -18,9 +18,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
-from blurnoise_eval.deciding.kriging import USUAL, Kriging
-from blurnoise_eval.deciding.lines import Line
+from blurnoise_eval.deciding.question import Line
 from blurnoise_eval.deciding.search import Search
+from blurnoise_eval.deciding.surface import USUAL, Kriging
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store
@@ -89,8 +89,8 @@ class Truth:
 
     def through(self, nodes: Array) -> Array:
         """On the lines by surfaces through some nodes (M, 2), as ``blurnoise decide`` has them."""
-        fits = [(Kriging.fit(nodes, values, USUAL), values) for values in self.seen(nodes)[0]]
-        return np.array([fit.weights(self.places) @ values for fit, values in fits])
+        fits = [Kriging.fit(nodes, values, USUAL) for values in self.seen(nodes)[0]]
+        return np.array([fit.mean(self.places) for fit in fits])
 
     def stops_wrong(self, found: Array) -> float:
         """Of shares (Q, M) on the lines."""

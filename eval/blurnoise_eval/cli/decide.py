@@ -8,13 +8,12 @@ from blurnoise_eval.cli.report import tell
 from blurnoise_eval.grid.plan_file import PlanFile
 
 
-@settings(PlanFile, "model", "images", "labels", "camera", "*", "keep", "regret", "threads", save=False)
+@settings(PlanFile, "model", "images", "labels", "camera", "*", "keep", "threads", save=False)
 def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None:
     """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
 
       blurnoise decide --model a.onnx --coco instances.json -o run
       blurnoise decide --images DIR --lux 5:200 --dx 0,150,400 -o run
-      blurnoise decide --images DIR --regret 0.01 -o run
 
     Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
     plane, at most about 80 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over
@@ -23,7 +22,7 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
     Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
     there. A plan is that of 'blurnoise sweep --save-plan'.
     """
-    from blurnoise_eval.deciding.deciding import Precision, decided
+    from blurnoise_eval.deciding.decision import decided
     from blurnoise_eval.system.working_folder import written_run
 
     plan = given.sweep_plan()
@@ -41,7 +40,6 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
             keep=given.keep,
             score=given.score,
             cluster=given.cluster,
-            precision=Precision(given.regret, given.edge_stops, given.most_nodes),
             engine=given_by.engine(given, workers),
             threads=workers,
             progress=True,

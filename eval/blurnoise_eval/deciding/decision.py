@@ -1,39 +1,231 @@
-"""A decision: a run that a search has asked for, with its answers on the lines of its question.
+"""Deciding: which exposures work, from as few conditions as that takes.
 
-The same tables, figures and page as of a sweep, but predicted from the nodes, with what they leave open in every
-interval. Where the grid was computed instead, it is a sweep, and says why.
+A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time; each is a plan that
+:func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and the scores there decide what to ask next. So
+a run that was killed goes on where it was, and a wider question begins with all nodes there are. Where the plane does
+not hold it is the full grid, as a sweep has it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.exposure_window import answers
+from blurnoise_eval.answers.clusters import check_cluster
+from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.kriging import Trend
-from blurnoise_eval.deciding.predicted import predicted_table
-from blurnoise_eval.deciding.question import Question
-from blurnoise_eval.evaluation import Evaluation
+from blurnoise_eval.datasets import PictureSet, check_cut
+from blurnoise_eval.deciding.question import Question, conditions_at, direction_of_all, lattice, what_breaks
+from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
+from blurnoise_eval.deciding.surface import Trend, predicted_table
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.evaluation import Evaluation, engine_facts, evaluate, progress_bar, tell_of
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
+from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.asked import asked
+from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
+from blurnoise_eval.sweep.beginning import begun_or_gone
+from blurnoise_eval.sweep.blocks import count_cells
+from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.model_notes import note_models
+from blurnoise_eval.sweep.run import Outcome
+from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import score_tables
+from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
+from blurnoise_eval.system.terminal import say
+from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 _QUESTION = "question"  # under which a run's store keeps what was asked last
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
 _PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
+_SAME_PLACE = 1e-4  # stops: conditions are rounded
+Array = NDArray[np.float64]
 
 
-def note_question(store: Store, question: Question) -> None:
-    """Keep what is asked of the run."""
-    names = ("grid", "because", "cheaper")
-    store.set_about(_QUESTION, {name: getattr(question, name) for name in names})
+def decided(
+    models: Sequence[Model],
+    pictures: PictureSet,
+    camera: Camera,
+    plan: SweepPlan,
+    output: str | Path | WorkingFolder,
+    *,
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
+    cluster: str | None = None,
+    engine: str | Engine = "threads",
+    threads: int | None = 1,
+    progress: bool | None = None,
+    command: str = "blurnoise_eval.decided",
+) -> Decision:
+    """Ask models which exposures of a plan's range work, in a folder; a decision begun there goes on.
+
+    The other arguments are as of :func:`~blurnoise_eval.evaluation.evaluate`, which computes the plan's grid where
+    the plane does not hold, or the grid is cheaper. Raises what that raises.
+    """
+    folder = working_folder(output)
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
+    of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
+    criterion = stated(threshold, keep, score, reads=not isinstance(models[0], Detector), **of_pictures)
+    check_cluster(cluster, (picture.name for picture in pictures))
+    question = Question({name: plan.values(name) for name in plan.grid})
+    most, grid = MOST_NODES + CHECKED, question.grid_conditions
+    because = what_breaks(camera, question, plan.trajectory)
+    if not because:
+        most = min(most, len(lattice(question.lines, question.exposures_s)))
+        because = [f"it has {grid} conditions, a search would ask for up to {most}"] * (grid < most)
+    if progress:
+        why = "; ".join(because) or f"a search of at most {most} conditions; the grid has {grid}"
+        say(f"decide: {why}", error=True)
+    if because:
+        evaluate(
+            list(models), pictures, camera, plan, folder,
+            **enough, cluster=cluster, engine=engine, threads=threads, progress=progress, command=command,
+        )  # fmt: skip
+        with Store(folder.path) as store:
+            store.set_about(_QUESTION, asdict(replace(question, because=because)))
+        return Decision(folder, **enough, cluster=cluster, progress=progress)
+    nodes = NodePlan(
+        (), question.further, direction_of_all(question.lines), plan.repeats, plan.seed,
+        grey_anchor=plan.grey_anchor, auto_exposure=plan.auto_exposure, objects=plan.objects,
+    )  # fmt: skip
+    if nodes.cuts:
+        check_cut(pictures, nodes.objects)
+    conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
+    computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
+    with (
+        begun_or_gone(folder.path),
+        Store(folder.path, create=True) as store,
+        staying(computed_by) as engine_kept,
+    ):
+        models, comparisons = contracts_chosen(models, pictures, say=progress)
+        facts = {"command": command, **engine_facts(engine, threads)}
+        open_run(store, models, camera, pictures, nodes, facts)
+        store.set_about(_QUESTION, asdict(question))
+        store.set_about(ENOUGH, enough)
+        of_question = question, criterion, cluster
+        run = _Run(store, models, camera, pictures, nodes, *of_question, engine_kept, progress)
+        run.compute()
+        note_models(store, models, pictures, comparisons, computed=run.outcome.computed)
+    return Decision(folder, **enough, cluster=cluster, outcome=run.outcome, progress=progress)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run that a search asks for, with all that its batches are computed with."""
+
+    store: Store
+    models: Sequence[Model]
+    camera: Camera
+    pictures: PictureSet
+    plan: NodePlan
+    question: Question
+    criterion: Criterion
+    cluster: str | None
+    engine: Engine
+    progress: bool | None
+    outcome: Outcome = field(default_factory=Outcome)
+
+    def compute(self) -> None:
+        """Ask and compute, batch by batch, from where the store is until nothing is left to ask."""
+        if before := asked(self.store):  # until the run was stopped, or of a narrower question
+            self._up_to(before)
+        self._find_edges()
+        while common := self._common():
+            self._ask((), common)
+
+    def _ask(self, places: Sequence[Place], conditions: Sequence[Conditions]) -> None:
+        """Note a batch, then compute it."""
+        ask(self.store, Batch(len(self.pictures), tuple(places), tuple(conditions)))
+        self._up_to(asked(self.store))
+
+    def _up_to(self, batches: Sequence[Batch]) -> None:
+        """Compute every node of the batches before every picture."""
+        nodes = tuple(at for batch in batches for at in batch.conditions)
+        plan = replace(self.plan, nodes=nodes, examples=len(batches) == 1)
+        cells = count_cells(self.pictures, plan)
+        with progress_bar(f"{len(nodes)} nodes", cells, self.progress) as advance:
+            done = sweep.run(
+                self.models, self.camera, self.pictures, plan, self.store,
+                engine=self.engine, progress=advance, resumed=advance.already, died=tell_of(advance),
+            )  # fmt: skip
+        self.outcome.add(done)
+        skipped = self.store.skipped()
+        if len(skipped) == len(self.pictures):
+            raise ValueError(f"images: none could be read (first: {skipped[0]['reason']})")
+
+    def _find_edges(self) -> None:
+        """Ask until the search is done, or no group of targets has a score that means something.
+
+        The search is told each batch once; where the groups become others it begins anew with all of them.
+        """
+        search, told, groups = self._search(), 0, 0
+        while not search.done:
+            batches = [batch for batch in asked(self.store) if batch.places]
+            if told == len(batches):
+                places = [(u, w) for u, w in search.ask().tolist()]
+                of = self.question.lines, self.question.exposures_s, self.question.further
+                self._ask(places, [conditions_at(at, *of) for at in places])
+                continue
+            planes = [plane for table in self._tables() for plane in table.on_plane()]
+            if not planes:
+                return
+            if len(planes) != groups:
+                search, told, groups = self._search(), 0, len(planes)
+            for batch in batches[told:]:
+                values, errors = zip(*(_at(plane, batch.places) for plane in planes), strict=True)
+                search.tell(batch.places, np.array(values), np.array(errors))
+            told = len(batches)
+
+    @cached_property
+    def _withheld(self) -> Collection[str]:
+        """Models without answers, by the original pictures, which are computed in the first batch."""
+        return withheld_models(self.store, self.cluster)
+
+    def _tables(self) -> Tables:
+        """Those of what was measured that have answers."""
+        for table in score_tables(self.store, self.criterion, self.cluster):
+            if not table.knows_too_little and table.model not in self._withheld:
+                yield table
+
+    def _search(self) -> Search:
+        lines, exposures_s, trend = self.question.lines, self.question.exposures_s, Trend.of(self.camera)
+        return Search(lines, exposures_s, self.criterion.level, most_nodes=MOST_NODES, trend=trend)
+
+    def _common(self) -> tuple[Conditions, ...]:
+        """All lights and speeds at the exposure that is recommended for all of them, where no near one was measured
+        there; nothing where each model has one, or ``MOST_COMMON`` exposures."""
+        tables = on_lines(self.store, self._tables())
+        models = run_averages(self.store, tables, self.criterion.level)
+        batches = asked(self.store)
+        measured = {at.exposure_s for batch in batches if not batch.places for at in batch.conditions}
+        wanted = [each for each in (model.unmeasured(measured) for model in models) if each is not None]
+        if not wanted or len(measured) >= MOST_COMMON * len(models):
+            return ()
+        exposure_s = float(np.clip(wanted[0], *self.question.exposures_s))
+        at = {"exposure_s": exposure_s, **self.question.further}
+        return tuple(Conditions(**at, **line.axes) for line in self.question.lines)
+
+
+def _at(seen: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
+    """The mean and its standard error over clusters at nodes as they were asked, (N,); NaN where nothing is known."""
+    away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
+    nearest, there = away.argmin(axis=1), away.min(axis=1) <= _SAME_PLACE
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.standard_error))
+    return mean, error
 
 
 def question_of(store: Store) -> Question | None:
@@ -42,31 +234,19 @@ def question_of(store: Store) -> Question | None:
     try:
         return None if held is None else Question(**held)
     except TypeError:
-        raise store.damaged(_QUESTION, "must have grid, because and cheaper") from None
+        raise store.damaged(_QUESTION, "must have grid and because") from None
 
 
 def on_lines(store: Store, measured: Tables) -> Tables:
     """Tables that answer the run's question, by those that were measured; of a full grid these themselves."""
     question = question_of(store)
-    if question is None or not question.searched:
+    if question is None or question.because:
         yield from measured
         return
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
     for table in measured:
         for seen in table.on_plane():
             yield predicted_table(seen, question, trend)
-
-
-def answering(store: Store, criterion: Criterion, cluster: str | None) -> list[ScoreTable]:
-    """The tables of all that has answers, on the lines of the run's question."""
-    unfit = withheld_models(store, cluster)
-    measured = (table for table in score_tables(store, criterion, cluster) if table.model not in unfit)
-    return [table for table in on_lines(store, measured) if not table.knows_too_little]
-
-
-def answers_of(store: Store, criterion: Criterion, cluster: str | None) -> list[dict[str, Any]]:
-    """The answers of a run that a search has asked for, as ``Decision.answers`` has them."""
-    return [answer for table in answering(store, criterion, cluster) for answer in answers(table, criterion)]
 
 
 class Decision(Evaluation):
@@ -86,16 +266,20 @@ class Decision(Evaluation):
             if question is None:
                 return None
             repeats = store.about("identity")["plan"]["repeats"]
-            n_pictures = batches[-1].n_pictures if batches else store.about("manifest")["images"]["count"]
+            n_pictures = store.about("manifest")["images"]["count"]
         grid = question.grid_conditions
-        nodes = sum(len(batch.conditions) for batch in batches) if question.searched else grid
+        nodes = grid if question.because else sum(len(batch.conditions) for batch in batches)
         return {
             "nodes": nodes,
             "pictures": n_pictures,
             "cells": nodes * n_pictures * repeats,
             "grid_cells": grid * n_pictures * repeats,
-            "because": [*question.because, *question.cheaper],
+            "because": list(question.because),
         }
+
+    @property
+    def _searched(self) -> bool:
+        return self.decided is not None and not self.decided["because"]
 
     def how(self) -> list[str]:
         """In words: how many conditions it took, or why it was the full grid; none of another run."""
@@ -118,9 +302,7 @@ class Decision(Evaluation):
     def data(self) -> RunData:
         """Everything that the page shows; of a search without what a grid would need."""
         data = super().data
-        if self.decided is None:
-            return data
-        if self.decided["because"]:
+        if not self._searched:
             data.manifest["warnings"] += self.how()
             return data
         data.manifest["searched"] = [*self.how(), _PREDICTED]
@@ -130,6 +312,6 @@ class Decision(Evaluation):
 
     @property
     def _shown(self) -> RunData:
-        if self.decided is None or self.decided["because"]:
+        if not self._searched:
             return self.data
         return replace(self.data, scores=[row for row in self.data.scores if row["clean"]])

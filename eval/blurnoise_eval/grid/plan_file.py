@@ -139,18 +139,6 @@ class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of th
     refine: bool = setting(
         True, "compute more exposures about ends of windows and the exposure to use; a part refines nothing"
     )
-    regret: float | None = setting(
-        None,
-        "take pictures until no recommended exposure loses more, at 95 %, than this",
-        "R",
-        panel=ENOUGH,
-    )
-    edge_stops: float | None = setting(
-        None, "decide takes pictures until no window's end has a wider 95 % interval, stops"
-    )
-    most_nodes: int = setting(
-        72, "conditions from which on decide searches no more; those that check the answers come on top"
-    )
     engine: str = setting(
         "threads",
         "threads over one session of each model; processes, each with its own; ray: on this machine or a cluster",

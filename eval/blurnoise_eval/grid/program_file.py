@@ -62,14 +62,9 @@ class ProgramFile(Settings):
     anti_flicker: Literal["50", "60"] | None = setting(
         None, "Hz of the mains: whole periods of its light alone", "50|60", panel=LIMITS
     )
-    banding: bool = setting(False, "with anti_flicker: below one period any exposure all the same")
     led: bool = setting(False, "1/90 s or more, so that no pulse of an LED is missed")
     most_gain_db: float = setting(120.0, "largest gain, where that is less than the camera's")
     line_time_us: float = setting(0.0, "exposures are whole lines of the sensor")
     least_exposure_us: float | None = setting(
         None, "the sensor's shortest exposure (default: its line time; global shutters 20)"
     )
-    mode_name: Literal["normal", "short", "long", "custom"] = setting(
-        "custom", "of libcamera's exposure mode"
-    )
-    stages: int | None = setting(None, "how many, 1 to 7 (default: as few as lose less than 0.002)")

@@ -1,13 +1,16 @@
 """The optimal exposure program: solved, put into few stages, and compared with what else a camera may do.
 
-Domain: lux, s, dB; values in the criterion's unit, means over the scenario's lights.
+Domain: lux, s; gain in dB, of stages as a factor, 1 and more; values in the criterion's unit, means over the
+scenario's lights. Stages are libcamera's: from the first time and gain on, as more total exposure (time x gain) is
+asked for, time rises to the next stage's at the present gain, then gain to the next stage's at that time; beyond the
+last stage nothing rises.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +18,13 @@ from numpy.typing import NDArray
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.recommendation import best_exposure
 from blurnoise_eval.grid.axes import milliseconds
-from blurnoise_eval.program.limits import STEPS_PER_STOP
 from blurnoise_eval.program.problem import Problem, Schedule
-from blurnoise_eval.program.stages import STOCK, Stages, best_stages
+from blurnoise_eval.program.scenario import STEPS_PER_STOP
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
+Places = NDArray[np.int64]
+MOST = 7  # stages of a program
 ENOUGH = 0.002
 """That few stages may lose against many."""
 GAIN_COSTS = ENOUGH / 6.0
@@ -30,19 +34,37 @@ EARLY_GAIN_DB = 36.0
 its cameras, times 4, the most that it adds digitally (``AgcChannel::prepare``)."""
 
 
-class Baseline(NamedTuple):
-    """What else a camera may do; without a value, why not."""
+@dataclass(frozen=True)
+class Stages:
+    """Times and gains, two or more, neither ever falling; the first is where the least light ends."""
 
-    name: str
-    schedule: Schedule | None
-    reason: str = ""
+    times_s: tuple[float, ...]
+    gains: tuple[float, ...]
+
+    def divided(self, total_s: float) -> tuple[float, float]:
+        """Time and gain for a total exposure, as libcamera divides it up."""
+        time, gain = self.times_s[0], self.gains[0]
+        for next_time, next_gain in zip(self.times_s[1:], self.gains[1:], strict=True):
+            if time * gain >= total_s:
+                break
+            time = min(next_time, total_s / gain)
+            gain = min(next_gain, max(gain, total_s / time))
+        return time, gain
+
+
+STOCK = {
+    "libcamera imx296 normal": Stages((100e-6, 30e-3, 45e-3, 60e-3, 66.666e-3), (1.0, 1.0, 2.0, 4.0, 16.0)),
+    "libcamera imx296 short": Stages((100e-6, 5e-3, 10e-3, 20e-3, 66.666e-3), (1.0, 2.0, 4.0, 8.0, 16.0)),
+}
+"""Exposure modes of Raspberry Pi's global shutter camera: libcamera, src/ipa/rpi/vc4/data/imx296.json."""
 
 
 @dataclass(frozen=True)
 class Program:
     """Stages and their schedule over the scenario's lights; tested_s: the shortest exposure that was tested, below
-    which the first stage is extrapolated; best: the schedule without stages. low, high: the 95 % interval of the
-    schedule's value; regret_95: what it loses at most at 95 % against any other exposures; None from few pictures."""
+    which the first stage is extrapolated; best: the schedule without stages. baselines: what else a camera may do, by
+    its name. low, high: the 95 % interval of the schedule's value; regret_95: what it loses at most at 95 % against
+    any other exposures; None from few pictures."""
 
     problem: Problem
     stages: Stages
@@ -50,7 +72,7 @@ class Program:
     schedule: Schedule
     best: Schedule
     best_fixed_s: float | None
-    baselines: tuple[Baseline, ...]
+    baselines: Mapping[str, Schedule]
     low: float | None
     high: float | None
     regret_95: float | None
@@ -65,53 +87,43 @@ class Program:
         return exposure_s < self.tested_s * (1 - 1e-9)
 
 
-def optimise(problem: Problem, stages: int | None = None, fixed_s: float | None = None) -> Program:
-    """The program. stages: their number; None: as few as lose less than ``ENOUGH``.
+def optimise(problem: Problem) -> Program:
+    """The program, in as few stages as lose less than ``ENOUGH``.
 
-    fixed_s: the best fixed time; where it is None or not allowed, it is found by the rule of
-    :mod:`~blurnoise_eval.answers.recommendation`.
-
-    Raises ``ValueError`` that names the rule and the light, or the speed and what was tested, where nothing is left.
+    Raises ``ValueError`` that names the lights at which no exposure is left.
     """
-    limits, times, tells = problem.limits, problem.times_s, problem.range_text
-    if not times:
-        rules = ", ".join(limits.words)
-        raise ValueError(f"{rules}: leave no exposure at any light that was tested; {tells}")
+    limits, lights, times = problem.limits, problem.scenario.lights_lux, problem.times_s
     objective = problem.objective(times)
-    _check_possible(problem, objective)
+    for light, row in zip(lights, objective, strict=True):
+        if not np.isfinite(row).any():
+            raise problem.nothing_left([light])
     chosen = solve(objective)
     if chosen is None:
-        raise ValueError(
-            "lux: at less light only shorter exposures are left than at more; a program must not be longer in more "
-            "light"
-        )
+        raise problem.nothing_left((lights[0], lights[-1]))
     best = problem.schedule([times[place] for place in chosen])
     tested_s = np.array(times)[np.isfinite(objective).any(axis=0)].tolist()
-    tested = _staged(problem, (tested_s[0], tested_s[-1]), stages, best.value or 0.0)
-    found = tested.starting_at(limits.shortest_s)
-    ours = problem.schedule([problem.taken_s(found, light) for light in problem.lights_lux])
+    tested = _staged(problem, tested_s[0], tested_s[-1], best.value or 0.0)
+    # more light than was tested is met by shorter exposures
+    found = replace(tested, times_s=(min(limits.shortest_s, tested.times_s[0]), *tested.times_s[1:]))
+    metering = problem.inputs.metering
+    totals = [metering.total_s(light) for light in lights]
+    ours = problem.schedule([limits.settled(found.divided(total)[0]) for total in totals])
     if None in ours.values:
-        place = ours.values.index(None)
-        raise ValueError(
-            f"lux = {problem.lights_lux[place]:g}: the exposure there, {milliseconds(ours.exposures_s[place])} ms, "
-            f"is shorter than what was tested; {tells}"
-        )
+        raise problem.nothing_left([lights[ours.values.index(None)]])
+    baselines, fixed_s = {}, problem.inputs.recommended_s
+    asked_else = problem.scenario != problem.inputs.scenario
+    if asked_else or fixed_s is None or not np.isclose(limits.settled(fixed_s), fixed_s, rtol=1e-9):
+        place = best_exposure(times, np.mean(objective, axis=0))
+        fixed_s = None if place is None else times[place]
+    if fixed_s is not None:
+        baselines[f"best fixed time, {milliseconds(fixed_s)} ms"] = problem.schedule([fixed_s] * len(lights))
+    for name, stock in STOCK.items():
+        limited = replace(stock, times_s=tuple(min(time, limits.limit_s) for time in stock.times_s))
+        within = "" if limited == stock else f", to {milliseconds(limits.limit_s)} ms"
+        baselines[name + within] = problem.schedule([limited.divided(total)[0] for total in totals])
     low, high = interval_of(problem, ours)
-    if fixed_s is None or not np.isclose(limits.settled(fixed_s), fixed_s, rtol=1e-9):
-        place_of_best = best_exposure(times, np.mean(objective, axis=0))
-        fixed_s = None if place_of_best is None else times[place_of_best]
-    return Program(
-        problem=problem,
-        stages=found,
-        tested_s=tested.times_s[0],
-        schedule=ours,
-        best=best,
-        best_fixed_s=fixed_s,
-        baselines=tuple(_baselines(problem, fixed_s)),
-        low=low,
-        high=high,
-        regret_95=regret_of(problem, ours, times, objective),
-    )
+    regret_95 = regret_of(problem, ours, times, objective)
+    return Program(problem, found, tested.times_s[0], ours, best, fixed_s, baselines, low, high, regret_95)
 
 
 def solve(worth: Array) -> tuple[int, ...] | None:
@@ -121,122 +133,127 @@ def solve(worth: Array) -> tuple[int, ...] | None:
     Lights and exposures rise; NaN: not allowed, or not known. More light with a longer exposure would let a control
     loop swing. Dynamic programming, O(L S).
     """
-    allowed = np.where(np.isnan(worth), -np.inf, worth)
-    best = allowed[0]
-    came_from = []
-    for row in allowed[1:]:
-        source = np.empty(len(best), int)
-        top = len(best) - 1
-        for place in range(len(best) - 1, -1, -1):
-            if best[place] >= best[top]:
-                top = place
-            source[place] = top
-        came_from.append(source)
-        best = row + best[source]
-    last = int(np.argmax(best))
-    if not np.isfinite(best[last]):
+    first, *others = np.where(np.isnan(worth), -np.inf, worth)
+    sums = [first]
+    for row in others:
+        sums.append(row + np.maximum.accumulate(sums[-1][::-1])[::-1])
+    if not np.isfinite(sums[-1].max()):
         return None
-    chosen = [last]
-    for source in reversed(came_from):
-        chosen.append(int(source[chosen[-1]]))
-    return tuple(reversed(chosen))
+    chosen = [0]
+    for row in reversed(sums):
+        chosen.append(chosen[-1] + int(np.argmax(row[chosen[-1] :])))
+    return tuple(reversed(chosen[1:]))
 
 
-def _check_possible(problem: Problem, objective: Array) -> None:
-    """Refuse what the run has not tested, and rules that leave no exposure at a light."""
-    limits, times, tells = problem.limits, problem.times_s, problem.range_text
-    for light, row in zip(problem.lights_lux, objective, strict=True):
-        tested = problem.tested(np.full(len(times), light), times)
-        for (speed, target), ever in zip(problem.scenario.cases, tested, strict=True):
-            if not ever.any():
-                raise ValueError(
-                    f"lux = {light:g} at {speed:g} px/s ({target}): no allowed exposure was tested there; {tells}"
-                )
-        if not tested.all(axis=0).any():
-            raise ValueError(f"lux = {light:g}: no allowed exposure was tested at all the speeds; {tells}")
-        if np.isnan(row).all():
-            needed = problem.inputs.metering.gain_db(light, times[-1])
-            raise ValueError(
-                f"most_gain_db = {limits.most_gain_db:g}: leaves no exposure at {light:g} lux: "
-                f"the longest allowed, {1e3 * times[-1]:.4g} ms, needs {needed:.1f} dB"
-            )
-
-
-def _staged(problem: Problem, between_s: tuple[float, float], wanted: int | None, best: float) -> Stages:
-    """As many stages as wanted, or as few as lose less than ``ENOUGH``, with times between two."""
-    limits, count = problem.limits, len(problem.lights_lux)
-    low, high = between_s
-    lattice = np.geomspace(low, high, 1 + int(np.ceil(STEPS_PER_STOP * np.log2(high / low) - 1e-9))).tolist()
-    worth = problem.objective([limits.settled(min(time, high)) for time in lattice])
+def _staged(problem: Problem, low_s: float, high_s: float, best: float) -> Stages:
+    """As few stages as lose less than ``ENOUGH``, with times between two."""
+    limits, lights, metering = problem.limits, problem.scenario.lights_lux, problem.inputs.metering
+    steps = int(np.ceil(STEPS_PER_STOP * np.log2(high_s / low_s) - 1e-9))
+    lattice = np.geomspace(low_s, high_s, 1 + steps).tolist()
+    worth = problem.objective([limits.settled(min(time, high_s)) for time in lattice])
     worth -= GAIN_COSTS * problem.gains_db(lattice)
-    totals = [problem.inputs.metering.total_s(light) for light in problem.lights_lux]
-    most_db = min(limits.most_gain_db, problem.inputs.metering.camera.gain_max_db)
+    most_db = min(limits.gain_max_db, metering.camera.gain_max_db)
+    totals = [metering.total_s(light) for light in lights]
     found = best_stages(worth, totals, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
     if not found:
-        tells = problem.range_text
-        raise ValueError(f"stages: none stays within what the run tested and the limits allow; {tells}")
-    if wanted is not None:
-        return found[min(wanted, len(found)) - 1].stages
-    least = min(best * count, found[-1].worth) - ENOUGH * count
-    return next(each.stages for each in found if each.worth >= least)
+        raise problem.nothing_left((lights[0], lights[-1]))
+    least = min(best * len(lights), found[-1][1]) - ENOUGH * len(lights)
+    return next(stages for stages, reached in found if reached >= least)
 
 
 def interval_of(problem: Problem, ours: Schedule) -> tuple[float | None, float | None]:
-    """95 % of a schedule's value; None from few pictures, or where it was not tested."""
-    there = problem.uncertain(problem.lights_lux, ours.exposures_s)
-    sigma = np.sqrt(max(float(there.prediction_cov.mean()), 0.0))
-    mean, away = there.objective.mean(), there.influence.mean(axis=1)
-    ends = uncertainty.of_level(mean, away, problem.most, sigma)
-    low, high = (finite(float(end)) for end in ends)
-    return (low, high) if np.isfinite(mean) else (None, None)
+    """95 % of a schedule's value; None from few pictures."""
+    objective, influence, cov = problem.uncertain(problem.scenario.lights_lux, ours.exposures_s)
+    sigma = np.sqrt(max(float(cov.mean()), 0.0))
+    low, high = uncertainty.of_level(objective.mean(), influence.mean(axis=1), problem.most, sigma)
+    return finite(float(low)), finite(float(high))
 
 
 def regret_of(problem: Problem, ours: Schedule, times_s: Sequence[float], objective: Array) -> float | None:
     """Mean over the lights of what the schedule loses at most, each against the best exposure there, paired."""
-    if None in ours.values:
-        return None
     bounds = []
-    for light, exposure, row in zip(problem.lights_lux, ours.exposures_s, objective, strict=True):
+    for light, exposure, row in zip(problem.scenario.lights_lux, ours.exposures_s, objective, strict=True):
         others = [time for time, value in zip(times_s, row, strict=True) if np.isfinite(value)]
-        there = problem.uncertain([light] * (1 + len(others)), [exposure, *others])
-        gain = there.objective[1:] - there.objective[0]
-        away = there.influence[:, 1:] - there.influence[:, [0]]
-        sigma = uncertainty.sigma_of_differences(there.prediction_cov, 0)[1:]
-        bounds.append(float(uncertainty.regret_bound(away, gain, sigma=sigma)))
+        value, influence, cov = problem.uncertain([light] * (1 + len(others)), [exposure, *others])
+        away, sigma = influence[:, 1:] - influence[:, [0]], uncertainty.sigma_of_differences(cov, 0)[1:]
+        bounds.append(float(uncertainty.regret_bound(away, value[1:] - value[0], sigma=sigma)))
     return finite(float(np.mean(bounds)))
 
 
-def _baselines(problem: Problem, fixed_s: float | None) -> Iterator[Baseline]:
-    """The best fixed time, stock programs, and the other rule against flicker."""
-    lights, limits = problem.lights_lux, problem.limits
+def best_stages(
+    worth: Array,
+    totals_s: Sequence[float],
+    times_s: Sequence[float],
+    most_gain: float,
+    early_gain: float = math.inf,
+) -> list[tuple[Stages, float]]:
+    """The best programs of at most 1, 2 ... ``MOST`` stages, with their sums of worth; none where none is allowed.
 
-    def held(name: str, exposures_s: Sequence[float]) -> Baseline:
-        found = problem.schedule(exposures_s)
-        outside = "" if found.value is not None else "its exposures lie outside what was tested"
-        return Baseline(name, found, outside)
+    worth: (L, I) of each light at each of ``times_s`` (I,), equally many stops apart and rising, NaN where it is not
+    allowed; totals_s: (L,) what each light asks for, times gain; early_gain: the most gain at any time but the
+    longest. Gains have the times' steps. Of programs on that lattice these are the best: dynamic programming over
+    paths that rise by one step of time (i) or of gain (j) from the first time and gain on. A path of a stage rises
+    in time, then in gain; it meets a light that asks for i + j steps.
+    """
+    n_times = len(times_s)
+    step = math.log2(times_s[1] / times_s[0]) if n_times > 1 else 0.125
+    asked = np.maximum(np.rint(np.log2(np.asarray(totals_s) / times_s[0]) / step), 0).astype(int)
+    gains, early = (
+        math.floor(math.log2(each) / step + 1e-9) for each in (most_gain, min(most_gain, early_gain))
+    )
+    reach = max(1, min(int(asked.max()), n_times - 1 + gains))
+    of_steps = np.zeros((reach + 2, n_times))  # worth of all lights that ask for so many steps
+    np.add.at(of_steps, np.minimum(asked, reach), np.where(np.isnan(worth), -np.inf, worth))
+    of_more = np.cumsum(of_steps[::-1], axis=0)[::-1]
+    i, j = np.indices((n_times, gains + 1))
+    steps = np.minimum(i + j, reach)
+    allowed = (i + j <= reach) & ((j <= early) | (i == n_times - 1))
+    met = np.where(allowed, of_steps[steps, i], -np.inf)
+    # the darkest light is reached, or the most gain, at which all darker lights stay
+    may_end = allowed & (i + j > 0) & ((i + j == reach) | (j == gains))
+    darker = np.where(may_end, of_more[steps + 1, i], -np.inf)
 
-    if fixed_s is None:
-        yield Baseline("best fixed time", None, "none was tested at every light")
-    else:
-        yield held("best fixed time", [fixed_s] * len(lights))
-    longest_s = limits.rule.limit_s
-    for name, stages in STOCK.items():
-        limited = stages.no_longer(longest_s)
-        within = "" if limited == stages else f", to {milliseconds(longest_s)} ms"
-        totals = map(problem.inputs.metering.total_s, lights)
-        yield held(name + within, [limited.divided(total)[0] for total in totals])
-    if limits.mains_hz:
-        name, limits = "without anti-flicker", replace(limits, mains_hz=0.0, banding=False)
-    else:
-        name = "whole periods of 50 Hz mains"
-        try:
-            limits = replace(limits, mains_hz=50.0)
-        except ValueError:
-            yield Baseline(name, None, "no period fits between the limits")
-            return
-    other = replace(problem, limits=limits)
-    chosen = solve(other.objective(other.times_s)) if other.times_s else None
-    if chosen is None:
-        yield Baseline(name, None, "it leaves no exposure that was tested at some light")
-    else:
-        yield Baseline(name, problem.schedule([other.times_s[place] for place in chosen]))
+    best = np.full(met.shape, -np.inf)
+    best[0, 0] = met[0, 0]
+    risen: list[tuple[Places, Places]] = []
+    found = []
+    for _ in range(MOST):
+        best, from_time = _rising(best, met, early=True)
+        transposed, from_gain = _rising(best.T, met.T, early=False)
+        best = transposed.T
+        risen.append((from_time, from_gain.T))
+        total = best + darker
+        ends = np.argwhere(total == total.max())
+        end = ends[np.lexsort((ends[:, 0], ends.sum(axis=1)))[0]]
+        if np.isfinite(total.max()):
+            corners = _corners(risen, int(end[0]), int(end[1]))
+            times = tuple(float(times_s[time]) for time, _ in corners)
+            stages = Stages(times, tuple(float(2 ** (gain * step)) for _, gain in corners))
+            found.append((stages, float(total.max())))
+    return found
+
+
+def _rising(best: Array, met: Array, early: bool) -> tuple[Array, Places]:
+    """Sums after any number of steps along the first axis, and the place there from which they rise.
+
+    Of equal ways the one that begins to rise ``early``, or the one that does late.
+    """
+    sums = best.copy()
+    begun = np.repeat(np.arange(len(best))[:, None], best.shape[1], axis=1)
+    for k in range(1, len(best)):
+        rising = sums[k - 1] + met[k]
+        better = rising >= sums[k] if early else rising > sums[k]
+        sums[k] = np.where(better, rising, sums[k])
+        begun[k] = np.where(better, begun[k - 1], begun[k])
+    return sums, begun
+
+
+def _corners(risen: Sequence[tuple[Places, Places]], i: int, j: int) -> list[tuple[int, int]]:
+    """Steps of time and gain where each stage of the path to (i, j) ends, the start first; each once."""
+    corners = [(i, j)]
+    for from_time, from_gain in reversed(risen):
+        j = int(from_gain[i, j])
+        i = int(from_time[i, j])
+        if (i, j) != corners[-1]:
+            corners.append((i, j))
+    return corners[::-1]

@@ -5,7 +5,7 @@ Domain: lux, s, dB; values in the criterion's unit. Nothing is said of places th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -13,22 +13,97 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.deciding.predicted import CAUTION, At, Predicted
-from blurnoise_eval.program.inputs import Inputs
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.scenario import Scenario
-from blurnoise_eval.program.stages import Stages
+from blurnoise_eval.deciding.decision import on_lines, question_of
+from blurnoise_eval.deciding.question import Question, what_breaks
+from blurnoise_eval.deciding.surface import CAUTION, Predicted, Trend
+from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
+from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.scoring.estimates import influence, ratio_of_sums
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.sweep.run_scores import withheld_models
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables
 from blurnoise_eval.system.tables import finite
 
+GREY = 0.18
+"""Mean light that is assumed of pictures all of whose gains are at a limit."""
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """A model's planes by targets in a run, and what goes with them. scenario: what the run was asked, all alike.
+    exposures_s: from the least to the greatest; recommended_s: what the run's report recommends for all conditions.
+    notes: what was left out or assumed."""
+
+    model: str
+    criterion: Criterion
+    planes: Mapping[str, Predicted]
+    metering: Metering
+    scenario: Scenario
+    exposures_s: tuple[float, float]
+    recommended_s: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def inputs_of(
+    store: Store, criterion: Criterion, cluster: str | None = None, model: str | None = None
+) -> Inputs:
+    """The inputs of one model; the run's only one unless named.
+
+    Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
+    camera or a motion for which the plane does not hold.
+    """
+    run, where = Run(store), f"run = {str(store.folder)!r}"
+    withheld = withheld_models(store, cluster)
+    names = [name for name in run.models if name not in withheld]
+    chosen = names[0] if model is None and len(names) == 1 else model
+    if chosen not in names:
+        unfit = "".join(f"; {name}: {reason}" for name, reason in withheld.items())
+        raise ValueError(f"{where}: model = {chosen!r}: must be one of {', '.join(names)}{unfit}")
+    of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
+    tables = [each for each in of_model if not each.knows_too_little]
+    little = [each.group for each in of_model if each.knows_too_little]
+    notes = [f"{group}: left out, for the model knows too little of these" for group in little]
+    seen = [plane for table in tables for plane in table.on_plane()]
+    if not seen:
+        raise StoreError(f"{where}: tells of no targets under any light")
+    asked = question_of(store) or Question(run.grid)
+    question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
+    setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
+    if setting["gain_db"] != AUTOMATIC:
+        gain = axis("gain_db").text(setting["gain_db"])
+        raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
+    camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
+    if because := what_breaks(camera, question, run.trajectory):
+        raise ValueError(f"{where}: has no program, for its conditions are no plane: {'; '.join(because)}")
+    light = mean_light(queries.gains_set(store, seen[0].model), camera)
+    if light is None:
+        notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")
+    lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
+    speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
+    planes = {each.group: Predicted(each, Trend.of(camera)) for each in seen}
+    choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
+    return Inputs(
+        model=seen[0].model,
+        criterion=criterion,
+        planes=planes,
+        metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
+        scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),
+        exposures_s=question.exposures_s,
+        recommended_s=choice and choice.exposure_s,
+        notes=tuple(notes),
+    )
 
 
 class Schedule(NamedTuple):
     """Exposures and gains over the scenario's lights, (L,) each; lacks_gain: whether the gain's limit is reached;
     values: the objective, None where it was not tested. value: their mean; worst_speed: the least mean of a speed
-    over the lights; worst_light: the least of a light."""
+    over the lights."""
 
     exposures_s: tuple[float, ...]
     gains_db: tuple[float, ...]
@@ -36,16 +111,6 @@ class Schedule(NamedTuple):
     values: tuple[float | None, ...]
     value: float | None
     worst_speed: float | None
-    worst_light: float | None
-
-
-class Uncertain(NamedTuple):
-    """The objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the surfaces'
-    prediction, ``CAUTION`` times as wide as they have it."""
-
-    objective: Array
-    influence: Array
-    prediction_cov: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,95 +123,18 @@ class Problem:
     limits: Limits
 
     @property
-    def lights_lux(self) -> tuple[float, ...]:
-        """The scenario's, (L,)."""
-        return self.scenario.lights_lux
+    def _planes(self) -> list[Predicted]:
+        return [self.inputs.planes[target] for target in self.scenario.targets]
 
     @cached_property
     def clusters(self) -> tuple[str, ...]:
         """Of all targets."""
         return tuple(dict.fromkeys(cluster for plane in self._planes for cluster in plane.clusters))
 
-    @cached_property
-    def times_s(self) -> tuple[float, ...]:
-        """Allowed exposures that were asked for, and tested at some light, rising, (S,)."""
-        (low, _), (high, _) = self._range
-        asked_s = self.inputs.exposures_s
-        shortest_s = max(float(low / self.lights_lux[-1]), asked_s[0])
-        return self.limits.candidates(shortest_s, min(float(high / self.lights_lux[0]), asked_s[1]))
-
-    def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array]:
-        """Values at pairs: (K, M) of the cases, NaN outside what was tested; (M,) of the objective."""
-        cases = np.array([ratio_of_sums(*each) for each in self.predicted(lights_lux, exposures_s)])
-        return cases, np.asarray((self.scenario.weights(cases) * cases).sum(axis=0))
-
-    def objective(self, times_s: Sequence[float]) -> Array:
-        """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
-        shape = len(self.lights_lux), len(times_s)
-        _, values = self.at(np.repeat(self.lights_lux, shape[1]), np.tile(times_s, shape[0]))
-        allowed = self.gains_db(times_s) <= self.limits.most_gain_db + 1e-9
-        return np.where(allowed, values.reshape(shape), np.nan)
-
-    def gains_db(self, times_s: Sequence[float]) -> Array:
-        """(L, S)."""
-        gain_db = self.inputs.metering.gain_db
-        return np.array([[gain_db(lux, time) for time in times_s] for lux in self.lights_lux])
-
-    def taken_s(self, stages: Stages, light_lux: float) -> float:
-        """The exposure that stages give at a light, in whole periods and lines if so limited."""
-        return self.limits.settled(stages.divided(self.inputs.metering.total_s(light_lux))[0])
-
-    def schedule(self, exposures_s: Sequence[float]) -> Schedule:
-        """What these exposures do, one at each light, with the camera's gain."""
-        cases, values = self.at(self.lights_lux, exposures_s)
-        known = bool(np.isfinite(values).all())
-        by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
-        of_speeds = np.average(by_speed, axis=1, weights=list(self.scenario.targets.values()))
-        pairs = list(zip(self.lights_lux, exposures_s, strict=True))
-        return Schedule(
-            exposures_s=tuple(float(exposure) for exposure in exposures_s),
-            gains_db=tuple(self.inputs.metering.gain_db(*pair) for pair in pairs),
-            lacks_gain=tuple(self.inputs.metering.lacks_gain(*pair) for pair in pairs),
-            values=tuple(map(finite, values)),
-            value=float(values.mean()) if known else None,
-            worst_speed=float(of_speeds.min()) if known else None,
-            worst_light=float(values.min()) if known else None,
-        )
-
-    def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> Uncertain:
-        """At pairs; the influence's standard deviation by the root of C is the objective's error."""
-        cases, objective = self.at(lights_lux, exposures_s)
-        weights = np.nan_to_num(self.scenario.weights(cases))
-        place = {cluster: index for index, cluster in enumerate(self.clusters)}
-        total = np.zeros((len(place), len(objective)))
-        there = self.predicted(lights_lux, exposures_s)
-        for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
-            own = influence(*of_case)
-            known = np.maximum(np.isfinite(own).sum(axis=0), 1)
-            rows = [place[cluster] for cluster in self.inputs.planes[target].clusters]
-            total[rows] += weight * np.nan_to_num(own) * len(place) / known
-        cov = np.zeros((len(objective),) * 2)
-        for target, plane in self.inputs.planes.items():  # the cases of one plane together
-            of = [k for k, (_, each) in enumerate(self.scenario.cases) if each == target]
-            if not of:
-                continue
-            speeds = [self.scenario.cases[k][0] for k in of]
-            at = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
-            of_cases = weights[of].ravel()[:, None] * plane.surface.covariance(at) * weights[of].ravel()
-            cov += of_cases.reshape(len(of), len(cov), len(of), len(cov)).sum(axis=(0, 2))
-        return Uncertain(objective, total, CAUTION**2 * cov)
-
     @property
     def most(self) -> float:
         """The greatest value of the objective."""
         return sum(share * self.inputs.planes[target].most for target, share in self.scenario.targets.items())
-
-    def tested(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> NDArray[np.bool_]:
-        """Whether each case was tested at pairs, (K, M)."""
-        places = (
-            (target, places_of(exposures_s, lights_lux, speed)) for speed, target in self.scenario.cases
-        )
-        return np.array([self.inputs.planes[target].inside(at) for target, at in places])
 
     @property
     def _range(self) -> tuple[Array, Array]:
@@ -155,26 +143,89 @@ class Problem:
         high = np.min([plane.places.max(axis=0) for plane in self._planes], axis=0)
         return np.exp2(low), np.exp2(high)
 
-    @property
-    def range_text(self) -> str:
-        """What was tested: 'the run tells of light x exposure ... lux s, motion ... px'."""
+    @cached_property
+    def times_s(self) -> tuple[float, ...]:
+        """Allowed exposures that were asked for, and tested at some light, rising, (S,)."""
+        (low, _), (high, _) = self._range
+        asked_s = self.inputs.exposures_s
+        shortest_s = max(float(low / self.scenario.lights_lux[-1]), asked_s[0])
+        return self.limits.candidates(shortest_s, min(float(high / self.scenario.lights_lux[0]), asked_s[1]))
+
+    def nothing_left(self, lights_lux: Sequence[float]) -> ValueError:
+        """The error where no exposure is left at these lights."""
         (light_low, motion_low), (light_high, motion_high) = self._range
-        return (
-            f"the run tells of light x exposure {light_low:.3g} to {light_high:.3g} lux s, "
-            f"motion {motion_low:.3g} to {motion_high:.3g} px"
+        lights = ":".join(dict.fromkeys(f"{light:g}" for light in lights_lux))
+        speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
+        return ValueError(
+            f"lux = {lights}: no exposure is left that was tested at {speeds} px/s, is not longer in more light, and "
+            f"keeps to {', '.join(self.limits.words)}; the run tells of light x exposure {light_low:.3g} to "
+            f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
         )
 
-    @property
-    def _planes(self) -> list[Predicted]:
-        return [self.inputs.planes[target] for target in self.scenario.targets]
-
-    def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[At]:
-        """Of each case the planes' prediction, NaN outside what was tested."""
+    def predicted(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> list[tuple[Array, Array]]:
+        """Of each case sums and counts (C, M), NaN outside what was tested."""
         found = []
         for speed, target in self.scenario.cases:
             plane, places = self.inputs.planes[target], places_of(exposures_s, lights_lux, speed)
-            inside = plane.inside(places)
-            whole = np.full((2, len(plane.clusters), len(places)), np.nan)
-            whole[..., inside] = plane.on(places[inside])
-            found.append(At(*whole))
+            outside = ~plane.inside(places)
+            at = plane.on(places)
+            for values in at:
+                values[:, outside] = np.nan
+            found.append(at)
         return found
+
+    def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array]:
+        """Values at pairs: (K, M) of the cases, NaN outside what was tested; (M,) of the objective."""
+        cases = np.array([ratio_of_sums(*each) for each in self.predicted(lights_lux, exposures_s)])
+        return cases, np.asarray((self.scenario.weights(cases) * cases).sum(axis=0))
+
+    def objective(self, times_s: Sequence[float]) -> Array:
+        """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
+        shape = len(self.scenario.lights_lux), len(times_s)
+        _, values = self.at(np.repeat(self.scenario.lights_lux, shape[1]), np.tile(times_s, shape[0]))
+        allowed = self.gains_db(times_s) <= self.limits.gain_max_db + 1e-9
+        return np.where(allowed, values.reshape(shape), np.nan)
+
+    def gains_db(self, times_s: Sequence[float]) -> Array:
+        """(L, S)."""
+        gain_db = self.inputs.metering.gain_db
+        return np.array([[gain_db(lux, time) for time in times_s] for lux in self.scenario.lights_lux])
+
+    def schedule(self, exposures_s: Sequence[float]) -> Schedule:
+        """What these exposures do, one at each light, with the camera's gain."""
+        cases, values = self.at(self.scenario.lights_lux, exposures_s)
+        by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
+        of_speeds = np.average(by_speed, axis=1, weights=list(self.scenario.targets.values()))
+        metering = self.inputs.metering
+        gains_db = tuple(map(metering.gain_db, self.scenario.lights_lux, exposures_s))
+        return Schedule(
+            exposures_s=tuple(float(exposure) for exposure in exposures_s),
+            gains_db=gains_db,
+            lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
+            values=tuple(map(finite, values)),
+            value=finite(values.mean()),
+            worst_speed=finite(of_speeds.min()),
+        )
+
+    def uncertain(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array, Array]:
+        """At pairs the objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the
+        surfaces' prediction, ``CAUTION`` times as wide as they have it."""
+        there = self.predicted(lights_lux, exposures_s)
+        cases = np.array([ratio_of_sums(*of_case) for of_case in there])
+        weights = self.scenario.weights(cases)
+        objective, weights = (weights * cases).sum(axis=0), np.nan_to_num(weights)
+        place = {cluster: index for index, cluster in enumerate(self.clusters)}
+        total = np.zeros((len(place), len(objective)))
+        for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
+            own = influence(*of_case)
+            known = np.maximum(np.isfinite(own).sum(axis=0), 1)
+            rows = [place[cluster] for cluster in self.inputs.planes[target].clusters]
+            total[rows] += weight * np.nan_to_num(own) * len(place) / known
+        speeds, targets = self.scenario.speeds_px_s, self.scenario.targets
+        at = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
+        cov = np.zeros((len(objective),) * 2)
+        of_targets = np.moveaxis(weights.reshape(len(speeds), len(targets), -1), 1, 0)
+        for plane, weight in zip(self._planes, of_targets, strict=True):
+            own = plane.surface.covariance(at).reshape(*weight.shape, *weight.shape)
+            cov += np.einsum("vm,vmwn,wn->mn", weight, own, weight)
+        return objective, total, CAUTION**2 * cov

@@ -1,26 +1,41 @@
-"""A scenario: the lights, speeds and targets that an exposure program is for, and what of them is to be good.
+"""What an exposure program is for, the lights, speeds and targets; and what it must keep to, the limits of exposures
+and the gain that the camera sets.
 
-Domain: lux, px/s, shares that add up to 1. A value of the program is a mean over the lights, all alike; at one light
-over the cases, a speed with a kind of target each, by its share.
+Domain: lux, px/s, s, dB; shares that add up to 1. A value of the program is a mean over the lights, all alike; at one
+light over the cases, a speed with a kind of target each, by its share. Mains light flickers at twice its frequency;
+an exposure of whole periods, 1/100 or 1/120 s, sees none of it. A lamp or sign of LEDs looks steady when it pulses at
+90 Hz or more (Deegan, Electronic Imaging 2018, AVM-146), so an exposure of 1/90 s always holds one of its pulses.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise, product
-from typing import Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import in_range, limited, one_of
+from blurnoise._core.checks import Figure, in_range, limited, one_of
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.metering import USUAL, AutoExposure, Setting
 
 Objective = Literal["expected", "worst", "tail"]
 Array = NDArray[np.float64]
 T = TypeVar("T", float, str)
 LIGHTS_PER_STOP = 2
+LED_S = 1 / 90
+PREGIUS_LEAST_S = 20e-6
+"""Shortest exposure of Sony's first Pregius sensors: a line and 13.73 us, 18.8 to 20 us with an IMX250 (Teledyne
+DALSA, Genie Nano manual, M2450)."""
+STEPS_PER_STOP = 8
+_UNHURRIED = AutoExposure(USUAL.target, frame_rate_hz=1 / 3600)
+_TOLD_DB = 0.01  # from a limit of the gain, from which on it depends on the picture's light
+_STEP = 1e-9
 
 
 @dataclass(frozen=True)
@@ -39,16 +54,19 @@ class Scenario:
 
     def __post_init__(self) -> None:
         one_of("objective", self.objective, get_args(Objective))
-        in_range("tail", self.tail, 0.0, 1.0)
-        if self.tail == 0:
-            raise ValueError("tail = 0: must be > 0; --objective worst is the worst of all")
+        in_range("tail", self.tail, 0.0, 1.0, above=True)
         lights = tuple(limited("illuminance_lux", light) for light in self.lights_lux)
         if not lights or lights[0] <= 0 or any(a >= b for a, b in pairwise(lights)):
             raise ValueError(f"lights_lux = {self.lights_lux!r}: must be above 0 and rise")
         for speed in self.speeds_px_s:
             limited("speed_px_s", speed)
-        object.__setattr__(self, "speeds_px_s", _as_shares("speeds", self.speeds_px_s))
-        object.__setattr__(self, "targets", _as_shares("targets", self.targets))
+        for field, name in (("speeds_px_s", "speeds"), ("targets", "targets")):
+            weights = getattr(self, field)
+            total = sum(weights.values())
+            if any(not 0 <= weight < math.inf for weight in weights.values()) or not 0 < total < math.inf:
+                raise ValueError(f"{name} = {dict(weights)!r}: shares must be 0 or more, and one above 0")
+            shares = {key: weight / total for key, weight in weights.items() if weight > 0}
+            object.__setattr__(self, field, shares)
 
     @property
     def cases(self) -> list[tuple[float, str]]:
@@ -75,17 +93,12 @@ class Scenario:
         return np.where(np.isnan(values).any(axis=0), np.nan, weights)
 
     @property
-    def objective_text(self) -> str:
-        """'expected', or 'the worst of them'."""
-        words = {"worst": "the worst of them", "tail": f"the worst {self.tail:g} of them on average"}
-        return words.get(self.objective, "expected")
-
-    @property
     def text(self) -> str:
         """'0 px/s (0.3), 200 px/s (0.7); large (0.5); medium (0.5); expected'."""
         speeds = ", ".join(f"{speed:.4g} px/s ({share:.2g})" for speed, share in self.speeds_px_s.items())
         targets = "; ".join(f"{target} ({share:.2g})" for target, share in self.targets.items())
-        return f"{speeds}; {targets}; {self.objective_text}"
+        words = {"worst": "the worst of them", "tail": f"the worst {self.tail:g} of them on average"}
+        return f"{speeds}; {targets}; {words.get(self.objective, 'expected')}"
 
 
 def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
@@ -97,46 +110,13 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     return (low_lux, *between, high_lux) if steps else (low_lux,)
 
 
-def _as_shares(name: str, weights: Mapping[T, float]) -> dict[T, float]:
-    total = sum(weights.values())
-    if any(not 0 <= weight < math.inf for weight in weights.values()) or not 0 < total < math.inf:
-        raise ValueError(f"{name} = {dict(weights)!r}: shares must be 0 or more, and one above 0")
-    return {key: weight / total for key, weight in weights.items() if weight > 0}
+def speed_shares(text: str) -> dict[float, float]:
+    """Shares by px/s of "0:0.3,200:0.7", or alike of "0,200". Raises ``ValueError``."""
+    return _shares("speeds", text, lambda word: _number("speeds", word))
 
 
-def _read(name: str, text: str, key: Callable[[str], T]) -> tuple[dict[T, float], list[str]]:
-    """Shares of "a:0.3,b:0.7", 1 each of "a,b", by ``key`` of what is before the colon; and that they will be divided
-    by their sum, if it is not 1. Raises ``ValueError`` naming the argument, also for an entry that is given twice."""
-    shares: dict[T, float] = {}
-    parts = [part.strip().partition(":") for part in text.split(",")]
-    if len({colon for _, colon, _ in parts}) > 1:
-        raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")
-    for word, _, written in parts:
-        found = key(word)
-        if found in shares:
-            raise ValueError(f"{name}: {found} is given twice; give each once, with its whole share")
-        shares[found] = _number(name, written or "1")
-    total = math.fsum(shares.values()) if ":" in text else 1.0
-    scaled = not math.isclose(total, 1.0, rel_tol=1e-6)
-    return shares, [f"{name}: shares add up to {total:g}; each was divided by that"] * scaled
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None
-
-
-def speed_shares(text: str | None, own: Sequence[float]) -> tuple[dict[float, float], list[str]]:
-    """Shares by px/s, and notes on them; None: ``own``, all alike. Raises ``ValueError``."""
-    if text is None:
-        return dict.fromkeys(own, 1.0), []
-    return _read("speeds", text, lambda word: _number("speeds", word))
-
-
-def target_shares(text: str | None, groups: Sequence[str]) -> tuple[dict[str, float], list[str]]:
-    """Shares of the groups that ``text`` names by any part of their name, and notes on them; None: all alike.
+def target_shares(text: str, groups: Sequence[str]) -> dict[str, float]:
+    """Shares of the groups that ``text`` names by any part of their name.
 
     Raises ``ValueError`` for a word that is found in none of them, or in several.
     """
@@ -147,4 +127,123 @@ def target_shares(text: str | None, groups: Sequence[str]) -> tuple[dict[str, fl
             raise ValueError(f"targets = {word!r}: must be part of the name of one of: {'; '.join(groups)}")
         return fitting[0]
 
-    return (dict.fromkeys(groups, 1.0), []) if text is None else _read("targets", text, group_of)
+    return _shares("targets", text, group_of)
+
+
+def _shares(name: str, text: str, key: Callable[[str], T]) -> dict[T, float]:
+    parts = [part.strip().partition(":") for part in text.split(",")]
+    if len({colon for _, colon, _ in parts}) > 1:
+        raise ValueError(f"{name} = {text!r}: must have a share for every entry, or for none")
+    shares = {key(word): _number(name, share or "1") for word, _, share in parts}
+    if len(shares) < len(parts):
+        raise ValueError(f"{name} = {text!r}: must have each entry once, with its whole share")
+    return shares
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None
+
+
+@dataclass(frozen=True)
+class Limits(AutoExposure):
+    """What a program may use: the camera's own limits, and those of the lamps and the sensor.
+
+    led: at least 1/90 s. least_exposure_s: the sensor's shortest. Raises ``ValueError`` naming the field, or the
+    rules that leave nothing.
+    """
+
+    led: bool = False
+    least_exposure_s: Annotated[Figure, Ge(1e-7), Le(1)] = PREGIUS_LEAST_S
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.shortest_s > self.limit_s * (1 + _STEP):
+            raise ValueError(
+                f"{', '.join(self.words)}: leave no exposure at any light: it must be "
+                f"{1e3 * self.shortest_s:.4g} ms or more, and the frame leaves {1e3 * self.limit_s:.4g} ms"
+            )
+
+    @property
+    def _period_s(self) -> float:
+        return 1 / (2 * self.mains_hz) if self.mains_hz else 0.0
+
+    @cached_property
+    def shortest_s(self) -> float:
+        """The shortest exposure that the rules allow."""
+        least = max(self._period_s, LED_S if self.led else 0.0, self.row_time_s, self.least_exposure_s)
+        unit_s = self._period_s or self.row_time_s
+        return math.ceil(least / unit_s - _STEP) * unit_s if unit_s else least
+
+    def settled(self, exposure_s: float) -> float:
+        """The longest allowed exposure that is not longer; the shortest there is, if all are."""
+        return self.allowed_s(max(exposure_s, self.shortest_s))
+
+    def candidates(self, low_s: float, high_s: float) -> tuple[float, ...]:
+        """Allowed exposures from low to high, 1/8 stop apart or as far as the rules put them; rising."""
+        longest, first = min(high_s, self.limit_s), max(low_s, self.shortest_s)
+        if first > longest * (1 + _STEP):
+            return ()
+        steps = math.ceil(STEPS_PER_STOP * math.log2(longest / first) - _STEP) if longest > first else 0
+        asked = [min(longest, first * 2 ** (k / STEPS_PER_STOP)) for k in range(steps + 1)]
+        if period_s := self._period_s:
+            asked += [n * period_s for n in range(1, math.floor(longest / period_s + _STEP) + 1)]
+        times = sorted(set(map(self.settled, asked)))
+        return tuple(time for time in times if low_s * (1 - _STEP) <= time <= longest * (1 + _STEP))
+
+    @property
+    def words(self) -> list[str]:
+        """The limits that hold, in words."""
+        less = f" less {1e3 * self.readout_s:g} ms" if self.readout_s else ""
+        from_us = 1e6 * self.least_exposure_s
+        holding = {
+            f"{self.frame_rate_hz:g} frames/s{less}": True,
+            f"whole periods of {self.mains_hz:g} Hz mains": self.mains_hz > 0,
+            "LEDs: 1/90 s or more": self.led,
+            f"gain up to {self.gain_max_db:g} dB": self.gain_max_db < 120,
+            f"exposures from {from_us:.4g} us on": self.least_exposure_s > self.row_time_s,
+            f"whole lines of {1e6 * self.row_time_s:g} us": self.row_time_s > 0,
+        }
+        return [words for words, holds in holding.items() if holds]
+
+
+@dataclass(frozen=True)
+class Metering:
+    """The rule of :mod:`blurnoise.scene.metering` for one camera and pictures of one ``mean_light``, a share of
+    white."""
+
+    camera: Camera
+    mean_light: float
+    temperature_c: float = 25.0
+
+    def _setting(self, rule: AutoExposure, lux: float, exposure_s: float | None = None) -> Setting:
+        return rule.setting(
+            self.camera, mean_light=self.mean_light, illuminance_lux=lux,
+            exposure_s=exposure_s, temperature_c=self.temperature_c,
+        )  # fmt: skip
+
+    def total_s(self, illuminance_lux: float) -> float:
+        """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""
+        return self._setting(_UNHURRIED, illuminance_lux).exposure_s
+
+    def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
+        """As the camera sets it, from 0 dB to its most."""
+        return self._setting(USUAL, illuminance_lux, exposure_s).gain_db
+
+
+def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:
+    """Mean over pictures of their mean light, by their gains; None where all gains are at a limit.
+
+    gains: rows of ``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db``, set by the camera for each
+    picture. Dark charge counts for none.
+    """
+    white = Metering(camera, 1.0).total_s(1.0)  # lux s
+    of: dict[str, list[float]] = {}
+    for row in gains:
+        gain_db = row["applied_gain_db"]
+        if _TOLD_DB < gain_db < camera.gain_max_db - _TOLD_DB:
+            total = row["illuminance_lux"] * row["exposure_s"] * 10 ** (gain_db / 20)
+            of.setdefault(row["image"], []).append(math.log(white / total))
+    return float(np.mean([math.exp(float(np.median(logs))) for logs in of.values()])) if of else None

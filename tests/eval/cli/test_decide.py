@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from blurnoise_eval.deciding import decision
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.asked import asked
 from commands import main
@@ -15,7 +16,7 @@ from signs_in_memory import matched_detector, sign
 Output = pytest.CaptureFixture[str]
 SMALL = [
     "--exposure-ms", "8:32", "--lux", "1,2,5,20", "--dx", "0,100,200",
-    "--gain", "0", "--most-nodes", "12", "--keep", "0.8",
+    "--gain", "0", "--keep", "0.8",
 ]  # fmt: skip
 
 
@@ -24,8 +25,6 @@ SMALL = [
     [
         (["--exposure-ms", "5:1"], "low:high"),
         (["--lux", "-1"], "--lux = -1"),
-        (["--regret", "2"], "regret"),
-        (["--most-nodes", "1"], "most_nodes = 1"),
         (["--keep", "0.9", "--threshold", "0.5"], "keep"),
         (["--gain", "loud"], "loud"),
     ],
@@ -44,7 +43,10 @@ def test_bad_options_are_one_line(options: list[str], told: str, tmp_path: Path,
 
 
 @pytest.mark.slow
-def test_it_decides_and_report_says_the_same(tmp_path: Path, capsys: Output) -> None:
+def test_it_decides_and_report_says_the_same(
+    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(decision, "MOST_NODES", 12)
     model, run = matched_detector(tmp_path), str(tmp_path / "run")
     (tmp_path / "pictures").mkdir()
     for index in range(8):

@@ -32,7 +32,6 @@ Output = pytest.CaptureFixture[str]
         ("simulate a.png --dy 1e9", "--dy = 1000000000.0: must be finite and >= -1e+07"),
         ("simulate a.png --ego-kmh 500", "--ego-kmh = 500.0: must be"),
         ("simulate a.png --lux 1,2", "--lux: must be one value here"),
-        ("decide --edge-stops 0", "edge_stops = 0"),
         ("sweep --exposure-ms 1:x", "--exposure-ms = '1:x': must be numbers as 1,5,10"),
         ("sweep --gain inf", "--gain = 'inf': must be numbers as 1,5,10"),
         ("sweep --max-megapixels 0", "max_megapixels = 0.0: must be"),

@@ -188,7 +188,7 @@ def test_a_saved_plan_is_read_as_what_was_stated(tmp_path: Path, capsys: Output)
         ("sweep -o run --mains 50", "--mains is now 'auto_exposure: {mains_hz: ...}' in --plan"),
         ("sweep -o run --object-kmh car=50", "objects: {crossings: {CLASS: {kmh: ...}}}"),
         ("sweep -o run --yolo data.yaml", "--yolo is now --labels"),
-        ("decide -o run --edge-stops 1", "('blurnoise sweep --save-plan FILE.yaml' writes one)"),
+        ("decide -o run --score ap", "('blurnoise sweep --save-plan FILE.yaml' writes one)"),
         ("simulate a.png -o b.png --pwm 90,1", "--pwm is now 'pwm: ...' in --scene FILE.yaml"),
         ("simulate a.png -o b.png --ego 50", "--ego is now --ego-kmh"),
         ("program run -o p --led", "--led is now 'led: ...' in --plan FILE.yaml"),

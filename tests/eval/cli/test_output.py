@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.cli import main
-from blurnoise_eval.deciding.lines import Line, _nearest
 from blurnoise_eval.detectors.opening import _tell_apart
 from blurnoise_models import training
 
@@ -24,12 +23,6 @@ def test_output_that_cannot_be_written_is_a_line(output: str, code: int, told: s
     assert "Traceback" not in done.stderr
     assert told in done.stderr
     assert done.stderr.count("\n") <= 1
-
-
-def test_a_speed_next_to_nothing_has_an_exposure() -> None:
-    place = (3.0, 5.0)
-    found = _nearest(place, Line(5.0, (1e-320, 0.0)), 0.001, 0.09)
-    assert all(0.001 <= exposure_s <= 0.09 for exposure_s in found)
 
 
 def test_equal_names_get_numbers_that_nobody_has() -> None:

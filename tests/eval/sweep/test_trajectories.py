@@ -14,7 +14,6 @@ import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.deciding.question import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import Objects
@@ -157,11 +156,6 @@ def test_a_log_that_does_not_do_makes_no_folder(
 def test_what_is_no_trajectory(text: str) -> None:
     with pytest.raises((ValueError, OSError), match=text.partition(":")[0]):
         replace(PLAN, trajectory=text)
-
-
-def test_the_plane_does_not_hold_along_one() -> None:
-    (reason,) = what_breaks(CAMERA, (0.001, 0.09), [], trajectory=TrajectorySpec.parse("shake:6"))
-    assert "along shake:6" in reason
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The files in drivers: each read back and driven by a small model of its metering, from starlight to the sun."""
+"""Exports, read back; libcamera's mode driven by a small model of its metering, from starlight to the sun."""
 
 from __future__ import annotations
 
@@ -6,23 +6,20 @@ import csv
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.program import export
-from blurnoise_eval.program.limits import Limits
-from blurnoise_eval.program.optimise import EARLY_GAIN_DB, Program, optimise
-from blurnoise_eval.program.stages import Stages
+from blurnoise_eval.grid.axes import milliseconds
+from blurnoise_eval.program import report
+from blurnoise_eval.program.optimise import EARLY_GAIN_DB, STOCK, Program, Stages, optimise
+from blurnoise_eval.program.scenario import Limits
 from made_planes import METERING, made_problem
 
 REAL = sorted((Path(__file__).parents[4] / "shared/real/libcamera").glob("*.json"))
 LIMITS = Limits()
 TARGET = 0.18
-LINE_S = 14.8e-6
 FAST = {0.0: 0.1, 1500.0: 0.9}
 PIXELS = np.random.default_rng(2).gamma(
     1.2, 1 / 1.2, 4000
@@ -79,14 +76,13 @@ def program(request: pytest.FixtureRequest) -> Program:
 
 @pytest.fixture
 def folder(program: Program, tmp_path: Path) -> Path:
-    export.write(program, tmp_path, "run")
+    report.write(program, tmp_path, "run")
     return tmp_path
 
 
-def mode_of(folder: Path, name: str = "custom") -> dict[str, list[float]]:
+def mode_of(folder: Path) -> dict[str, list[float]]:
     found = json.loads((folder / "libcamera.json").read_text())["rpi.agc"]["exposure_modes"]
-    assert list(found) == [name]
-    return found[name]  # type: ignore[no-any-return]
+    return found["custom"]  # type: ignore[no-any-return]
 
 
 def lights(program: Program) -> Iterator[float]:
@@ -103,13 +99,6 @@ def test_libcamera_meters_from_dark_to_daylight(program: Program, folder: Path) 
         assert mean_of(light, time_s * gain) == pytest.approx(TARGET, rel=0.03), light
         taken = program.stages.divided(time_s * gain)
         assert (time_s, gain) == pytest.approx(taken, rel=2e-3, abs=1e-6), light
-
-
-def test_a_first_stage_of_what_was_tested_would_overexpose_daylight(program: Program, folder: Path) -> None:
-    mode = mode_of(folder)
-    mode["shutter"] = [max(1e6 * program.tested_s, 1000.0), *mode["shutter"][1:]]
-    time_s, gain = Libcamera(mode, LIMITS.least_exposure_s).settled(20_000.0)
-    assert mean_of(20_000.0, time_s * gain) > 0.8
 
 
 def test_stages_differ_and_gain_waits_for_time(program: Program, folder: Path) -> None:
@@ -129,31 +118,16 @@ def test_only_what_is_brighter_than_tested_is_extrapolated(program: Program, fol
     low_s, high_s = 2.0**-11 / 300.0, 2.0**3 / 2.0  # light times exposure of the made planes
     assert program.tested_s == pytest.approx(max(low_s, LIMITS.least_exposure_s))
     assert max(mode_of(folder)["shutter"]) <= 1e6 * high_s + 1
-    darkest = METERING.total_s(problem.lights_lux[0])
+    darkest = METERING.total_s(problem.scenario.lights_lux[0])
     last = mode_of(folder)["shutter"][-1] * mode_of(folder)["gain"][-1]
     assert 1e-6 * last <= darkest * 2 ** (1 / 8)  # a step of the lattice
 
 
 def test_rounded_stages_are_one() -> None:
     stages = Stages((20e-6, 1e-3, 1.0000001e-3, 5e-3), (1.0, 2.0, 2.000001, 8.0))
-    assert export.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
+    assert report.libcamera_mode(stages) == {"shutter": [20, 1000, 5000], "gain": [1.0, 2.0, 8.0]}
     alike = Stages((1e-3, 1.0000001e-3), (1.0, 1.000001))
-    assert len(export.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
-
-
-def test_limits_hold_for_the_first_stage() -> None:
-    made = optimise(made_problem(Limits(mains_hz=50.0)))
-    assert made.stages.times_s[0] == pytest.approx(0.01)
-    assert not made.extrapolates(made.stages.times_s[0])
-
-
-@pytest.mark.parametrize("name", export.MODES)
-def test_the_mode_has_a_name_that_can_be_selected(program: Program, tmp_path: Path, name: str) -> None:
-    export.write(program, tmp_path, "run", mode=name)
-    mode_of(tmp_path, name)
-    how = json.loads((tmp_path / "program.json").read_text())["how_to_use"]
-    assert [len(lines) for lines in how.values()] == [2, 2]
-    assert f"--exposure {name}" in how["libcamera"][1]
+    assert len(report.libcamera_mode(alike)["gain"]) == 2  # libcamera takes no fewer
 
 
 @pytest.mark.skipif(not REAL, reason="no tuning files")
@@ -169,65 +143,24 @@ def test_in_real_tuning_files(program: Program, folder: Path, path: Path) -> Non
             assert mean_of(5000.0, time_s * gain) == pytest.approx(TARGET, rel=0.03)
 
 
-def gain_of(sensor: str, code: int) -> float:
-    """What a sensor makes of a code."""
-    decoded = {
-        "imx219": lambda: 256 / (256 - code),
-        "imx296": lambda: 10 ** (code / 200),
-        "imx477": lambda: 1024 / (1024 - code),
-        "ov5647": lambda: code / 16,
-    }
-    return decoded[sensor]()
+def test_table_and_document_read_back(program: Program, folder: Path) -> None:
+    ours = program.schedule
+    with (folder / "program.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    columns = {"illuminance_lux": program.problem.scenario.lights_lux, "exposure_s": ours.exposures_s}
+    columns |= {"gain_db": ours.gains_db, "value": ours.values}
+    for name, values in columns.items():
+        assert [float(row[name]) for row in rows] == list(values)
+    found = json.loads((folder / "program.json").read_text())
+    assert (found["model"], found["value"], found["regret_95"]) == ("made", ours.value, program.regret_95)
+    assert [node["exposure_s"] for node in found["nodes"]] == list(ours.exposures_s)
+    names = [f"best fixed time, {milliseconds(program.best_fixed_s or 0)} ms"]
+    assert [each["name"] for each in found["rivals"]] == names + [f"{name}, to 33.3 ms" for name in STOCK]
 
 
-def read_rows(path: Path) -> list[dict[str, Any]]:
-    with path.open(newline="") as file:
-        return [{key: float(value) for key, value in row.items() if value} for row in csv.DictReader(file)]
-
-
-def stepped(rows: list[dict[str, Any]], light: float, exposed: Any) -> dict[str, Any]:
-    """The row at which a loop of software settles: the nearest total to what the mean asks for."""
-    row = rows[len(rows) // 2]
-    for _ in range(40):
-        wanted = exposed(row) * TARGET / mean_of(light, exposed(row))
-        row = min(rows, key=lambda each: abs(math.log(1e-6 * each["total_exposure_us"] / wanted)))
-    return row
-
-
-@pytest.mark.parametrize("sensor", [None, *export.GAIN_CODES])
-def test_v4l2_meters(program: Program, tmp_path: Path, sensor: str | None) -> None:
-    """Rows are half a stop apart: a quarter to either side, and what units, lines and codes round."""
-    by_lines_s = replace(program.problem, limits=Limits(line_time_s=LINE_S))
-    export.write(replace(program, problem=by_lines_s), tmp_path, "run")
-    rows = read_rows(tmp_path / "v4l2.csv")
-
-    def by_usb(row: dict[str, Any]) -> float:
-        return 100e-6 * row["exposure_time_absolute"] * row["gain"]  # type: ignore[no-any-return]
-
-    def by_lines(row: dict[str, Any]) -> float:
-        analogue = gain_of(str(sensor), int(row[f"analogue_gain_{sensor}"]))
-        digital = max(1.0, row["gain_with_lines"] / analogue)
-        return LINE_S * row["exposure_lines"] * analogue * digital  # type: ignore[no-any-return]
-
-    for light in lights(program):
-        if METERING.total_s(light) < 100e-6 and sensor is None:
-            continue  # below the unit of a USB camera
-        row = stepped(rows, light, by_usb if sensor is None else by_lines)
-        total = (by_usb if sensor is None else by_lines)(row)
-        rounded = 0.02 + LINE_S / METERING.total_s(light)
-        assert abs(math.log2(total / METERING.total_s(light))) < 0.25 + rounded, light
-    marked = [row["extrapolated"] for row in rows]
-    assert marked == sorted(marked, reverse=True)
-    assert marked[0] == (LIMITS.least_exposure_s < program.tested_s)
-
-
-def test_v4l2_counts_and_codes() -> None:
-    assert export.gain_code("imx219", 2.0) == 128
-    assert export.gain_code("imx477", 8.0) == 896
-    assert export.gain_code("imx296", 10.0) == 200
-    assert export.gain_code("imx296", 100.0) == 239
-    assert export.gain_code("ov5647", 3.5) == 56
-    for sensor in export.GAIN_CODES:
-        codes = [export.gain_code(sensor, gain) for gain in np.geomspace(1, 300, 60)]
-        assert codes == sorted(codes)
-        assert gain_of(sensor, codes[20]) <= np.geomspace(1, 300, 60)[20]
+def test_libcamera_takes_the_same_exposures(program: Program, folder: Path) -> None:
+    """Divided up, the mode gives the program's exposures to a us."""
+    mode = mode_of(folder)
+    read = Stages(tuple(1e-6 * time for time in mode["shutter"]), tuple(mode["gain"]))
+    for light, time_s in zip(program.problem.scenario.lights_lux, program.schedule.exposures_s, strict=True):
+        assert read.divided(METERING.total_s(light))[0] == pytest.approx(time_s, rel=1e-3, abs=1e-6)

@@ -1,0 +1,195 @@
+"""An exposure program in words, as a figure, and as files: a table, libcamera's exposure mode, and all as JSON.
+
+libcamera's format is that of the "rpi.agc" algorithm of a Raspberry Pi tuning file: "exposure_modes" maps a name to
+"shutter", us, and "gain", lists of one length, two or more (src/ipa/rpi/controller/rpi/agc_channel.cpp,
+``AgcExposureMode::read``; how they are walked, ``divideUpExposure``, is
+:meth:`~blurnoise_eval.program.optimise.Stages.divided`).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+
+from blurnoise_eval.grid.axes import milliseconds
+from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
+from blurnoise_eval.program.optimise import Program, Stages
+from blurnoise_eval.system.files import write_figure, write_whole
+from blurnoise_eval.system.tables import csv_lines
+from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
+
+_SHOWN = 12  # lights of the table
+_EXTRAPOLATED = "extrapolated: shorter than tested"
+_OURS: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
+_BEST: dict[str, Any] = {"color": "0.55", "ls": "", "marker": "o", "ms": 3.5, "mfc": "none"}
+_DASHES = ((4, 1.5), (1, 1), (5, 1.5, 1, 1.5))
+
+
+def lines(program: Program, width: int | None = None) -> Iterator[str]:
+    """What the terminal shows, line by line, in so many columns."""
+    prose = width and min(width, PROSE)
+    yield from paragraph(sentence(program), prose)
+    yield ""
+    schedule, problem, inputs = program.schedule, program.problem, program.problem.inputs
+    reached = "keeps" if inputs.criterion.kept else "reaches"
+    rows = []
+    for place in spread(range(len(problem.scenario.lights_lux)), _SHOWN):
+        exposure_s = schedule.exposures_s[place]
+        note = _EXTRAPOLATED * program.extrapolates(exposure_s)
+        if schedule.lacks_gain[place]:
+            note = "most gain: darker than metered"
+        gain, value = f"{schedule.gains_db[place]:.1f}", _value(schedule.values[place])
+        rows.append([_lux(problem.scenario.lights_lux[place]), milliseconds(exposure_s), gain, value, note])
+    least_s, unity = program.stages.times_s[0], inputs.metering.total_s(1.0)
+    if program.extrapolates(least_s):
+        rows.append([_lux(unity / least_s), milliseconds(least_s), "0.0", "-", _EXTRAPOLATED])
+    heads = ["light, lux", "exposure, ms", "gain, dB", reached, ""]
+    yield from table_lines(heads, rows, (True, True, True, True, False), width)
+    yield ""
+    both = zip(program.stages.times_s, program.stages.gains, strict=True)
+    stages = "; ".join(f"{milliseconds(time)} ms, x{gain:.3g}" for time, gain in both)
+    yield from paragraph(f"Stages (time first, then gain): {stages}.", prose)
+    yield from paragraph(
+        f"For {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. Gain by metering to 18 % of full "
+        f"scale, {inputs.metering.camera.name}, pictures of {100 * inputs.metering.mean_light:.1f} % of white on "
+        "average.",
+        prose,
+    )
+    yield ""
+    ways = {"this program": schedule, "the best, without stages": program.best, **program.baselines}
+    compared = [[name, _value(way.value), _value(way.worst_speed)] for name, way in ways.items()]
+    yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
+
+
+def sentence(program: Program) -> str:
+    """What the program gives, and what it may lose."""
+    inputs, lights = program.problem.inputs, program.problem.scenario.lights_lux
+    value = _value(program.schedule.value)
+    if program.low is not None and program.high is not None:
+        value += f" ({program.low:.3f}-{program.high:.3f})"
+    does = f"gives {inputs.model} a {inputs.criterion.title} of {value}"
+    if inputs.criterion.kept:
+        does = f"keeps {value} of {inputs.model}'s {inputs.criterion.noun}"
+    start = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}."
+    pictures = f"{program.pictures} picture{'s' * (program.pictures != 1)}"
+    if program.regret_95 is None:
+        return f"{start} From {pictures} it cannot be said what another program could gain."
+    return f"{start} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
+
+
+def _lux(light: float) -> str:
+    """Four digits, and no exponent where people read none."""
+    return f"{float(f'{light:.4g}'):.8g}"
+
+
+def _value(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
+
+
+def draw(program: Program, title: str, path: Path) -> Path:
+    """Write a PNG: time, gain and value of the program over the light, beside what else a camera may do. Raises
+    ``OSError``."""
+    figure = Figure(figsize=(7.6, 9.2), layout="constrained")
+    panels = list(figure.subplots(3, 1, sharex=True))
+    lights = np.array(program.problem.scenario.lights_lux)
+    dashed = [{"color": each, "dashes": dash} for each, dash in zip(COLOURS[1:], _DASHES, strict=False)]
+    ways = {"best at each light": program.best, "program": program.schedule, **program.baselines}
+    for (name, way), style in zip(ways.items(), (_BEST, _OURS, *dashed), strict=True):
+        of_panels = 1e3 * np.array(way.exposures_s), way.gains_db, np.array(way.values, float)
+        for axes, values in zip(panels, of_panels, strict=True):
+            axes.plot(lights, values, **style, label=f"{name}: {_value(way.value)}")
+    for axes, y in zip(panels, ("Exposure time / ms", "Gain / dB", title.split(": ")[-1]), strict=True):
+        tidy(axes, y=y)
+    tidy(panels[-1], x="Light on the scene / lux")
+    panels[0].set_yscale("log", base=2)
+    panels[0].set_xscale("log", base=2)
+    for axis in (panels[0].xaxis, panels[0].yaxis):
+        plain_numbers(axis)
+        axis.set_major_locator(LogLocator(base=2, numticks=12))
+    panels[-1].legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
+    figure.suptitle(plain(title), fontsize=11, parse_math=False)
+    write_figure(path, figure, dpi=150)
+    return path
+
+
+def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
+    """One entry of "exposure_modes"; stages that us and four places cannot tell apart are one."""
+    both = zip(stages.times_s, stages.gains, strict=True)
+    rounded = [(max(1, round(1e6 * time)), round(gain, 4)) for time, gain in both]
+    kept = list(dict.fromkeys(rounded))
+    kept = kept if len(kept) > 1 else rounded[:2]
+    return {"shutter": [shutter for shutter, _ in kept], "gain": [gain for _, gain in kept]}
+
+
+def rows(program: Program) -> list[dict[str, Any]]:
+    """A row per light: the program there, whether it is shorter than was tested, and the best without stages."""
+    ours, best = program.schedule, program.best
+    return [
+        {
+            "illuminance_lux": light,
+            "exposure_s": ours.exposures_s[place],
+            "gain_db": ours.gains_db[place],
+            "gain_limited": int(ours.lacks_gain[place]),
+            "extrapolated": int(program.extrapolates(ours.exposures_s[place])),
+            "value": ours.values[place],
+            "best_exposure_s": best.exposures_s[place],
+            "best_gain_db": best.gains_db[place],
+            "best_value": best.values[place],
+        }
+        for place, light in enumerate(program.problem.scenario.lights_lux)
+    ]
+
+
+def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:
+    """Everything. run: where it comes from; notes: what was left out or assumed."""
+    problem, inputs = program.problem, program.problem.inputs
+    speeds = [{"speed": speed, "share": share} for speed, share in problem.scenario.speeds_px_s.items()]
+    ways = {"": program.schedule, **program.baselines}
+    ours, *others = ({"name": name, **schedule._asdict()} for name, schedule in ways.items())
+    return {
+        "run": run,
+        "model": inputs.model,
+        "criterion": inputs.criterion.row(),
+        "camera": inputs.metering.camera.name,
+        "mean_light": inputs.metering.mean_light,
+        "scenario": {**asdict(problem.scenario), "speeds_px_s": speeds},
+        "limits": problem.limits.words,
+        "notes": list(notes),
+        **{name: ours[name] for name in ("value", "worst_speed")},
+        "value_low": program.low,
+        "value_high": program.high,
+        "regret_95": program.regret_95,
+        "pictures": program.pictures,
+        "stages": asdict(program.stages),
+        "shortest_tested_s": program.tested_s,
+        "nodes": rows(program),
+        "without_stages": program.best.value,
+        "best_fixed_s": program.best_fixed_s,
+        "rivals": others,
+    }
+
+
+def write(program: Program, folder: Path, run: str, notes: Sequence[str] = ()) -> list[Path]:
+    """Write program.csv, program.json and libcamera.json. Raises ``OSError``."""
+    table = rows(program)
+    modes = {"exposure_modes": {"custom": libcamera_mode(program.stages)}}
+    libcamera = {"extrapolated_below_us": 1e6 * program.tested_s, "rpi.agc": modes}
+    files = {
+        "program.csv": "".join(csv_lines(list(table[0]), table)),
+        "program.json": _json(document(program, run, notes)),
+        "libcamera.json": _json(libcamera),
+    }
+    for name, text in files.items():
+        write_whole(folder / name, text.encode())
+    return [folder / name for name in files]
+
+
+def _json(value: Any) -> str:
+    return json.dumps(value, indent=1, allow_nan=False) + "\n"
