@@ -111,7 +111,7 @@ def inputs_of(
         exposures_s=exposures_s,
         speeds_px_s=tuple(sorted({line.speed_px_s for line in lines})),
         notes=tuple(notes),
-        recommended_s=None if choice is None else choice.exposure_s,
+        recommended_s=None if choice is None else choice["exposure_s"],
     )
 
 

@@ -54,7 +54,7 @@ def test_levels_and_differences(population: Population, pictures: int) -> None:
             uncertainty.bounded(mean_over(EXPOSURES_S, centre), mean_over(EXPOSURES_S, away), (0.0, 1.0)),
             float(mean_over(EXPOSURES_S, truth)),
         ),
-        "difference": share_held(uncertainty.student(centre - centre_2, away - away_2), truth - other),
+        "difference": share_held(uncertainty.of_difference(centre - centre_2, away - away_2), truth - other),
         "window's start": at_edge(population, own, number, truth, rising=True),
         "window's end": at_edge(population, own, number, truth, rising=False),
     }

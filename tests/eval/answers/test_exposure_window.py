@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers import exposure_window as optimum
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import Curve, windows
+from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.exposure_window import flat, recommended
 from blurnoise_eval.answers.recommendation import NEAR
 from hypothesis import given
 from hypothesis import strategies as st
-from made_tables import Named, tables
+from made_tables import Named, curve, tables
 from plans import OWN
 from scipy import stats
 
@@ -213,8 +213,8 @@ def test_interval_is_students_where_nothing_leans() -> None:
 @given(st.lists(st.lists(st.floats(0, 1), min_size=8, max_size=40), min_size=1, max_size=4))
 def test_intervals_cover_the_mean(samples: list[list[float]]) -> None:
     fewest = min(map(len, samples))
-    curve = {0.001 * 2**index: values[:fewest] for index, values in enumerate(samples)}
-    (answer,) = answers(rows(curve), 0.6)
+    by_exposure = {0.001 * 2**index: values[:fewest] for index, values in enumerate(samples)}
+    (answer,) = answers(rows(by_exposure), 0.6)
     assert answer.low is not None
     assert answer.high is not None
     for low, mean, high in zip(answer.low, answer.confidence, answer.high, strict=True):
@@ -241,8 +241,8 @@ def spread(mean: float, sigma: float, pictures: int) -> list[float]:
     ],
 )
 def test_verdicts(means: tuple[float, ...], pictures: int, verdict: str) -> None:
-    curve = {0.001 * 10**place: spread(mean, 0.1, pictures) for place, mean in enumerate(means)}
-    (answer,) = answers(rows(curve), 0.6)
+    by_exposure = {0.001 * 10**place: spread(mean, 0.1, pictures) for place, mean in enumerate(means)}
+    (answer,) = answers(rows(by_exposure), 0.6)
     assert answer.verdict == verdict
     assert (answer.pictures_to_tell is None) == (verdict != "cannot tell")
 
@@ -322,9 +322,9 @@ def test_regret_bounds_what_the_choice_loses() -> None:
     """
     level, own = np.array(spread(0.8, 0.1, 25)), np.array(spread(0.0, 0.002, 25))
     own = np.random.default_rng(0).permutation(own)
-    curve = {0.008: (level - 0.0008).tolist(), 0.01: level.tolist()}
-    curve |= {0.0125: (level + 0.004 + own).tolist(), 0.06: [0.1] * 25}
-    (answer,) = answers(rows(curve), 0.6)
+    by_exposure = {0.008: (level - 0.0008).tolist(), 0.01: level.tolist()}
+    by_exposure |= {0.0125: (level + 0.004 + own).tolist(), 0.06: [0.1] * 25}
+    (answer,) = answers(rows(by_exposure), 0.6)
     assert answer.recommended_s == 0.01
     assert answer.regret_95 is not None
     assert 0.9999 * 1.711 * 0.002 / 5 <= answer.regret_95 - 0.004 <= 1.3 * 1.711 * 0.002 / 5
@@ -333,13 +333,13 @@ def test_regret_bounds_what_the_choice_loses() -> None:
 
 
 def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
-    curve = {
+    by_exposure = {
         0.001: spread(0.8, 0.05, 9),
         0.01: spread(0.3, 0.05, 9),
         0.1: spread(0.9, 0.05, 9),
         1.0: spread(0.3, 0.05, 9),
     }
-    (answer,) = answers(rows(curve), 0.6)
+    (answer,) = answers(rows(by_exposure), 0.6)
     row = flat(answer)
     assert row["n_windows"] == 2
     assert row["window_from_s"] == answer.windows_s[1][0]
@@ -371,8 +371,7 @@ def test_pictures_asked_for_tell_as_often_as_said(pictures: int) -> None:
         cases += 1
         for place, count in enumerate(asked):
             assert count is not None
-            curve = Curve((0.01,), values[:count, None], np.ones((count, 1)), True)
-            low, high = (float(end[0]) for end in curve.ends)
+            low, high = (float(end[0]) for end in curve(values[:count, None], (0.01,)).ends)
             told[place] += low >= 0.6 or high < 0.6
     assert 0.3 < told[0] / cases < 0.75
     assert 0.82 < told[1] / cases < 0.98

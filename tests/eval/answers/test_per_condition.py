@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.answers.per_condition import PICTURES, Scored, asked, numbered, performance, scored
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.answers.per_condition import PICTURES, Scored, conditions_of, numbered, scored
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
+from blurnoise_eval.scoring.judged import Alarms, Judged, Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
+"""Names, and their places in COCO's summary."""
 CATEGORIES = [{"id": 13, "name": "stop sign"}, {"id": 2, "name": "bicycle"}, {"id": 90, "name": "unseen"}]
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}  # class 7 of the model is nothing that the data set labels
 
@@ -35,7 +37,7 @@ class Judge:
     def __call__(
         self, found: list[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
     ) -> dict[str, float | None]:
-        judged = Judged({}, self.truth, found, move_boxes)
+        judged = Judged({}, self.truth, Answers.of(found), move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
         return {
             score.name: score.estimate(judged).value for score in table.of_conditions() if score.name in own
@@ -47,7 +49,7 @@ def score_rows(
 ) -> list[Scored]:
     """The scores of model m."""
     clusters = numbered(queries.pictures_seen(store), cluster)
-    return list(scored(store, asked(store, ["m"], clusters), lambda _: truth, moves, clusters))
+    return list(scored(store, conditions_of(store, ["m"], clusters), lambda _: truth, moves, clusters))
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -285,7 +287,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
     assert {name: exposed[name] for name in at} == at
     assert (exposed["ap"], exposed["errors"], exposed["false_positives_per_image"]) == (0, 1, 0.5)
     assert exposed["target_confidence"] is None
-    assert performance(clean) == pytest.approx(1)
+    assert moving[0].performance.value == pytest.approx(1)
 
 
 def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
@@ -344,7 +346,7 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
-    assert performance(row) == exact.value == 0.4
+    assert exact.value == 0.4
 
 
 def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ def sample(*shape: int, seed: int = 0) -> np.ndarray:
 def test_students_interval_is_scipys() -> None:
     values = sample(13, 4)
     mean = values.mean(axis=0)
-    low, high = uncertainty.student(mean, values - mean)
+    low, high = uncertainty.of_difference(mean, values - mean)
     expected = stats.t.interval(0.95, 12, mean, stats.sem(values))
     np.testing.assert_allclose((low, high), expected)
     np.testing.assert_allclose(uncertainty.student_t([13, 2], 0.9), stats.t.ppf(0.95, [12, 1]))
@@ -37,7 +37,7 @@ def test_missing_clusters_do_not_count() -> None:
     holes = np.concatenate([values, np.full((5, 1), np.nan)])
     mean = values.mean(axis=0)
     np.testing.assert_allclose(
-        uncertainty.student(mean, holes - mean), uncertainty.student(mean, values - mean)
+        uncertainty.of_difference(mean, holes - mean), uncertainty.of_difference(mean, values - mean)
     )
     low, high = uncertainty.bounded(mean, holes - mean, (0.0, 20.0))
     alone = uncertainty.bounded(mean, values - mean, (0.0, 20.0))
@@ -138,7 +138,7 @@ def test_intervals_of_normal_means_hold(n: int) -> None:
     """4000 samples: 95 %, give or take 4 standard deviations (1.4 %)."""
     values = np.random.default_rng(n).normal(size=(n, 4000))
     mean = values.mean(axis=0)
-    assert abs(held(uncertainty.student(mean, values - mean), 0) - 0.95) < 0.014
+    assert abs(held(uncertainty.of_difference(mean, values - mean), 0) - 0.95) < 0.014
 
 
 @pytest.mark.parametrize("n", [8, 20, 35])
@@ -149,7 +149,7 @@ def test_bounded_intervals_of_beta_means_hold(n: int, a: float, b: float) -> Non
     mean = values.mean(axis=0)
     share = held(uncertainty.of_level(mean, values - mean), a / (a + b))
     assert share > 0.93 - 0.02
-    students = held(uncertainty.student(mean, values - mean), a / (a + b))
+    students = held(uncertainty.of_difference(mean, values - mean), a / (a + b))
     assert share > students - 0.02  # and never far less than Student's
 
 
@@ -157,7 +157,7 @@ def test_rare_events_are_what_student_misses() -> None:
     """One cluster in 25 is 1, the others 0: eight of them are mostly all 0, whose Student's interval is nothing."""
     values = (np.random.default_rng(0).uniform(size=(8, 2000)) < 0.04).astype(float)
     mean = values.mean(axis=0)
-    assert held(uncertainty.student(mean, values - mean), 0.04) < 0.6
+    assert held(uncertainty.of_difference(mean, values - mean), 0.04) < 0.6
     assert held(uncertainty.of_level(mean, values - mean), 0.04) > 0.93
 
 

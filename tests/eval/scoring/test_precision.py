@@ -10,12 +10,14 @@ import pytest
 from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.estimates import left_out
-from blurnoise_eval.scoring.judged import COCO_SCORES, coco_results
+from blurnoise_eval.scoring.judged import coco_results
 from blurnoise_eval.scoring.matching import Targets
 from blurnoise_eval.scoring.precision import Precision
 from blurnoise_eval.scoring.precision import precision as pooled
 from faster_coco_eval import COCO, COCOeval_faster
 
+COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
+"""Names, and their places in COCO's summary."""
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}
 
 
