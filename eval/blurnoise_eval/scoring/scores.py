@@ -64,6 +64,11 @@ class Score:
         """The greatest value."""
         return 1.0 if self.scale == "share" else math.inf
 
+    @property
+    def of_pictures(self) -> bool:
+        """Whether it scores the answers under a condition, rather than a model as a whole."""
+        return bool(self.of or self.of_targets or self.by_size)
+
     def estimate(self, judged: Judged) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
@@ -74,7 +79,7 @@ class Score:
 
 def of_conditions() -> list[Score]:
     """Those that answers under each condition have: the columns of scores.csv."""
-    return [score for score in SCORES if score.of or score.of_targets or score.by_size]
+    return [score for score in SCORES if score.of_pictures]
 
 
 def of_models(kind: str) -> list[Score]:

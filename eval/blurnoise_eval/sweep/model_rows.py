@@ -11,7 +11,7 @@ import numpy as np
 from blurnoise_eval.answers.plane import plane_weights
 from blurnoise_eval.answers.uncertainty import behind_best, columns
 from blurnoise_eval.scoring.estimates import Estimate, mean_of, ratio
-from blurnoise_eval.scoring.scores import of_conditions, of_models
+from blurnoise_eval.scoring.scores import of_models
 
 _ENDS = "", "_low", "_high"
 
@@ -84,7 +84,7 @@ def _summary(
     held = [each for each in curves if each["model"] == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
-    original = [score.name for score in of_models("detector") if score in of_conditions()]
+    original = [score.name for score in of_models("detector") if score.of_pictures]
     return {
         "model": model["name"],
         "kind": model["kind"],

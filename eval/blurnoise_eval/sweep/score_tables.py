@@ -16,7 +16,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
@@ -60,7 +60,7 @@ def score_tables(
 
     scored: what :func:`~.run_scores.run_scores` gives by size, for a score that belongs to no single target.
     """
-    if criterion.score in PRECISIONS:
+    if criterion.of is not None and criterion.of.by_size is not None:
         models = [model["name"] for model in store.about("manifest")["models"]]
         scored = scored or run_scores(store, models, cluster, by_size=criterion.score)
         yield from tables_by_size(scored.found, criterion.kept)

@@ -53,15 +53,6 @@ def test_recommended_is_the_middle_of_what_is_equally_good() -> None:
     assert recommended(DECADES_S, (0.95, 0.9, 0.89, 0.2), 0.6, None) == 0  # clearly best: no
 
 
-def test_recommended_comes_from_the_window_of_the_best() -> None:
-    confidence = (0.7, 0.3, 0.9, 0.3)
-    assert recommended(DECADES_S, confidence, 0.6, None) == 2
-
-
-def test_no_exposure_works() -> None:
-    assert recommended(DECADES_S, (0.1, 0.2, 0.3, 0.59), 0.6, None) is None
-
-
 curves = st.integers(1, 12).flatmap(
     lambda count: st.tuples(
         st.lists(
@@ -164,28 +155,6 @@ def test_open_ends_are_told(curve: tuple[float, ...], expected: tuple[bool, bool
     assert (answer.open_low, answer.open_high) == expected
 
 
-def test_answers_keep_groups_lights_and_speeds_apart() -> None:
-    table = [
-        *rows({0.01: [0.9], 0.1: [0.3]}, group="a"),
-        *rows({0.01: [0.1], 0.1: [0.2]}, group="b"),
-        *rows({0.01: [0.4], 0.1: [0.8]}, group="a", lux=5.0),
-        *rows({0.01: [0.7], 0.1: [0.7]}, group="a", speed=200.0),
-    ]
-    found = {(a.group, a.at["illuminance_lux"], a.at["velocity_x_px_s"]): a for a in answers(table, 0.6)}
-    assert {key: answer.recommended_s for key, answer in found.items()} == {
-        ("a", 5.0, 0.0): 0.1,
-        ("a", 50.0, 0.0): 0.01,
-        ("a", 50.0, 200.0): 0.01,
-        ("b", 50.0, 0.0): None,
-    }
-    assert found["b", 50.0, 0.0].windows_s == []
-    assert (found["b", 50.0, 0.0].open_low, found["b", 50.0, 0.0].open_high) == (False, False)
-
-
-def test_only_clean_rows_give_no_answer() -> None:
-    assert answers([CLEAN], 0.6) == []
-
-
 @pytest.mark.parametrize("pictures", [1, 3, 7])
 def test_below_eight_pictures_no_interval_and_no_verdict(pictures: int) -> None:
     """However clear it looks."""
@@ -196,30 +165,6 @@ def test_below_eight_pictures_no_interval_and_no_verdict(pictures: int) -> None:
     assert answer.sure_windows_s == []
     assert (answer.n_pictures, answer.few_pictures) == (pictures, True)
     assert answer.recommended_s == 0.01  # the best guess
-
-
-def test_interval_is_students_where_nothing_leans() -> None:
-    """400 normal samples of sigma 0.1: t(399) = 1.966 x 0.1 / sqrt(400) either way, to the 2 % by which 4000 random
-    weights know a quantile, and no more than 10 % further."""
-    samples = np.random.default_rng(3).normal(0.5, 0.1, 400)
-    (answer,) = answers(rows({0.01: samples.tolist()}), 0.6)
-    assert answer.low is not None
-    assert answer.high is not None
-    half = 1.966 * samples.std(ddof=1) / np.sqrt(400)
-    assert half * 0.96 <= answer.confidence[0] - answer.low[0] <= 1.1 * half
-    assert half * 0.999 <= answer.high[0] - answer.confidence[0] <= 1.1 * half
-
-
-@given(st.lists(st.lists(st.floats(0, 1), min_size=8, max_size=40), min_size=1, max_size=4))
-def test_intervals_cover_the_mean(samples: list[list[float]]) -> None:
-    fewest = min(map(len, samples))
-    by_exposure = {0.001 * 2**index: values[:fewest] for index, values in enumerate(samples)}
-    (answer,) = answers(rows(by_exposure), 0.6)
-    assert answer.low is not None
-    assert answer.high is not None
-    for low, mean, high in zip(answer.low, answer.confidence, answer.high, strict=True):
-        assert 0 <= low <= mean + 1e-12
-        assert mean <= high + 1e-12 <= 1 + 2e-12
 
 
 def spread(mean: float, sigma: float, pictures: int) -> list[float]:
@@ -346,11 +291,6 @@ def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
     ends = [row[f"window_{end}_s"] for end in ("from_low", "from", "from_high", "to_low", "to", "to_high")]
     assert ends == [0.01, pytest.approx(0.0316, rel=0.2), 0.1, 0.1, pytest.approx(0.316, rel=0.2), 1.0]
     assert not any(isinstance(value, (list, tuple)) for value in row.values())
-
-
-def test_same_rows_same_answer() -> None:
-    table = rows({0.01: [0.1, 0.9, 0.4, 0.5], 0.1: [0.2, 0.8, 0.6, 0.7]})
-    assert answers(table, 0.6) == answers(table, 0.6)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
+from blurnoise_eval.answers import criterion, uncertainty
 from blurnoise_eval.answers.per_condition import PICTURES, Scored, conditions_of, numbered, scored
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import estimates
@@ -109,37 +109,6 @@ def test_scores_are_those_of_pycocotools(seed: int) -> None:
     assert len(set(expected.values())) == len(expected)
 
 
-def test_beyond_a_hundred_detections_of_a_class_none_counts() -> None:
-    """As pycocotools counts: of each class and picture; the targets are found by the weakest of 130."""
-    truth, found = street(0)
-    rng = np.random.default_rng(3)
-    crowded = {}
-    for name, each in found.items():
-        corners = rng.uniform(0, 300, (230, 2))
-        boxes = np.concatenate([each.boxes_xyxy, np.concatenate([corners, corners + 40], axis=1)])
-        scores = np.concatenate([each.scores * 0.2, rng.uniform(0, 0.5, 230)])
-        classes = np.concatenate([each.class_ids, np.repeat([0, 4], 115)])
-        crowded[name] = Detections(boxes, scores, classes)
-    scores = Judge(truth)([(name, 0, each) for name, each in crowded.items()])
-    expected = by_pycocotools(truth, crowded)
-    assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
-    fewer = {
-        name: each[np.arange(len(each)) < 100] for name, each in crowded.items()
-    }  # of all classes together
-    assert by_pycocotools(truth, fewer)["ar100"] < expected["ar100"]
-
-
-def test_repeats_are_pictures_of_their_own() -> None:
-    truth, found = street(5)
-    judge = Judge(truth)
-    once = judge([(name, 0, each) for name, each in found.items()])
-    thrice = judge([(name, repeat, each) for repeat in range(3) for name, each in found.items()])
-    assert thrice == pytest.approx(once, abs=1e-6)
-    nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-    half = judge([(n, r, each if r else nothing) for r in range(2) for n, each in found.items()])
-    assert half["ar100"] == pytest.approx(once["ar100"] / 2)
-
-
 def test_pictures_that_were_not_run_do_not_count() -> None:
     truth, found = street(6)
     some = dict(list(found.items())[:5])
@@ -223,19 +192,6 @@ def test_calibration_error_by_hand() -> None:
     assert calibration_error([0.75] * 4 + [0.35] * 4, [True] * 8) == pytest.approx((0.25 + 0.65) / 2)
     # Within a bin, too sure and too unsure make up for each other; 1.0 belongs to the last.
     assert calibration_error([0.91, 1.0], [True, False]) == pytest.approx((1.91 - 1) / 2)
-
-
-def test_a_calibrated_detector_has_no_error_but_chance() -> None:
-    """n = 20 000, hits drawn with the stated probability: a bin's gap has sigma sqrt(p q n_b), so the sum of
-    ten is below 10 x 5 x sqrt(n / 4 / 10) / n = 0.056, its mean a fifth of that."""
-    rng = np.random.default_rng(0)
-    scores = rng.uniform(0.25, 1, 20_000)
-    right = rng.uniform(size=20_000) < scores
-    error = calibration_error(scores.tolist(), right.tolist())
-    assert error is not None
-    assert error < 0.012
-    off = calibration_error((0.7 * scores).tolist(), right.tolist())
-    assert off == pytest.approx(0.3 * scores.mean(), abs=0.02)
 
 
 def test_rows_of_a_run(tmp_path: Path) -> None:
@@ -350,10 +306,23 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
 
 
 def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made_up = table.Score("alarms", "Alarms", table.DETECTOR, lambda judged: 7.0, "lower", "count")
-    monkeypatch.setattr(table, "SCORES", (*table.SCORES, made_up))
+    """With its function it has columns and, with a name as a criterion, is what ``--score`` takes."""
+    alarms = table.Score("alarms", "Alarms", table.DETECTOR, lambda judged: 7.0, "lower", "count")
+    doubled = table.Score(
+        "half",
+        "Half",
+        table.DETECTOR,
+        of_targets=lambda rows: rows.confidence / 2,
+        criterion=("half", "half"),
+    )
+    monkeypatch.setattr(table, "SCORES", (*table.SCORES, alarms, doubled))
+    target = {"model": "m", "image": "p", "repeat": 0, "clean": True, "target_id": 0, "group": "g"}
     with Store(tmp_path, create=True) as store:
-        cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
-        store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
+        cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 1}
+        rows = ({**target, "cell_id": "c", "label": "x", "confidence": 0.8},)
+        store.add([CellResult(cell, rows, Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
         ((row, *_),) = score_rows(store, None)
-    assert row["alarms"] == 7.0
+    assert (row["alarms"], row["half"]) == (7.0, 0.4)
+    assert "half" in criterion.names("detector")
+    assert "alarms" not in criterion.names("detector")
+    assert criterion.Criterion(0.9, kept=True, score="half").text == "keeps 0.9 of its half"

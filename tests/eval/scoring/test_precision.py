@@ -119,16 +119,6 @@ def test_nothing_found_and_nothing_there() -> None:
     assert np.isnan(precision([], CATEGORY_OF, 1).precision).all()
 
 
-def test_a_cluster_left_out_of_many_is_as_if_it_had_not_been_there() -> None:
-    """Of 24 clusters of several pictures: to 1e-12 what the others alone score."""
-    pictures = [each._replace(cluster=place % 24) for place, each in enumerate(crowded(9, 120))]
-    found = precision(pictures, CATEGORY_OF, 24)
-    for cluster in range(24):
-        others = precision([each for each in pictures if each.cluster != cluster], CATEGORY_OF, 24)
-        np.testing.assert_allclose(found.precision[1 + cluster], others.precision[0], rtol=0, atol=1e-12)
-        np.testing.assert_allclose(found.recall[1 + cluster], others.recall[0], rtol=0, atol=1e-12)
-
-
 def some(rng: np.random.Generator, pictures: int, categories: int = 20) -> list[Answered]:
     """Targets of categories of which most are rare, found at chance, and false detections of the same categories."""
     frequency = 1 / np.arange(1, categories + 1)

@@ -179,14 +179,3 @@ def test_average_precision_at_rest_is_not_computed_twice(monkeypatch: pytest.Mon
     monkeypatch.setattr(Judged, "_precision", lambda *_: pytest.fail("was computed again"))
     assert repr(still.swept_ap50) == repr(expected)
     assert expected.value == pytest.approx(1)
-
-
-def test_readers_and_untouched_pictures_have_no_swept_box() -> None:
-    assert Judged({}).swept_ap50.value is None
-    seen = View(
-        Fake(smear),
-        Picture("p", (Target("square", "squares", BOX),), square, "p"),
-        square(),  # type: ignore[arg-type]
-    )
-    (row,) = seen.clean.targets
-    assert row["confidence_swept"] == row["confidence"] == 1
