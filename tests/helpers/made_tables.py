@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 from blurnoise_eval.answers import curves, exposure_window
-from blurnoise_eval.answers.table import ORDER, Measured, ScoreTable, table_of
+from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of
 from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.store.target_columns import TargetColumns
 from numpy.typing import ArrayLike, NDArray
 from plans import OWN
 
@@ -33,20 +34,26 @@ def tables(
     for own, alike in groupby(sorted(target_rows, key=key), key):
         rows = list(alike)
         names = list(dict.fromkeys(row["image"] for row in rows))
-        columns: list[Any] = [
-            np.array([names.index(row["image"]) for row in rows]),
-            np.array([row["repeat"] for row in rows]),
-            np.array([row["target_id"] for row in rows]),
-            np.arange(len(rows)),
-            np.array([value_of(row) for row in rows], float),
-            np.array([clean_of(row) for row in rows], float),
-            *(np.array([row.get(name) for row in rows], float) for name in ("saturated", "brightness")),
-        ]
+        numbers = [names.index(row["image"]) for row in rows], [row["repeat"] for row in rows]
+        value, clean = (np.array(list(map(of, rows)), float) for of in (value_of, clean_of))
+        shown = [np.array([row.get(name) for row in rows], float) for name in ("saturated", "brightness")]
+        columns = TargetColumns(
+            [], names, [], np.arange(len(rows)), np.array(numbers[0]), np.zeros(len(rows)), np.array(numbers[1]),
+            np.array([row["target_id"] for row in rows]), *[value] * 5, *shown,
+        )  # fmt: skip
         conditions = {name: np.array([row[name] for row in rows], float) for name in NAMES}
-        if (
-            found := table_of(*own, conditions, Measured(names, *columns), cluster_of, kept=kept)
-        ) is not None:
+        found = table_of(*own, conditions, columns, value, clean, cluster_of, kept=kept)
+        if found is not None:
             yield found
+
+
+def curve(
+    values: Array, x: Sequence[float], counts: ArrayLike = 1.0, *, logarithmic: bool = True, **fields: Any
+) -> curves.Curve:
+    """A curve of values (C, N), each of so many targets; fields: of its table."""
+    each = np.broadcast_to(np.asarray(counts, float), values.shape)
+    line = table((values * each)[:, :, None], x, counts=each[:, :, None], **fields)
+    return curves.Curve(line, tuple(x), logarithmic)
 
 
 def table(

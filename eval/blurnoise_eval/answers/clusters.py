@@ -5,11 +5,8 @@ Domain: pictures' names as the store has them. Without a pattern each picture is
 
 from __future__ import annotations
 
-import math
 import re
-import shlex
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -18,9 +15,6 @@ from numpy.typing import NDArray
 from blurnoise_eval.datasets.likeness import MOST, scenes
 
 _FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too narrow
-_AGREE = 0.8  # of pairs of one scene: so many must be in one cluster of a pattern that is suggested
-_BEFORE = 12  # characters before a number
-_NUMBERED = re.compile(r"([^\d/]*)\d+")
 Labels = NDArray[np.int64]
 
 
@@ -71,40 +65,11 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
     if together >= _FEWER * count:
         return None
     pictures = f"{count} pictures" if pattern is None else f"the {count} clusters of pictures"
-    found = _suggested(names, shown)
-    advice = "give --cluster a pattern that finds the same in the file names of one scene"
-    if found:
-        advice = f"use --cluster {shlex.quote(found)}"
     about = "1 scene" if together == 1 else f"{together} scenes"
-    return f"{pictures} show about {about} but count as independent, so intervals are too narrow: {advice}"
-
-
-def _suggested(names: Sequence[str], shown: Labels) -> str | None:
-    """A pattern by which the names of pictures cluster about as their scenes do, None where none does."""
-    sizes = np.bincount(shown)
-    best: tuple[float, str] | None = None
-    for pattern in _candidates(names):
-        labels = _labels(names, pattern)
-        count = labels.max() + 1
-        both = np.unique(np.stack([shown, labels]), axis=1, return_counts=True)[1]
-        pairs = float((sizes * (sizes - 1)).sum())
-        kept = float((both * (both - 1)).sum()) / pairs if pairs else 0.0
-        off = abs(math.log2(count / len(sizes)))
-        if 1 < count < len(names) and kept >= _AGREE and off <= 1 and (best is None or off < best[0]):
-            best = off, pattern
-    return None if best is None else best[1]
-
-
-def _candidates(names: Sequence[str]) -> Iterator[str]:
-    """Each number in the names with the text before it, all before the last number, and the folder."""
-    before = Counter(
-        found[-_BEFORE:] for name in names for found in {each.group(1) for each in _NUMBERED.finditer(name)}
+    return (
+        f"{pictures} show about {about} but count as independent, so intervals are too narrow: give --cluster a "
+        "pattern that finds the same in the file names of one scene"
     )
-    for text, count in before.items():
-        if count == len(names):
-            yield rf"{re.escape(text)}(\d+)" if text else r"^(\d+)"
-    yield r"^(.*?)\d+\D*$"
-    yield r"^(.*)/"
 
 
 def _labels(names: Sequence[str], pattern: str | None) -> Labels:

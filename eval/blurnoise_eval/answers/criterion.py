@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from blurnoise._core.checks import in_range
-from blurnoise_eval.scoring.scores import BOTH, criteria
+from blurnoise_eval.scoring.scores import BOTH, Score, criteria
 
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
 RECALL = "recall@"
-PRECISIONS = ("ap50", "ap")
+PRECISIONS = tuple(score.name for score in criteria("detector") if score.by_size)
 """Of all targets of a size together, never of one target: they have groups by size."""
 KEPT, ENOUGH = 0.9, 0.6
 """The default: the share kept on the user's pictures, confidence in rendered signs and texts."""
@@ -42,17 +42,15 @@ class Criterion:
 
     def __post_init__(self) -> None:
         in_range("keep" if self.kept else "threshold", self.level, 0.0, 1.0, above=self.kept)
-        if self._words is None:
+        if self.of is None and self.alarms_per_picture is None:
             listed = ", ".join(dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind)))
             raise ValueError(f"score = {self.score!r}: must be one of {listed}, RATE as in recall@0.1")
 
     @property
-    def _words(self) -> tuple[str, str] | None:
-        """The score's name where a share is kept, and by itself; None for one that is no criterion."""
-        if (rate := self.alarms_per_picture) is not None:
-            return (f"recall at {rate:g} false alarms per picture",) * 2
+    def of(self) -> Score | None:
+        """The score; None of a recall at a rate of false alarms."""
         every = (score for kind in sorted(BOTH) for score in criteria(kind))
-        return next((score.criterion for score in every if score.name == self.score), None)
+        return next((score for score in every if score.name == self.score), None)
 
     @property
     def alarms_per_picture(self) -> float | None:
@@ -70,7 +68,9 @@ class Criterion:
     @property
     def noun(self) -> str:
         """The score in words: of its 'confidence' where a share is kept, else 'mean confidence'."""
-        of_kept, of_itself = self._words or (self.score, self.score)
+        if self.of is None or self.of.criterion is None:
+            return f"recall at {self.alarms_per_picture:g} false alarms per picture"
+        of_kept, of_itself = self.of.criterion
         return of_kept if self.kept else of_itself
 
     @property
@@ -103,8 +103,9 @@ def stated(
     if threshold is not None and keep is not None:
         raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; state one of them")
     kept = keep is not None or (threshold is None and not rendered)
-    level = next(level for level in (keep, threshold, KEPT if kept else ENOUGH) if level is not None)
-    found = Criterion(level, kept, score or (MATCHES if reads and kept and not rendered else CONFIDENCE))
+    default = (KEPT if kept else ENOUGH), (MATCHES if reads and kept and not rendered else CONFIDENCE)
+    level = keep if keep is not None else threshold
+    found = Criterion(default[0] if level is None else level, kept, score or default[1])
     known = names("reader" if reads else "detector")
     if found.score not in known and (reads or found.alarms_per_picture is None):
         kind = "text recognisers" if reads else "detectors"

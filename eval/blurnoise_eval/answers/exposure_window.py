@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
@@ -23,11 +22,12 @@ from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.system.tables import finite
 
 WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
 _MOST_PICTURES = 9999  # that are asked for
 _OF_LINES = ("exposures_s", "confidence", "low", "high", "saturated")
-Array = NDArray[np.float64]
+_ENDS = tuple(f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high"))
 
 
 def answers(
@@ -36,31 +36,25 @@ def answers(
     """An :func:`answer` for every setting and velocity of the table; dark_below: as :class:`~.limits.Line` has it.
     monotone: whether no answer may be better at a higher speed, where pictures move as a whole; see
     :mod:`.monotone`."""
-    settings = table.take(table.measured).split(SETTING)
-    return [each for setting in settings for each in _of_setting(setting, criterion, dark_below, monotone)]
+    found = []
+    for setting in table.take(table.measured).split(SETTING):
+        uniform = monotone and is_uniform(setting)
+        lines = list((pooled(setting) if uniform else setting).along("exposure_s"))
+        curves = [Curve.over("exposure_s", line) for line in lines]
+        if uniform:
+            curves = nested(curves, [line.velocities_px_s[0] for line in lines])
+        speeds = [float(line.speeds_px_s[0]) for line in lines]
+        slowest = lines[int(np.argmin(speeds))]
+        at_slowest = dict(zip(slowest.conditions["exposure_s"].tolist(), slowest.mean.tolist(), strict=True))
+        for speed, curve in zip(speeds, curves, strict=True):
+            slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
+            of = curve.line
+            line = Line(curve.x, of.mean, slower, speed > 0, of.saturated, of.brightness, dark_below)
+            found.append(answer(curve, line, criterion))
+    return found
 
 
-def _of_setting(
-    setting: ScoreTable, criterion: Criterion, dark_below: float, monotone: bool
-) -> Iterator[Row]:
-    monotone = monotone and is_uniform(setting)
-    setting = pooled(setting) if monotone else setting
-    lines = list(setting.along("exposure_s"))
-    speeds = [float(line.speeds_px_s[0]) for line in lines]
-    slowest = lines[int(np.argmin(speeds))]
-    at_slowest = dict(zip(slowest.conditions["exposure_s"].tolist(), slowest.mean.tolist(), strict=True))
-    curves = [Curve.of(line, "exposure_s") for line in lines]
-    if monotone:
-        curves = nested(curves, [line.velocities_px_s[0] for line in lines])
-    for table, speed, curve in zip(lines, speeds, curves, strict=True):
-        slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
-        pictures = table.saturated, table.brightness
-        yield answer(
-            table, curve, Line(curve.x, curve.mean, slower, speed > 0, *pictures, dark_below), criterion
-        )
-
-
-def answer(table: ScoreTable, curve: Curve, line: Line, criterion: Criterion) -> Row:
+def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     """What to do for one model and kind of target in one setting and at one velocity: a line of exposures.
 
     A row of the model, the group, the axes but the exposure, and
@@ -89,25 +83,25 @@ def answer(table: ScoreTable, curve: Curve, line: Line, criterion: Criterion) ->
     limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
     pictures, None where unknown.
     """
-    mean, crossed = curve.mean.tolist(), curve.crossed(criterion.level)
+    table, level = curve.line, criterion.level
+    mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
     saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
-    chosen = recommended(curve.x, mean, criterion.level, saturated)
-    best = int(np.argmax(mean))
+    chosen = recommended(curve.x, mean, level, saturated)
+    best = int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
-    verdict = CANNOT_TELL if crossed.possible else NONE_WORKS
-    if any(first <= x <= last for first, last in crossed.sure for x in curve.x):
+    verdict = CANNOT_TELL if curve.possible(level) else NONE_WORKS
+    if any(first <= x <= last for first, last in sure for x in curve.x):
         verdict = WORKS
-    needed = _pictures_to_tell(curve, criterion.level) if verdict == CANNOT_TELL else (None, None)
+    needed = _pictures_to_tell(table, level) if verdict == CANNOT_TELL else (None, None)
 
     def at(values: Sequence[Any] | None, place: int | None) -> Any:
         return None if values is None or place is None else values[place]
 
     recommended_s = at(curve.x, chosen)
-    if crossed.windows:
-        held = crossed.windows[chosen_window(crossed.windows, recommended_s)]
-        limits = of_window(line, held, criterion.level)
-    elif not criterion.kept and table.clean is not None and table.clean < criterion.level:
+    if windows:
+        limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
+    elif not criterion.kept and table.clean is not None and table.clean < level:
         limits = Limits(by="the model, as the untouched pictures show")
     else:
         limits = of_best(line, best)
@@ -118,20 +112,20 @@ def answer(table: ScoreTable, curve: Curve, line: Line, criterion: Criterion) ->
         "confidence": tuple(mean),
         "low": low,
         "high": high,
-        "windows_s": [list(window) for window in crossed.windows],
-        "open_low": mean[0] >= criterion.level,
-        "open_high": mean[-1] >= criterion.level,
+        "windows_s": [list(window) for window in windows],
+        "open_low": mean[0] >= level,
+        "open_high": mean[-1] >= level,
         "recommended_s": recommended_s,
         "confidence_at_recommended": at(mean, chosen),
-        "n_pictures": curve.n_clusters,
-        "effective_pictures": curve.n_effective,
-        "few_pictures": curve.n_effective < uncertainty.FEW,
+        "n_pictures": table.n_clusters,
+        "effective_pictures": table.n_effective,
+        "few_pictures": table.n_effective < uncertainty.FEW,
         "verdict": verdict,
         "pictures_to_tell": needed[0],
         "pictures_to_tell_mostly": needed[1],
-        "windows_low_s": [list(crossed.around(window[0])) for window in crossed.windows],
-        "windows_high_s": [list(crossed.around(window[1])) for window in crossed.windows],
-        "sure_windows_s": [list(window) for window in crossed.sure],
+        "windows_low_s": [list(curve.around(low, level)) for low, _ in windows],
+        "windows_high_s": [list(curve.around(high, level)) for _, high in windows],
+        "sure_windows_s": [list(window) for window in sure],
         "recommended_low": at(low, chosen),
         "recommended_high": at(high, chosen),
         "regret_95": None if chosen is None else _regret(curve, chosen),
@@ -170,8 +164,7 @@ def flat(row: Mapping[str, Any]) -> Row:
         place = chosen_window(row["windows_s"], row["recommended_s"])
         low, high = row["windows_s"][place]
         ends = [low, *row["windows_low_s"][place], high, *row["windows_high_s"][place]]
-    names = [f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high")]
-    return {**kept, "n_windows": len(row["windows_s"]), **dict(zip(names, ends, strict=True))}
+    return {**kept, "n_windows": len(row["windows_s"]), **dict(zip(_ENDS, ends, strict=True))}
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
@@ -186,22 +179,22 @@ def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> 
     return held.index(True) if any(held) else 0
 
 
-def _pictures_to_tell(curve: Curve, threshold: float) -> tuple[int | None, int | None]:
+def _pictures_to_tell(line: ScoreTable, level: float) -> tuple[int | None, int | None]:
     """How many would be enough, in half of the cases and in most: for one exposure to be above, or all below."""
-    n = np.isfinite(curve.influence).sum(axis=0)
+    n = np.isfinite(line.influence).sum(axis=0)
     known = n > 1
     if not known.any():
         return None, None
-    n, mean, away = n[known], curve.mean[known], curve.influence[:, known]
-    margin, spread, above = mean - threshold, np.nanstd(away, axis=0), mean > threshold
-    pulls = np.where(above, mean, curve.most - mean)  # the bound beyond the threshold
+    n, mean, away = n[known], line.mean[known], line.influence[:, known]
+    margin, spread, above = mean - level, np.nanstd(away, axis=0), mean > level
+    pulls = np.where(above, mean, line.most - mean)  # the bound beyond the level
     asked = zip(np.abs(margin).tolist(), spread.tolist(), pulls.tolist(), strict=True)
     needed = np.array([uncertainty.pictures_needed(*each, _MOST_PICTURES) for each in asked])
     hardest = int(np.where(above, needed, _MOST_PICTURES + 2).argmin() if above.any() else needed.argmax())
     count = int(needed[hardest])
     if count > _MOST_PICTURES:
         return None, None
-    fewest = max(math.ceil(uncertainty.FEWEST * curve.n_clusters / curve.n_effective), int(n.max()) + 1)
+    fewest = max(math.ceil(uncertainty.FEWEST * line.n_clusters / line.n_effective), int(n.max()) + 1)
     seen = abs(float(margin[hardest])), float(spread[hardest]), float(n[hardest])
     mostly = uncertainty.pictures_needed_mostly(*seen, count, _MOST_PICTURES)
     return max(fewest, count), None if mostly > _MOST_PICTURES else max(fewest, mostly)
@@ -211,10 +204,7 @@ def _regret(curve: Curve, chosen: int) -> float | None:
     others = np.arange(len(curve.x)) != chosen
     if not others.any():
         return 0.0 if curve.known.all() else None
-    gain = (curve.mean - curve.mean[chosen])[others]
-    known = curve.known & curve.known[chosen]
-    paired = np.where(known, curve.influence - curve.influence[:, [chosen]], np.nan)[:, others]
-    cov = np.zeros((len(curve.x),) * 2) if curve.open is None else curve.open
-    sigma = uncertainty.sigma_of_differences(cov, chosen)[others]
-    bound = float(uncertainty.regret_bound(paired, gain, sigma=sigma))
-    return None if math.isnan(bound) else bound
+    mean, away, known = curve.line.mean, curve.line.influence, curve.known & curve.known[chosen]
+    paired = np.where(known, away - away[:, [chosen]], np.nan)[:, others]
+    sigma = uncertainty.sigma_of_differences(curve.cov, chosen)[others]
+    return finite(float(uncertainty.regret_bound(paired, (mean - mean[chosen])[others], sigma=sigma)))

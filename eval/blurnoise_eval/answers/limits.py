@@ -74,28 +74,26 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
     here = np.flatnonzero(inside) if inside.any() else np.array([np.abs(x - window[0]).argmin()])
     best = int(here[np.nanargmax(line.value[here])])
     reasons: list[str] = []
-    low, high = None, None
+    low: Limit | None = None
+    high: Limit | None = None
     if window[0] > x[0] or line.value[0] < level:
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
-        if low is None:
-            reasons.append("lower end: the pictures' brightness is not known")
+        reasons += [] if low else ["lower end: the pictures' brightness is not known"]
     if window[1] < x[-1] or line.value[-1] < level:
-        high, why = _upper(line, min(int((x <= window[1]).sum()), len(x) - 1), best, level)
-        reasons += [f"upper end: {why}"] if high is None else []
+        place = min(int((x <= window[1]).sum()), len(x) - 1)
+        saturates, why = line.saturates(place, best), ""
+        slower = np.nan if line.slower is None else line.slower[place]
+        if slower >= level:
+            high = "blur"
+        elif np.isfinite(slower) or not line.moves:
+            high = "saturation" if saturates else None
+            why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
+            why += ", and nothing saturates"
+        else:
+            high = "blur" if saturates is False else None
+            why = "blur and saturation cannot be told apart, as no slower speed was tested"
+        reasons += [] if high else [f"upper end: {why}"]
     return Limits(low, high, None, "; ".join(reasons) or None)
-
-
-def _upper(line: Line, place: int, best: int, level: float) -> tuple[Limit | None, str]:
-    saturates = line.saturates(place, best)
-    slower = np.nan if line.slower is None else line.slower[place]
-    if slower >= level:
-        return "blur", ""
-    if np.isfinite(slower) or not line.moves:
-        why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
-        return ("saturation", "") if saturates else (None, f"{why}, and nothing saturates")
-    if saturates is False:
-        return "blur", ""
-    return None, "blur and saturation cannot be told apart, as no slower speed was tested"
 
 
 def of_best(line: Line, best: int) -> Limits:

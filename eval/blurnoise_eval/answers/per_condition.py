@@ -14,7 +14,7 @@ from blurnoise_eval.answers.uncertainty import columns
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
 from blurnoise_eval.scoring.judged import Judged, Truth
-from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
@@ -41,27 +41,29 @@ class Scored(NamedTuple):
     n_targets: Mapping[str, int]
 
 
-class Asked(NamedTuple):
+class Condition(NamedTuple):
     """One condition of a model: its counts and means; these with the exposure that the camera has set, on average;
-    and what its targets have."""
+    and its targets' scores."""
 
     counted: dict[str, Any]
     as_set: dict[str, Any]
     sums: Sums
 
 
-def asked(store: Store, models: Sequence[str], clusters: Mapping[str, int]) -> Iterator[Asked]:
-    """All conditions, model by model, the untouched pictures first."""
+def conditions_of(
+    store: Store, models: Sequence[str], clusters: Mapping[str, int], *, original_only: bool = False
+) -> Iterator[Condition]:
+    """All conditions, model by model, the original pictures first."""
     for model in models:
         every = _sums(target_columns(store, model), clusters)
-        counted = queries.condition_counts(store, model)
+        counted = [row for row in queries.condition_counts(store, model) if row["clean"] or not original_only]
         for row, as_set in zip(counted, queries.as_set(store, counted), strict=True):
-            yield Asked(row, as_set, every.get(tuple(row[name] for name in CONDITIONS), {}))
+            yield Condition(row, as_set, every.get(tuple(row[name] for name in CONDITIONS), {}))
 
 
 def scored(
     store: Store,
-    conditions: Iterable[Asked],
+    conditions: Iterable[Condition],
     truth_of: Callable[[str], Truth | None],
     moves: Moves,
     clusters: Mapping[str, int],
@@ -70,21 +72,24 @@ def scored(
     """A row of each condition: its columns, and three for each score.
 
     NAME, NAME_low and NAME_high: the value and its 95 % interval over clusters of pictures (all repeats of a picture
-    are in one), None where it is unknown. truth_of: a model's truth, None for a reader. by_size: "ap" or "ap50" of
-    the sizes, too. Pictures that could not be read do not count; those on which the model failed count as answered
+    are in one), None where it is unknown. truth_of: a model's truth, None for a reader. by_size: a score of the
+    sizes, too. Pictures that could not be read do not count; those on which the model failed count as answered
     by nothing.
     """
+    of_sizes = next((score.by_size for score in of_conditions() if score.name == by_size), None)
     for model, every in groupby(conditions, key=lambda each: str(each.counted["model"])):
         truth = truth_of(model)
         for row, as_set, sums in every:
-            cells = () if truth is None else queries.answers_at(store, model, row)
-            judged = Judged(sums, truth, cells, *((None, None) if row["clean"] else moves(as_set)), clusters)
+            answers = None if truth is None else queries.answers_at(store, model, row)
+            judged = Judged(
+                sums, truth, answers, *((None, None) if row["clean"] else moves(as_set)), clusters
+            )
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             for score in of_conditions():
                 found |= columns(score.estimate(judged), score.name, score.most)
-            of_run = judged.mean("exact_match") if truth is None else judged.coco["ap"]
-            sizes = judged.precision_by_size(by_size) if by_size else {}
-            yield Scored(found, of_run, sizes, judged.targets_by_size if by_size else {})
+            performance = judged.mean("exact_match") if truth is None else judged.average()
+            sizes = {size: of_sizes(judged, size) for size in SIZES} if of_sizes else {}
+            yield Scored(found, performance, sizes, judged.targets_by_size if of_sizes else {})
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
@@ -96,7 +101,7 @@ def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:
 
 
 def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[tuple[Any, ...], Sums]:
-    """What targets and readings have, by condition."""
+    """Of scores of targets and readings, by condition."""
     shape = len(rows.conditions), 1 + max(clusters.values(), default=0)
     numbers = np.array([clusters[name] for name in rows.pictures], np.int64)
     # first of each picture, then of pictures, in their order
@@ -110,33 +115,12 @@ def _sums(rows: TargetColumns, clusters: Mapping[str, int]) -> dict[tuple[Any, .
         return np.asarray(np.bincount(place, per_picture, math.prod(shape)).reshape(shape), float)
 
     found = {}
-    for name, values in _values(rows).items():
-        known = ~np.isnan(values)
-        found[name] = per_cluster(np.where(known, values, 0.0)), per_cluster(known)
+    for score in of_conditions():
+        if score.of_targets is not None:
+            values = score.of_targets(rows)
+            known = ~np.isnan(values)
+            found[score.name] = per_cluster(np.where(known, values, 0.0)), per_cluster(known)
     return {
         at: {name: (sums[number], counts[number]) for name, (sums, counts) in found.items()}
         for number, at in enumerate(rows.conditions)
     }
-
-
-def _values(rows: TargetColumns) -> dict[str, Array]:
-    """By score what it is the mean of, NaN where there is none."""
-    found = rows.confidence >= FOUND_SCORE
-    return {
-        "target_confidence": rows.confidence,
-        "detection_rate": np.where(np.isnan(rows.confidence), np.nan, found),
-        "confidence_when_found": np.where(found, rows.confidence, np.nan),
-        "target_confidence_swept": rows.confidence_swept,
-        "detection_rate_swept": np.where(
-            np.isnan(rows.confidence_swept), np.nan, rows.confidence_swept >= FOUND_SCORE
-        ),
-        "read_confidence": rows.read_confidence,
-        "exact_match": rows.exact,
-        "character_error_rate": rows.character_error_rate,
-    }
-
-
-def performance(row: Mapping[str, Any]) -> float | None:
-    """The one number of a score row that P, mPC and rPC are made of: AP, or for a reader exact matches."""
-    value = row["exact_match"] if row["ap"] is None else row["ap"]
-    return None if value is None or math.isnan(value) else float(value)

@@ -88,20 +88,15 @@ def plane_weights(rows: Sequence[Mapping[str, Any]]) -> Array | None:
         speeds = np.array([blur_px(row) for row in some]) / exposures
         weights[setting] = np.zeros(len(rows))
         weights[setting][numbers] = _over_hull(places_of(exposures, light, speeds))
-    for axis in _FURTHER:
-        lines: dict[tuple[float, ...], list[float]] = defaultdict(list)
+    for axis in _FURTHER:  # each is averaged out in turn
+        lines: dict[tuple[float, ...], list[tuple[float, ...]]] = defaultdict(list)
         for setting in sorted(weights):
-            lines[setting[1:]].append(setting[0])
-        weights = {
-            rest: _along(axis.choices, coordinate(x, axis.logarithmic)[0])
-            @ np.array([weights[each, *rest] for each in x])
-            for rest, x in lines.items()
-        }
+            lines[setting[1:]].append(setting)
+        for rest, line in lines.items():
+            x = coordinate([setting[0] for setting in line], axis.logarithmic)[0]
+            shares = np.full(len(x), 1 / len(x)) if axis.choices else trapezoid_weights(x)
+            weights[rest] = shares @ np.array([weights.pop(setting) for setting in line])
     return weights.get(())
-
-
-def _along(choices: Any, x: Array) -> Array:
-    return np.full(len(x), 1 / len(x)) if choices else trapezoid_weights(x)
 
 
 def _over_hull(places: Array) -> Array:

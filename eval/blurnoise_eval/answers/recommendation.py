@@ -12,11 +12,9 @@ a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,8 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import EGO, EGO_SPEED, GAIN, SETTING
+from blurnoise_eval.scoring.estimates import ratio_of_sums
+from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
+Places = NDArray[np.int64]
 Setting = tuple[float, ...]
 Velocity = tuple[float, float]
 Row = dict[str, Any]
@@ -81,78 +82,72 @@ def without_saturated(values: ArrayLike, saturated: ArrayLike, level: float) -> 
     return np.asarray(np.where((share > limit) & np.isfinite(value), 0.0, value))
 
 
-class Choice(NamedTuple):
-    """The exposure to use under some conditions, and what it keeps there on average.
-
-    places: the conditions, one gain for each light. low, high: the 95 % interval of ``value``, None from too few
-    pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". loss: how much less this is than
-    the best exposure of each condition would keep. saturated: the largest share of saturated values among the
-    conditions, None where unknown. sure, fails: in how many conditions the level is surely reached, surely missed.
-    """
-
-    places: tuple[int, ...]
-    exposure_s: float
-    value: float
-    low: float | None
-    high: float | None
-    verdict: str
-    loss: float
-    saturated: float | None
-    sure: int
-    fails: int
-
-
 @dataclass(frozen=True, eq=False)
 class Averages:
     """What one model reaches, averaged over target groups, by condition and exposure.
 
-    settings: (N) as ``SETTING`` names their values. velocities_px_s: (N) x and y. speeds: (N) px/s, or km/h of a
-    vehicle. value, saturated, sigma: (N, E); sigma: the standard error of a prediction. departures: (C, N, E)
-    influence of clusters; effective: (N, E) the number of pictures of equal weight. most: (N,) greatest possible
-    values. monotone: whether more speed can only hurt.
+    settings: (N) as ``SETTING`` names their values. velocities_px_s: (N) x and y. value, saturated, sigma: (N, E);
+    sigma: the standard error of a prediction. influence: (C, N, E) of clusters; effective: (N, E) the number of
+    pictures of equal weight. most: (N,) greatest possible values. monotone: whether more speed can only hurt.
     """
 
     model: str
     level: float
     settings: tuple[Setting, ...]
     velocities_px_s: tuple[Velocity, ...]
-    speeds: tuple[float, ...]
     exposures_s: tuple[float, ...]
     value: Array
-    departures: Array
+    influence: Array
     effective: Array
     sigma: Array
     most: Array
     saturated: Array
     monotone: bool = True
 
-    def choose(self, places: Iterable[int] | None = None) -> Choice | None:
+    @property
+    def speeds(self) -> list[float]:
+        """Of each condition: px/s, or km/h of a vehicle."""
+        egos = [setting[_EGO] for setting in self.settings]
+        return [
+            float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*velocity)
+            for ego, velocity in zip(egos, self.velocities_px_s, strict=True)
+        ]
+
+    def choose(self, places: Iterable[int] | None = None) -> Row | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
-        Of several gains that were tested at a light, the one that keeps most is used.
+        Of several gains that were tested at a light, the one that keeps most is used. value: what it keeps on average
+        over the ``conditions``; low, high: the 95 % interval, None from too few pictures. verdict: whether the level
+        is reached: "sure", "no", "cannot tell". loss: how much less this is than the best exposure of each condition
+        would keep. saturated: the largest share of saturated values, None where unknown. sure, fails: in how many
+        conditions the level is surely reached, surely missed. gain_db: where it is one.
         """
         every, counted = self._line(range(len(self.settings)) if places is None else places)
         e = best_exposure(self.exposures_s, counted)
         if e is None:
             return None
         own = every[:, e]
-        value, share = float(self.value[own, e].mean()), self.saturated[own, e]
-        low, high = (float(end[0]) for end in self._mean_interval(own, np.array([e])))
-        known = math.isfinite(low) and math.isfinite(high)
-        verdicts = [self._verdict(place, e) for place in own]
+        value, share = self.value[own, e], self.saturated[own, e]
+        low, high = (float(end[0]) for end in self.interval(own, np.array([e])))
+        of_each = (each[own, e] for each in (self.sigma, self.effective))
+        ends = uncertainty.of_level(value, self.influence[:, own, e], self.most[own], *of_each)
+        verdicts = [self._verdict(*each) for each in zip(*ends, strict=True)]
         best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
-        return Choice(
-            tuple(own.tolist()),
-            self.exposures_s[e],
-            value,
-            low if known else None,
-            high if known else None,
-            self._of_ends(low, high),
-            float(np.maximum(best - self.value[own, e], 0.0).mean()),
-            float(np.nanmax(share)) if np.isfinite(share).any() else None,
-            verdicts.count(SURE),
-            verdicts.count(FAILS),
-        )
+        gains = {self.settings[place][_GAIN] for place in own}
+        return {
+            GAIN.name: gains.pop() if len(gains) == 1 else None,
+            "exposure_s": self.exposures_s[e],
+            "value": float(value.mean()),
+            "low": finite(low),
+            "high": finite(high),
+            "verdict": self._verdict(low, high),
+            "loss": float(np.maximum(best - value, 0.0).mean()),
+            "saturated": float(np.nanmax(share)) if np.isfinite(share).any() else None,
+            "sure": verdicts.count(SURE),
+            "fails": verdicts.count(FAILS),
+            "conditions": len(own),
+            "places": own,
+        }
 
     def next_exposure(self) -> float | None:
         """The exposure to test next under all conditions, nearer to the one that keeps most; None where it is near.
@@ -184,72 +179,40 @@ class Averages:
         """Of averages that are predicted the exposure to measure next under all conditions: the one to use, unless
         one that was measured is ``CLOSE`` to it."""
         choice = self.choose()
-        if choice is None or any(abs(math.log2(choice.exposure_s / each)) < CLOSE for each in measured_s):
+        exposure_s = None if choice is None else choice["exposure_s"]
+        if exposure_s is None or any(abs(math.log2(exposure_s / each)) < CLOSE for each in measured_s):
             return None
-        return float(f"{choice.exposure_s:.3g}")
+        return float(f"{exposure_s:.3g}")
 
-    def _line(self, places: Iterable[int]) -> tuple[NDArray[np.int64], Array]:
-        """Places (N, E) of the conditions, at each exposure those of the best gains, and the mean (E,) over them, 0
-        where it is not used since it saturates."""
-        of_light: dict[Setting, dict[float, list[int]]] = {}
+    def _line(self, places: Iterable[int]) -> tuple[Places, Array]:
+        """Places (N, E) of the conditions, at each exposure those of the gain that keeps most at each light, of
+        equals the smallest; and the mean (E,) over them, 0 where it is not used since it saturates."""
+        gains: dict[Setting, dict[float, list[int]]] = {}
         for place in places:
             setting = self.settings[place]
-            light = setting[:_GAIN] + setting[_GAIN + 1 :]
-            of_light.setdefault(light, {}).setdefault(setting[_GAIN], []).append(place)
-        own = np.concatenate([self._best_gains(by_gain) for by_gain in of_light.values()])
+            at_light = gains.setdefault(_without(setting, _GAIN), {})
+            at_light.setdefault(setting[_GAIN], []).append(place)
+        chosen = []
+        for at_light in gains.values():
+            rising = [at_light[gain] for gain in sorted(at_light)]
+            means = np.array([self.value[own].mean(axis=0) for own in rising])
+            best = np.where(np.isnan(means), -1.0, means).argmax(axis=0)
+            chosen.append(np.array([rising[each] for each in best]).T)
+        own = np.concatenate(chosen)
         value, saturated = (np.take_along_axis(each, own, axis=0) for each in (self.value, self.saturated))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # where it is known in no condition
-            return own, without_saturated(value.mean(axis=0), np.nanmean(saturated, axis=0), self.level)
+        share = ratio_of_sums(np.nan_to_num(saturated), np.isfinite(saturated))
+        return own, without_saturated(value.mean(axis=0), share, self.level)
 
-    def _best_gains(self, by_gain: Mapping[float, list[int]]) -> NDArray[np.int64]:
-        """(N, E) places of one light's conditions at the gain that keeps most on average, of equals the smallest."""
-        gains = sorted(by_gain)
-        means = np.array([self.value[by_gain[gain]].mean(axis=0) for gain in gains])
-        best = np.where(np.isnan(means), -1.0, means).argmax(axis=0)
-        return np.array([by_gain[gains[each]] for each in best]).T
-
-    def curve(self, places: Sequence[int]) -> Row:
-        """Mean over conditions at the exposures tested in all of them, with its interval."""
-        value = self.value[list(places)].mean(axis=0)
-        tested = np.flatnonzero(np.isfinite(value))
-        low, high = self._mean_interval(list(places), tested)
-        columns = np.array(self.exposures_s)[tested], value[tested], low, high
-        names = "exposures_s", "values", "low", "high"
-        return {name: each.tolist() for name, each in zip(names, columns, strict=True)}
-
-    def values_at(self, places: Sequence[int], exposure_s: float | None) -> list[float]:
-        """Values of conditions at an exposure, of those in which it was tested."""
-        if exposure_s is None:
-            return []
-        values = self.value[list(places), self.exposures_s.index(exposure_s)]
-        return [float(value) for value in values if math.isfinite(value)]
-
-    @cached_property
-    def _ends(self) -> uncertainty.Ends:
-        """95 % intervals (N, E)."""
-        return self._interval(self.value, self.departures, self.effective, self.sigma, self.most[:, None])
-
-    def _verdict(self, place: int, e: int) -> str:
-        return self._of_ends(self._ends.low[place, e], self._ends.high[place, e])
-
-    def _of_ends(self, low: float, high: float) -> str:
-        return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
-
-    def _mean_interval(self, places: Sequence[int] | NDArray[np.int64], e: NDArray[Any]) -> uncertainty.Ends:
+    def interval(self, places: Sequence[int] | Places, e: Sequence[int] | Places) -> uncertainty.Ends:
         """95 % intervals (E,) of means over conditions, errors of prediction as if they were all alike."""
-        some = np.ix_(np.array(places), e)
-        away = self.departures[:, places][:, :, e]
-        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(places), np.nan)
-        value, sigma = self.value[some].mean(axis=0), self.sigma[some].mean(axis=0)
-        most = np.array(self.most[places].mean())
-        return self._interval(value, mean, self.effective[some].min(axis=0), sigma, most)
+        some = np.ix_(np.asarray(places), np.asarray(e))
+        away = self.influence[:, some[0], some[1]]
+        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(some[0]), np.nan)
+        value, sigma, most = self.value[some].mean(axis=0), self.sigma[some].mean(axis=0), self.most[places]
+        return uncertainty.of_level(value, mean, most.mean(), sigma, self.effective[some].min(axis=0))
 
-    @staticmethod
-    def _interval(value: Array, away: Array, effective: Array, sigma: Array, most: Array) -> uncertainty.Ends:
-        known = uncertainty.enough(effective)
-        ends = uncertainty.of_level(value, away, most, sigma)
-        return uncertainty.Ends(*(np.where(known, end, np.nan) for end in ends))
+    def _verdict(self, low: float, high: float) -> str:
+        return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
 
 def averages(
@@ -265,59 +228,45 @@ def averages(
 
     An exposure counts in a condition where every group was measured that is measured there at all.
     """
-    every = [list(zip(table.settings, table.velocities_px_s, strict=True)) for table in tables]
-    conditions = list(dict.fromkeys(condition for own in every for condition in own))
-    place_of = {condition: place for place, condition in enumerate(conditions)}
+    groups = list(dict.fromkeys(table.group for table in tables))
+    at = [list(zip(table.settings, table.velocities_px_s, strict=True)) for table in tables]
+    conditions = list(dict.fromkeys(condition for own in at for condition in own))
     exposures = np.unique(np.concatenate([table.conditions["exposure_s"] for table in tables]))
-    clusters = dict.fromkeys(name for table in tables for name in table.clusters)
-    cluster_of = {name: place for place, name in enumerate(clusters)}
-    shape = len(conditions), len(exposures)
-    value, sigma, share, measured, weight = np.zeros((5, *shape))
-    most, groups = np.zeros((2, len(conditions)))
-    away, shares = np.zeros((2, len(clusters), *shape))
-    for table, own_conditions in zip(tables, every, strict=True):
-        e = np.searchsorted(exposures, table.conditions["exposure_s"])
-        n = np.array([place_of[condition] for condition in own_conditions], np.int64)
-        c = np.array([cluster_of[name] for name in table.clusters])[:, None]
-        value[n, e] += np.nan_to_num(table.mean)
-        weight[n, e] += np.isfinite(table.mean)
-        most[np.unique(n)] += table.most
-        groups[np.unique(n[np.isfinite(table.mean)])] += 1
-        known = np.isfinite(table.influence)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            away[c, n, e] += np.where(known, table.influence / known.sum(axis=0), 0.0)
-            shares[c, n, e] += np.nan_to_num(table.counts / table.counts.sum(axis=0))
-        share[n, e] += np.nan_to_num(table.saturated)
-        measured[n, e] += np.isfinite(table.saturated)
-        if table.prediction_cov is not None:
-            for line in (np.flatnonzero(n == place) for place in np.unique(n)):
-                sigma[n[line], e[line]] += np.sqrt(np.diag(table.prediction_cov(line)))
-    of = groups[:, None]
-    complete = (weight == of) & (of > 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.where(measured > 0, share / measured, np.nan)
-        spread = away / of * (shares > 0).sum(axis=0)
-        value, sigma = (np.where(complete, each / of, np.nan) for each in (value, sigma))
-    for place, (setting, velocity) in enumerate(conditions if saturated else ()):
-        found = [
-            (saturated or {}).get((*setting, *velocity, exposure_s)) for exposure_s in exposures.tolist()
-        ]
-        share[place] = [old if new is None else new for old, new in zip(share[place], found, strict=True)]
-    return Averages(
-        tables[0].model,
-        level,
-        tuple(setting for setting, _ in conditions),
-        tuple(velocity for _, velocity in conditions),
-        tuple(_speed(*condition) for condition in conditions),
-        tuple(exposures.tolist()),
-        value,
-        np.where((shares > 0) & complete, spread, np.nan),
-        uncertainty.effective(shares),
-        sigma,
-        most / np.maximum(groups, 1),
-        share,
-        monotone,
+    clusters = list(dict.fromkeys(name for table in tables for name in table.clusters))
+    place_of, cluster_of = (
+        {each: place for place, each in enumerate(every)} for every in (conditions, clusters)
     )
+    shape = len(groups), len(conditions), len(exposures)
+    value, sigma, most, share = np.full((4, *shape), np.nan)
+    influence, counts = np.full((2, len(clusters), *shape), np.nan)
+    for table, own in zip(tables, at, strict=True):
+        g, e = groups.index(table.group), np.searchsorted(exposures, table.conditions["exposure_s"])
+        n = np.array([place_of[condition] for condition in own], np.int64)
+        c = np.array([cluster_of[name] for name in table.clusters])[:, None]
+        value[g, n, e], share[g, n, e], sigma[g, n, e] = table.mean, table.saturated, table.sigma
+        most[g, n, e] = table.most
+        influence[c, g, n, e], counts[c, g, n, e] = table.influence, table.counts
+    measured = np.isfinite(value)
+    of_groups = measured.any(axis=2).sum(axis=0)[:, None]  # (N, 1): so many are measured there
+    complete = (measured.sum(axis=0) == of_groups) & (of_groups > 0)
+    weights = np.where(complete, measured / np.maximum(of_groups, 1), np.nan)
+    known = np.isfinite(influence)
+    each = np.where(known, influence, 0.0) * known.any(axis=1).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    together = np.where(known.any(axis=1), (each * weights).sum(axis=1), np.nan)
+    sizes = np.nan_to_num(counts / np.maximum(np.nansum(counts, axis=0), 1e-300)).sum(axis=1)
+    of_targets = ratio_of_sums(np.nan_to_num(share), np.isfinite(share))
+    for place, (setting, velocity) in enumerate(conditions if saturated else ()):
+        for at_exposure, exposure_s in enumerate(exposures.tolist()):
+            found = (saturated or {}).get((*setting, *velocity, exposure_s))
+            if found is not None:
+                of_targets[place, at_exposure] = found
+    settings, velocities = zip(*conditions, strict=True)
+    means = [np.where(complete, (np.nan_to_num(of) * weights).sum(axis=0), np.nan) for of in (value, sigma)]
+    greatest = np.nansum(np.where(measured, most, np.nan), axis=(0, 2)) / np.maximum(measured.sum((0, 2)), 1)
+    return Averages(
+        tables[0].model, level, settings, velocities, tuple(exposures.tolist()),
+        means[0], together, uncertainty.effective(sizes), means[1], greatest, of_targets, monotone,
+    )  # fmt: skip
 
 
 def recommendations(of: Averages) -> list[Row]:
@@ -326,18 +275,25 @@ def recommendations(of: Averages) -> list[Row]:
     exposure for all conditions keeps there, None where it was not tested there."""
     lights: dict[Setting, dict[float, list[int]]] = {}
     for place, (setting, speed) in enumerate(zip(of.settings, of.speeds, strict=True)):
-        light = tuple(0.0 if axis in (_GAIN, _EGO) else value for axis, value in enumerate(setting))
-        lights.setdefault(light, {}).setdefault(speed, []).append(place)
+        lights.setdefault(_without(setting, _GAIN, _EGO), {}).setdefault(speed, []).append(place)
     whole = of.choose()
-    common_s = None if whole is None else whole.exposure_s
-    rows = _rows(of, "all", whole, None, None, common_s)
+    common = None if whole is None else of.exposures_s.index(whole["exposure_s"])
+
+    def row(scope: str, light: Setting | None, speed: float | None, places: Iterable[int]) -> list[Row]:
+        choice = of.choose(places)
+        if choice is None:
+            return []
+        held = choice.pop("places")
+        at_common = None if common is None else finite(float(of.value[held, common].mean()))
+        axes = dict(zip(SETTING, light or [None] * len(SETTING), strict=True))
+        axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
+        return [{"model": of.model, "scope": scope, **axes, "speed": speed, **choice, "at_common": at_common}]
+
+    rows = row("all", None, None, range(len(of.settings)))
     for light, by_speed in sorted(lights.items(), key=lambda each: each[0]):
-        over_speeds = of.choose(place for own in by_speed.values() for place in own)
-        rows += _rows(of, "light", over_speeds, light, None, common_s)
+        rows += row("light", light, None, [place for own in by_speed.values() for place in own])
         found = [
-            row
-            for speed in sorted(by_speed)
-            for row in _rows(of, "condition", of.choose(by_speed[speed]), light, speed, common_s)
+            each for speed in sorted(by_speed) for each in row("condition", light, speed, by_speed[speed])
         ]
         if of.monotone:
             _nest(found)
@@ -354,37 +310,21 @@ def _nest(by_speed: list[Row]) -> None:
             fast |= {"verdict": FAILS, "sure": 0, "fails": fast["conditions"]}
 
 
-def _rows(
-    of: Averages,
-    scope: str,
-    choice: Choice | None,
-    light: Setting | None,
-    speed: float | None,
-    common_s: float | None,
-) -> list[Row]:
-    """One row, none without a choice."""
-    if choice is None:
-        return []
-    axes = dict(zip(SETTING, light or [None] * len(SETTING), strict=True))
-    gains = {of.settings[place][_GAIN] for place in choice.places}
-    axes |= {GAIN.name: gains.pop() if len(gains) == 1 else None, EGO.name: None}
-    own = {name: value for name, value in choice._asdict().items() if name != "places"}
-    values = of.values_at(choice.places, common_s)
-    at_common = float(np.mean(values)) if values and len(values) == len(choice.places) else None
-    row = {"model": of.model, "scope": scope, **axes, "speed": speed, **own}
-    return [row | {"conditions": len(choice.places), "at_common": at_common}]
-
-
 def curves(of: Averages) -> list[Row]:
     """A row for all speeds (None) and one for each: means over lights and targets at exposures tested in all."""
-    places = range(len(of.speeds))
-    return [
-        {"model": of.model, "speed": speed}
-        | of.curve([place for place in places if speed in (None, of.speeds[place])])
-        for speed in (None, *sorted(set(of.speeds)))
-    ]
+    rows, speeds = [], np.array(of.speeds)
+    for speed in (None, *np.unique(speeds).tolist()):
+        places = np.flatnonzero(np.isin(speeds, speeds if speed is None else speed))
+        value = of.value[places].mean(axis=0)
+        tested = np.flatnonzero(np.isfinite(value))
+        exposures = np.array(of.exposures_s)[tested]
+        columns = exposures, value[tested], *of.interval(places, tested)
+        names = "exposures_s", "values", "low", "high"
+        of_speed = {name: each.tolist() for name, each in zip(names, columns, strict=True)}
+        rows.append({"model": of.model, "speed": speed} | of_speed)
+    return rows
 
 
-def _speed(setting: Setting, velocity_px_s: Velocity) -> float:
-    ego = setting[_EGO]
-    return float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*velocity_px_s)
+def _without(setting: Setting, *axes: int) -> Setting:
+    """With 0 on some axes."""
+    return tuple(0.0 if axis in axes else value for axis, value in enumerate(setting))

@@ -14,23 +14,26 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers import plane
+from blurnoise_eval.answers.per_condition import Scored
+from blurnoise_eval.answers.uncertainty import effective
 from blurnoise_eval.grid.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
-from blurnoise_eval.scoring.estimates import Estimate, influence, ratio, ratio_of_sums
+from blurnoise_eval.scoring.estimates import influence, ratio, ratio_of_sums
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.precision import SIZES
+from blurnoise_eval.store.target_columns import TargetColumns
 
 LEAST_KNOWN = 0.05
 """Mean score of a group's targets in the original pictures from which on its kept share means something: below it
 one target in twenty is found at most, or none with any confidence."""
 ORDER = (*SETTING, *VELOCITY, "exposure_s")
 """The axes by which the conditions of a table are sorted."""
-_OF_PICTURES = ("saturated", "brightness")
+_BLOCK = 64  # conditions whose prediction is asked for at a time
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
@@ -74,6 +77,30 @@ class ScoreTable:
         """What each cluster contributes to the mean's departure from the truth, (C, N), by leaving it out; NaN for
         clusters that have nothing there."""
         return influence(self.sums, self.counts)
+
+    @property
+    def sigma(self) -> Array:
+        """(N,) standard deviation of the prediction beside what clusters differ by; 0 of what was measured."""
+        if self.prediction_cov is None:
+            return np.zeros(len(self))
+        blocks = np.array_split(np.arange(len(self)), -(-len(self) // _BLOCK))
+        variances = [np.diag(self.prediction_cov(block)) for block in blocks]
+        return np.asarray(np.sqrt(np.concatenate(variances)))
+
+    @property
+    def effective(self) -> Array:
+        """(N,) how many clusters of one size they are worth: :func:`~.uncertainty.effective`."""
+        return effective(self.counts)
+
+    @property
+    def n_clusters(self) -> int:
+        """How many clusters have a value anywhere."""
+        return int(((self.counts > 0) | (self.sums > 0)).any(axis=1).sum())
+
+    @property
+    def n_effective(self) -> float:
+        """How many clusters of one size they are worth over all conditions."""
+        return float(effective(self.counts.sum(axis=1)))
 
     @property
     def standard_error(self) -> Array:
@@ -146,15 +173,25 @@ class ScoreTable:
             of = [plane.direction_of(velocity) for velocity in alike.velocities_px_s]
             for direction in dict.fromkeys(each for each in of if each is not None) or (None,):
                 here = alike.take([place for place, each in enumerate(of) if each in (direction, None)])
-                which = plane.same_places(here.places)[1]
-                first, number = np.unique(which, return_index=True, return_counts=True)[1:]
-                means: dict[str, Any] = {}
-                for name in ("sums", "counts", *_OF_PICTURES):
-                    values = getattr(here, name)
-                    total = np.zeros((*values.shape[:-1], len(number)))
-                    np.add.at(total.T, which, values.T)
-                    means[name] = total / number
-                yield replace(here.take(first), **means)
+                yield here.merged(plane.same_places(here.places)[1])
+
+    def merged(self, which: Places) -> ScoreTable:
+        """Conditions of one number (N,) as their mean; each stands at the first."""
+        order = np.argsort(which, kind="stable")
+        starts = np.flatnonzero(np.diff(which[order], prepend=-1))
+        number = np.diff(starts, append=len(order))
+        means: dict[str, Any] = {
+            name: np.add.reduceat(getattr(self, name)[..., order], starts, axis=-1) / number
+            for name in ("sums", "counts", "saturated", "brightness")
+        }
+        cov = None
+        if self.prediction_cov is not None:
+            weights = np.zeros((len(order), len(starts)))
+            weights[order, np.repeat(np.arange(len(starts)), number)] = self.counts.sum(axis=0)[order]
+            weights /= weights.sum(axis=0)
+            every = weights.T @ self.prediction_cov(np.arange(len(order))) @ weights
+            cov = lambda places: every[np.ix_(places, places)]  # noqa: E731
+        return replace(self.take(order[starts]), **means, prediction_cov=cov)
 
     @property
     def velocities_px_s(self) -> list[tuple[float, float]]:
@@ -194,120 +231,90 @@ def same_rows(columns: Sequence[Array], count: int) -> Places:
     return which
 
 
-class Measured(NamedTuple):
-    """M measurements of targets under K conditions.
-
-    names: of pictures, picture: (M,) places in them; condition: (M,) places among the conditions. value, clean:
-    scores, here and of the same target in the original picture; saturated, brightness: of the picture. NaN: unknown.
-    """
-
-    names: Sequence[str]
-    picture: NDArray[Any]
-    repeat: NDArray[Any]
-    target_id: NDArray[Any]
-    condition: NDArray[Any]
-    value: Array
-    clean: Array
-    saturated: Array
-    brightness: Array
-
-
 def table_of(
     model: str,
     group: str,
     conditions: Mapping[str, Array],
-    every: Measured,
+    rows: TargetColumns,
+    value: Array,
+    clean: Array,
     cluster_of: Callable[[str], str] = lambda picture: picture,
     *,
     kept: bool = False,
 ) -> ScoreTable | None:
-    """The table of measurements, clusters in the order of their first; None where nothing counts.
+    """The table of M rows of targets, clusters in the order of their pictures; None where nothing counts.
 
-    conditions: (K,) by axis; equal ones are one. cluster_of: from a picture's name to its cluster's. kept: values are
-    shares of the score in the original pictures, and measurements without that count for nothing.
+    conditions: (K,) by axis; equal ones are one. value, clean: (M,) scores, here and of the same target in the
+    original picture, NaN where unknown. cluster_of: from a picture's name to its cluster's. kept: values are shares
+    of the score in the original pictures, and rows without that count for nothing.
     """
-    weights = every.clean if kept else np.ones(len(every.value))
-    counted = ~np.isnan(every.value) & ~np.isnan(weights)
+    weight = clean if kept else np.ones(len(value))
+    counted = ~np.isnan(value) & ~np.isnan(weight)
     if not counted.any():
         return None
-    own = Measured(every.names, *(column[counted] for column in every[1:]))
-    seen, first, picture = np.unique(own.picture, return_index=True, return_inverse=True)
-    clusters: dict[str, int] = {}
-    of_picture = np.empty(len(seen), np.int64)
-    for place in np.argsort(first).tolist():
-        of_picture[place] = clusters.setdefault(cluster_of(own.names[int(seen[place])]), len(clusters))
-    used = np.unique(own.condition)
-    columns = {name: conditions[name][used] for name in ORDER}
-    of_used = same_rows(list(columns.values()), len(used))
-    one_of_each = np.unique(of_used, return_index=True)[1]
-    condition = of_used[np.searchsorted(used, own.condition)]
-    shape = len(clusters), len(one_of_each)
-    cell = of_picture[picture] * shape[1] + condition
+    rows, value, weight, clean = rows.rows(counted), value[counted], weight[counted], clean[counted]
+    seen, picture = np.unique(rows.picture, return_inverse=True)
+    names = [cluster_of(rows.pictures[place]) for place in seen.tolist()]
+    clusters = {name: place for place, name in enumerate(dict.fromkeys(names))}
+    used, place = np.unique(rows.condition, return_inverse=True)
+    of_used = same_rows([conditions[name][used] for name in ORDER], len(used))
+    first, condition = np.unique(of_used, return_index=True)[1], of_used[place]
+    shape = len(clusters), len(first)
+    cell = np.array([clusters[name] for name in names])[picture] * shape[1] + condition
 
-    sums, counts = (
-        np.asarray(np.bincount(cell, each, math.prod(shape)).reshape(shape), float)
-        for each in (own.value, weights[counted])
-    )
+    def total(of: Array) -> Array:
+        return np.asarray(np.bincount(cell, of, math.prod(shape)).reshape(shape), float)
 
-    def means(values: Array) -> Array:
-        known = np.bincount(condition, np.isfinite(values), shape[1])
-        return ratio_of_sums(np.bincount(condition, np.nan_to_num(values), shape[1])[None], known[None])
+    def mean(of: Array) -> Array:
+        known = np.bincount(condition, np.isfinite(of), shape[1])
+        return ratio_of_sums(np.bincount(condition, np.nan_to_num(of), shape[1])[None], known[None])
 
-    target = picture * (1 + int(own.target_id.max())) + own.target_id
-    references = own.clean[np.sort(np.unique(target, return_index=True)[1])]
-    known = references[~np.isnan(references)]
+    target = picture * (1 + int(rows.target_id.max())) + rows.target_id
+    known = clean[np.unique(target, return_index=True)[1]]
+    known = known[~np.isnan(known)]
     return ScoreTable(
         model,
         group,
         tuple(clusters),
-        {name: column[one_of_each] for name, column in columns.items()},
-        sums,
-        counts,
-        means(own.saturated),
-        means(own.brightness),
-        n_targets=len(np.unique(target * (1 + int(own.repeat.max())) + own.repeat)),
-        clean=float(np.mean(known)) if len(known) else None,
-        reference=float(np.sum(known)),
+        {name: conditions[name][used][first] for name in ORDER},
+        total(value),
+        total(weight),
+        mean(rows.saturated),
+        mean(rows.brightness),
+        n_targets=len(np.unique(target * (1 + int(rows.repeat.max())) + rows.repeat)),
+        clean=float(known.mean()) if len(known) else None,
+        reference=float(known.sum()),
         kept=kept,
     )
 
 
-class Sized(NamedTuple):
-    """A score by the size of targets under one condition; row: of scores, n_targets: how many there are of each."""
-
-    row: Mapping[str, Any]
-    estimates: Mapping[str, Estimate]
-    n_targets: Mapping[str, int]
-
-
-def tables_by_size(scored: Sequence[Sized], kept: bool) -> Iterator[ScoreTable]:
+def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]:
     """The tables of each model and size of targets. kept: values are shares of that in the original pictures.
 
     scored: every condition of each model, the original pictures first. Clusters are numbered.
     """
-    for model, size in product(dict.fromkeys(each.row["model"] for each in scored), SIZES):
+    for model, size in product(dict.fromkeys(str(each.row["model"]) for each in scored), SIZES):
         original, *exposed = (each for each in scored if each.row["model"] == model)
-        clean, n_targets = original.estimates[size], original.n_targets[size]
-        found = [
-            (each.row, ratio(each.estimates[size], clean) if kept else each.estimates[size])
-            for each in exposed
-        ]
+        clean, n_targets = original.sizes[size], original.n_targets[size]
+        found = [(each.row, ratio(each.sizes[size], clean) if kept else each.sizes[size]) for each in exposed]
         known = [(row, each) for row, each in found if each.influence is not None]
         if clean.value is None or not n_targets or not known:
             continue
-        columns = {name: np.array([row[name] for row, _ in known], float) for name in (*ORDER, *_OF_PICTURES)}
-        values = np.array([_pseudo_values(each) for _, each in known]).T
-        saturated, brightness = (columns.pop(name) for name in _OF_PICTURES)
-        sums, counts = np.nan_to_num(values), np.isfinite(values).astype(float)
-        clusters = tuple(map(str, range(len(values))))
-        of_clean = clean.value, clean.value * n_targets, kept
-        of_group = str(model), size, clusters
-        of_pictures = saturated, brightness, n_targets
-        table = ScoreTable(*of_group, columns, sums, counts, *of_pictures, *of_clean)
+        axes = (*ORDER, "saturated", "brightness")
+        columns = {name: np.array([row[name] for row, _ in known], float) for name in axes}
+        values = np.array([each.pseudo_values for _, each in known]).T
+        table = ScoreTable(
+            model,
+            size,
+            tuple(map(str, range(len(values)))),
+            columns,
+            np.nan_to_num(values),
+            np.isfinite(values).astype(float),
+            columns.pop("saturated"),
+            columns.pop("brightness"),
+            n_targets,
+            clean.value,
+            clean.value * n_targets,
+            kept,
+        )
         yield table.take(np.argsort(same_rows(list(columns.values()), len(known)), kind="stable"))
-
-
-def _pseudo_values(estimate: Estimate) -> Array:
-    """Of each cluster, (n,); their mean is the value (Tukey)."""
-    away = np.asarray(estimate.influence, float)
-    return np.asarray((estimate.value or 0.0) + away - np.nanmean(away))

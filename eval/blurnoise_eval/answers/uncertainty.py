@@ -108,15 +108,22 @@ def _unseen() -> Array:
     return np.asarray(gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200))
 
 
-def of_level(mean: ArrayLike, influence: ArrayLike, most: ArrayLike = 1.0, sigma: ArrayLike = 0.0) -> Ends:
+def of_level(
+    mean: ArrayLike,
+    influence: ArrayLike,
+    most: ArrayLike = 1.0,
+    sigma: ArrayLike = 0.0,
+    clusters: ArrayLike = math.inf,
+) -> Ends:
     """The interval of a mean (...) of values from 0 to ``most``, by the clusters' influence on it (n, ...).
 
     most: of a kept share 1 by the score in the original pictures, however little was kept. Infinite: no bound is
     known, and the greatest value of a cluster, or 1, serves. sigma: standard deviation (...) of a mean that is
-    predicted, beside what clusters differ by; the squares of half-widths add.
+    predicted, beside what clusters differ by; the squares of half-widths add. clusters: how many they are worth,
+    where sizes differ, as :func:`effective`.
     """
     middle, half = np.asarray(mean, float), NORMAL * np.asarray(sigma, float)
-    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0))
+    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0)) & enough(clusters)
     if not known.any():
         nowhere = np.full(np.broadcast(middle, known).shape, np.nan)
         return Ends(nowhere, nowhere)
@@ -127,9 +134,11 @@ def of_level(mean: ArrayLike, influence: ArrayLike, most: ArrayLike = 1.0, sigma
     return Ends(low.clip(0.0, most), high.clip(0.0, most))
 
 
-def of_difference(mean: ArrayLike, influence: ArrayLike) -> Ends:
+def of_difference(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
     """Student's interval of a difference paired by cluster, or of what has no bounds."""
-    return _where_enough(student(mean, influence), influence)
+    n, _, error = _summary(influence)
+    middle, half = np.asarray(mean, float), student_t(n, confidence) * error
+    return Ends(*(np.where(enough(n), end, np.nan) for end in (middle - half, middle + half)))
 
 
 def interval_of(estimate: Estimate, most: float | None) -> tuple[float | None, float | None]:
@@ -152,13 +161,6 @@ def columns(estimate: Estimate, name: str, most: float) -> dict[str, float | Non
     """An estimate as columns of a table: NAME, NAME_low, NAME_high."""
     low, high = interval_of(estimate, most)
     return {name: estimate.value, f"{name}_low": low, f"{name}_high": high}
-
-
-def student(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
-    """Student's interval, whatever the number of clusters."""
-    n, _, error = _summary(influence)
-    middle, half = np.asarray(mean, float), student_t(n, confidence) * error
-    return Ends(middle - half, middle + half)
 
 
 def bounded(mean: ArrayLike, influence: ArrayLike, within: tuple[ArrayLike, ArrayLike]) -> Ends:
@@ -229,13 +231,7 @@ def behind_best(mean: ArrayLike, influence: ArrayLike) -> Ends:
     """
     value, away = np.asarray(mean, float), np.asarray(influence, float)
     best, pairs = int(value.argmax()), max(len(value) * (len(value) - 1) // 2, 1)
-    apart = value[best] - value, away[:, [best]] - away
-    return _where_enough(student(*apart, 1 - (1 - CONFIDENCE) / pairs), apart[1])
-
-
-def _where_enough(ends: Ends, influence: ArrayLike) -> Ends:
-    known = enough(np.isfinite(np.asarray(influence, float)).sum(axis=0))
-    return Ends(*(np.where(known, end, np.nan) for end in ends))
+    return of_difference(value[best] - value, away[:, [best]] - away, 1 - (1 - CONFIDENCE) / pairs)
 
 
 def _greatest(mean: ArrayLike, influence: ArrayLike) -> Array:

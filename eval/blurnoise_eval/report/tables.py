@@ -33,7 +33,7 @@ def model_rows(data: RunData) -> list[Row]:
         pick = max if score.better == "higher" else min
         best = pick(known) if score.better and len(known) > 1 else None
         cells = [_model_cell(row, score, best) for row in models]
-        title = score.title if score.of is None else f"{score.title}, untouched"
+        title = f"{score.title}, untouched" if score.of_pictures else score.title
         rows.append({"name": title, "meaning": score.meaning, "cells": cells})
     return rows
 

@@ -7,8 +7,8 @@ NaN: a cluster has no say in it. Their influence is what leaving each out makes 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +28,12 @@ class Estimate(NamedTuple):
     value: float | None
     influence: Array | None = None
     cautious: Estimate | None = None
+
+    @property
+    def pseudo_values(self) -> Array:
+        """Of each cluster, (n,); their mean is the value (Tukey)."""
+        away = np.asarray(self.influence, float)
+        return np.asarray((self.value or 0.0) + away - np.nanmean(away))
 
 
 def ratio_of_sums(sums: ArrayLike, counts: ArrayLike) -> Array:
@@ -76,32 +82,30 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
     return Estimate(whole, influence_of(whole, without), kept)
 
 
-def all_and_without(counts: ArrayLike) -> Array:
-    """Totals over clusters (n, ...), then those without each, (1 + n, ...)."""
-    each = np.asarray(counts, float)
+def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
+    """Totals over clusters of numbers (n, ...), then those without each, (1 + n, ...)."""
     total = each.sum(axis=0, keepdims=True)
     return np.concatenate([total, total - each])
 
 
-def through(estimates: Sequence[Estimate], of: Callable[[Sequence[float]], float | None]) -> Estimate:
-    """A linear function ``of`` the estimates' values, such as a weighted mean; all of them are defined."""
-    value = of([math.nan if each.value is None else each.value for each in estimates])
+def mean_of(estimates: Sequence[Estimate], weights: ArrayLike | None = None) -> Estimate:
+    """Mean of estimates that are all defined, alike or by weights that sum to 1; undefined of none.
+
+    A cluster that has no say in one of them leaves that as it is.
+    """
+    if not estimates:
+        return Estimate(None)
+    share = np.full(len(estimates), 1 / len(estimates)) if weights is None else np.asarray(weights, float)
+    value = float(share @ np.array([each.value for each in estimates], float))
     lower = None
     if any(each.cautious for each in estimates):
-        lower = through([each.cautious or each for each in estimates], of)
+        lower = mean_of([each.cautious or each for each in estimates], share)
     known = [each.influence for each in estimates if each.influence is not None]
-    if value is None or len(known) < len(estimates) or not known:
+    if len(known) < len(estimates):
         return Estimate(value)
-    found = [
-        of(np.nan_to_num(column).tolist()) if np.isfinite(column).any() else None
-        for column in zip(*known, strict=True)
-    ]  # without a cluster that has no say in one of them that would not change
-    return Estimate(value, np.array(found, float), lower)
-
-
-def mean_of(estimates: Sequence[Estimate]) -> Estimate:
-    """Mean of estimates, all of which are defined."""
-    return through(estimates, lambda values: float(np.mean(values))) if estimates else Estimate(None)
+    every = np.array(known)
+    told = np.isfinite(every).any(axis=0)
+    return Estimate(value, np.where(told, share @ np.nan_to_num(every), np.nan), lower)
 
 
 def ratio(one: Estimate, other: Estimate) -> Estimate:

@@ -7,7 +7,7 @@ highest score first, in each of these the targets in their order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,7 @@ MATCH_IOU = 0.5
 FOUND_SCORE = 0.25
 """From this score on a detection is one that somebody would act upon."""
 Places = NDArray[np.int64]
+_SIDES: tuple[Literal["left", "right"], ...] = ("left", "right")
 _PAIRS = 1 << 13  # of boxes and targets held against each other at a time: few enough for a core's cache
 
 
@@ -36,27 +37,21 @@ class Targets(NamedTuple):
     def of(cls, pictures: Sequence[Sequence[Mapping[str, Any]]]) -> Targets:
         """COCO's annotations of each picture."""
         every = [each for own in pictures for each in own]
-        places = {
-            category: place
-            for place, category in enumerate(dict.fromkeys(each["category_id"] for each in every))
-        }
+        categories = sorted({each["category_id"] for each in every})
+        places = {category: place for place, category in enumerate(categories)}
         return cls(
             np.repeat(np.arange(len(pictures)), np.array([len(own) for own in pictures], np.int64)),
             np.array([each["bbox"] for each in every], float).reshape(-1, 4),
             np.array([each["area"] for each in every], float),
             np.array([bool(each.get("iscrowd")) for each in every], bool),
             np.array([places[each["category_id"]] for each in every], np.int64),
-            list(places),
+            categories,
         )
-
-    def at(self, boxes_xywh: Array) -> Targets:
-        """The same elsewhere."""
-        return self._replace(boxes_xywh=boxes_xywh)
 
     def of_pictures(self, places: Places, count: int) -> Targets:
         """Those of these pictures, out of ``count``, in this order; a picture may be there more than once."""
         numbers = np.bincount(self.picture, minlength=count)
-        index = spans(numbers[places], (np.cumsum(numbers) - numbers)[places])
+        index = _spans(numbers[places], (np.cumsum(numbers) - numbers)[places])
         return Targets(
             np.repeat(np.arange(len(places)), numbers[places]),
             self.boxes_xywh[index],
@@ -65,6 +60,15 @@ class Targets(NamedTuple):
             self.category[index],
             self.categories,
         )
+
+    def category_of_class(self, category_of: Mapping[int, int]) -> tuple[Places, int]:
+        """By a class's number the place of its category, -1 of none, which is the last; and how many categories
+        there are, with those that have no target. category_of: ids of categories."""
+        places = {category: place for place, category in enumerate(self.categories)}
+        of_class = np.full(max(category_of, default=0) + 2, -1)
+        for number, category in category_of.items():
+            of_class[number] = places.setdefault(category, len(places))
+        return of_class, len(places)
 
 
 def target_confidences(
@@ -85,96 +89,53 @@ def target_confidences(
 def matched(
     keys: Places, boxes_xywh: Array, target_keys: Places, targets: Targets, aside: Flags, limits: Array
 ) -> tuple[Flags, Flags]:
-    """Which of N detections match a target, and which of these one that is set aside, both (areas, IoUs, N).
+    """Which of N detections match a target, and which of these one that is ignored, both (areas, IoUs, N).
 
-    keys, target_keys: of picture and category, (N,) and (T,); in each key the highest score first. aside: (areas, T).
-    limits: least overlaps, (IoUs,), increasing. A target takes one detection, a crowd any number; a detection takes,
-    of the targets still free, the one that it overlaps most, those set aside last.
+    keys, target_keys: of picture and category, (N,) and (T,); in each key the highest score first. aside: (areas, T)
+    targets that are ignored, among them all crowds. limits: least overlaps, (IoUs,), increasing. A target takes one
+    detection, a crowd any number; a detection takes, of the targets still free, the one that it overlaps most, of
+    equals the last, and an ignored one only where there is no other.
     """
     taken = np.zeros((len(aside), len(limits), len(keys)), bool)
     beside = np.zeros_like(taken)
-    detection, target = pairs(keys, target_keys)
-    crowd = targets.crowd
-    shared = overlaps(boxes_xywh[detection], targets.boxes_xywh[target], crowd[target])
-    near = shared >= limits[0]
-    detection, target, shared = detection[near], target[near], shared[near]
-    choice = with_a_choice(target_keys[target], detection)
-    alone, only = detection[~choice], target[~choice]
-    enough = shared[~choice, None] >= limits
-    own = (enough & (crowd[only, None] | first_of(only, enough))).T
-    taken[:, :, alone], beside[:, :, alone] = own, own & aside[:, None, only]
-    for number in np.unique(target_keys[target[choice]]).tolist():
-        rivals = np.flatnonzero(target_keys == number)
-        rows = np.unique(detection[target_keys[target] == number])
-        table = overlaps(boxes_xywh[rows, None], targets.boxes_xywh[rivals], crowd[rivals])
-        taken[:, :, rows], beside[:, :, rows] = _greedy(table, crowd[rivals], aside[:, rivals], limits)
+    free = np.ones((len(aside), len(limits), len(targets.crowd)), bool)
+    detection, target = _pairs(keys, target_keys)
+    overlap = overlaps(boxes_xywh[detection], targets.boxes_xywh[target], targets.crowd[target])
+    near = overlap >= limits[0]
+    detection, target, overlap = detection[near], target[near], overlap[near]
+    by_preference = np.lexsort((target, overlap))
+    preference = np.argsort(by_preference)
+    first = np.flatnonzero(np.diff(detection, prepend=-1))
+    turn = np.repeat(rank(keys[detection[first]]), np.diff(first, append=len(detection)))
+    for pairs in (np.flatnonzero(turn == each) for each in range(turn.max(initial=-1) + 1)):
+        who, what = detection[pairs], target[pairs]
+        possible = (overlap[pairs] >= limits[:, None]) & (free[:, :, what] | targets.crowd[what])
+        value = preference[pairs] + len(preference) * ~aside[:, None, what]
+        starts = np.flatnonzero(np.diff(who, prepend=-1))
+        best = np.maximum.reduceat(np.where(possible, value, -1), starts, axis=2)
+        area, limit, place = np.nonzero(best >= 0)
+        chosen = target[by_preference[best[area, limit, place] % len(preference)]]
+        taken[area, limit, who[starts][place]] = True
+        beside[area, limit, who[starts][place]] = aside[area, chosen]
+        free[area, limit, chosen] = False
     return taken, beside
 
 
-def pairs(detections: Places, targets: Places) -> tuple[Places, Places]:
+def _pairs(detections: Places, targets: Places) -> tuple[Places, Places]:
     """Places of detections (N,) and targets (T,) with the same key, a pair each, by key, detection and target."""
     by_key = np.argsort(targets, kind="stable")
-    held = targets[by_key]
     order = np.argsort(detections, kind="stable")
-    low = np.searchsorted(held, detections[order], side="left")
-    number = np.searchsorted(held, detections[order], side="right") - low
-    return np.repeat(order, number), by_key[spans(number, low)]
+    low, high = (np.searchsorted(targets[by_key], detections[order], side=side) for side in _SIDES)
+    return np.repeat(order, high - low), by_key[_spans(high - low, low)]
 
 
-def spans(lengths: Places, starts: Places) -> Places:
+def _spans(lengths: Places, starts: Places) -> Places:
     """The places start, start + 1, ... of every span, one after the other."""
     before = np.cumsum(lengths) - lengths
     return np.asarray(np.arange(int(lengths.sum())) + np.repeat(starts - before, lengths), np.int64)
 
 
-def with_a_choice(keys: Places, detections: Places) -> Flags:
-    """Whether any detection of a pair's key has more than one pair, (n,); pairs as of :func:`pairs`."""
-    if not len(keys):
-        return np.zeros(0, bool)
-    again = np.zeros(len(keys), bool)
-    again[1:] = detections[1:] == detections[:-1]
-    _, number = np.unique(keys, return_inverse=True)
-    some: Flags = np.bincount(number, again) > 0
-    return some[number]
-
-
-def first_of(targets: Places, enough: Flags) -> Flags:
-    """Of pairs, those that are the first of their target that is ``enough`` (n, ...), in their order."""
-    order = np.argsort(targets, kind="stable")
-    number = np.cumsum(enough[order], axis=0)
-    starts = np.flatnonzero(np.diff(targets[order], prepend=-1))
-    before = np.zeros_like(number[starts])
-    before[1:] = number[starts[1:] - 1]
-    lengths = np.diff(starts, append=len(order))
-    found = np.empty_like(enough)
-    found[order] = enough[order] & (number - np.repeat(before, lengths, axis=0) == 1)
-    return found
-
-
-def _greedy(shared: Array, crowd: Flags, aside: Flags, limits: Array) -> tuple[Flags, Flags]:
-    """As :func:`matched`, of one picture and category, target by target.
-
-    shared: overlaps (detections, targets), highest score first. aside: (areas, targets). limits: IoUs.
-    """
-    taken = np.zeros((len(aside), len(limits), len(shared)), bool)
-    beside = np.zeros_like(taken)
-    for area, of_area in enumerate(aside):
-        order = np.argsort(of_area, kind="stable")
-        table = shared[:, order].tolist()
-        set_aside, many = of_area[order].tolist(), crowd[order].tolist()
-        for place, limit in enumerate(limits.tolist()):
-            free = [True] * len(order)
-            for index, row in enumerate(table):
-                best, chosen = limit, -1
-                for target, value in enumerate(row):
-                    if not free[target] and not many[target]:
-                        continue
-                    if chosen >= 0 and not set_aside[chosen] and set_aside[target]:
-                        break  # one that counts goes before those set aside
-                    if value >= best:
-                        best, chosen = value, target
-                if chosen >= 0:
-                    free[chosen] = False
-                    taken[area, place, index] = True
-                    beside[area, place, index] = set_aside[chosen]
-    return taken, beside
+def rank(keys: Places) -> Places:
+    """The place of each key among its equals, which stand together."""
+    starts = np.flatnonzero(np.diff(keys, prepend=-2))
+    return np.asarray(np.arange(len(keys)) - np.repeat(starts, np.diff(starts, append=len(keys))), np.int64)

@@ -6,7 +6,7 @@ Domain: 8-bit RGB pictures (H, W, 3); confidences in [0, 1]; boxes (left, top, r
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -24,7 +24,6 @@ from blurnoise_eval.scoring.matching import FOUND_SCORE, target_confidences
 Picture8 = NDArray[np.uint8]
 NOTHING = Detections(np.empty((0, 4), np.float32), np.empty(0, np.float32), np.empty(0, np.int64))
 Row = dict[str, Any]
-_Answer = Callable[[Picture8, MoveBoxes | None, MoveBoxes | None], tuple[Detections, list[Row]]]
 
 
 class Reader(Protocol):
@@ -74,112 +73,94 @@ class View:
 
     def __init__(self, model: Model, picture: Picture, image8: Picture8) -> None:
         self.model = model
-        targets = None if picture.targets is None else [*enumerate(picture.targets)]
-        if targets is not None:
-            targets = [(place, target) for place, target in targets if not target.crowd]
-        self._answer: _Answer = (
-            _reading(model, targets, image8) if hasattr(model, "read") else _detecting(model, targets)
-        )
+        every = [(place, each) for place, each in enumerate(picture.targets or ()) if not each.crowd]
+        if reads := hasattr(model, "read"):
+            whole = (0.0, 0.0, float(image8.shape[1]), float(image8.shape[0]))
+            known = [each for each in every if each[1].text is not None]
+            text = Target("text", "read when clean", whole)
+            self._targets = [(0, text)] if picture.targets is None else known
+            self._texts = [target.text for _, target in self._targets]
+        else:
+            number = {name: place for place, name in enumerate(model.contract.classes)}
+            self._targets = [each for each in every if each[1].label in number]
+            self._ids = np.array([number[target.label] for _, target in self._targets], np.int64)
+        self._answer = self._read if reads else self._detect
+        self._labelled = picture.targets is not None
         self.clean = self.look(image8)
 
     def look(
         self, image: Picture8, move_boxes: MoveBoxes | None = None, sweep_boxes: MoveBoxes | None = None
     ) -> Sight:
-        """The model's answer to a picture, held against its targets where ``move_boxes`` puts them, and against what
+        """The model's answer to a picture, compared with its targets where ``move_boxes`` puts them, and with what
         they cover, ``sweep_boxes``; None: they stay. One on which the model fails gives no rows, and the reason."""
         before = self.model.non_finite_values_here
         started = time.perf_counter()
         detections, rows, wrong = NOTHING, list[Row](), None
         try:
-            detections, rows = self._answer(image, move_boxes, sweep_boxes)
+            detections, rows = self._answer(self.model, image, move_boxes, sweep_boxes)
         except ModelError as error:
             wrong = str(error)
         infer_ms = 1e3 * (time.perf_counter() - started)
         return Sight(detections, tuple(rows), infer_ms, wrong, self.model.non_finite_values_here - before)
 
-
-_Placed = list[tuple[int, Target]]
-
-
-def _detecting(model: Detector, targets: _Placed | None) -> _Answer:
-    classes = model.contract.classes
-    number = {name: place for place, name in enumerate(classes)}
-    asked = None if targets is None else [each for each in targets if each[1].label in number]
-    ids = np.array([number[target.label] for _, target in asked or ()], np.int64)
-
-    def answer(
-        image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
+    def _detect(
+        self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
     ) -> tuple[Detections, list[Row]]:
-        nonlocal asked, ids
         found, own = model.look(image)
-        if asked is None:
+        if not self._labelled:
             clean = found.leading[found.leading.scores >= FOUND_SCORE]
-            asked, ids = _found_targets(clean, classes), clean.class_ids
-        boxes = _boxes(asked, move_boxes, image)
-        places = boxes
+            self._targets, self._ids = _found_targets(clean, model.contract.classes), clean.class_ids
+            self._labelled = True
+        boxes = places = self._boxes(move_boxes, image)
         if sweep_boxes is not None and len(boxes):
-            covered = swept_within(_boxes(asked, sweep_boxes, image), boxes, image.shape[1::-1])
+            covered = swept_within(self._boxes(sweep_boxes, image), boxes, image.shape[1::-1])
             if not np.array_equal(covered, boxes):
                 places = np.concatenate([boxes, covered])
-        of, at = np.resize(ids, len(places)), places.astype(np.float32)
+        of, at = np.resize(self._ids, len(places)), places.astype(np.float32)
         confidences = target_confidences(found, at, of)
         if own is not None and len(of) and len(others := own(of, confidences)):
             confidences = np.maximum(confidences, target_confidences(others, at, of))
+        rows = self._rows(boxes)
         every = confidences.tolist()
-        scores = zip(every[: len(asked)], every[len(every) - len(asked) :], strict=True)
-        return found, [
-            row | {"confidence": confidence, "confidence_swept": swept}
-            for row, (confidence, swept) in zip(_rows(asked, boxes), scores, strict=True)
-        ]
+        for row, confidence, swept in zip(rows, every, every[-len(rows) :], strict=False):
+            row |= {"confidence": confidence, "confidence_swept": swept}
+        return found, rows
 
-    return answer
+    def _read(
+        self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
+    ) -> tuple[Detections, list[Row]]:
+        boxes = self._boxes(move_boxes, image)
+        rows = self._rows(boxes)
+        for place, (row, reading) in enumerate(zip(rows, model.read(image, boxes.tolist()), strict=True)):
+            if (truth := self._texts[place]) is None:
+                truth = self._texts[place] = reading.text
+            row["confidence"] = reading.confidence if reading.text == truth else 0.0
+            row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
+            row["character_error_rate"] = character_error_rate(reading.text, truth)
+        return NOTHING, rows
+
+    def _boxes(self, move_boxes: MoveBoxes | None, image: Picture8) -> Array:
+        """(N, 4) of the targets in a picture."""
+        boxes = np.array([target.box_xyxy for _, target in self._targets], float).reshape(-1, 4)
+        if move_boxes is None or not len(boxes):
+            return boxes
+        sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
+        return move_boxes(boxes, sizes, [target.label for _, target in self._targets])
+
+    def _rows(self, boxes: Array) -> list[Row]:
+        """What cells keep of each target."""
+        rows = []
+        for (place, target), (x0, y0, x1, y1) in zip(self._targets, boxes.tolist(), strict=True):
+            row: Row = {"target_id": place, "group": target.group, "label": target.label}
+            row |= {"x0": x0, "y0": y0, "x1": x1, "y1": y1}
+            rows.append(row | {"width_px": x1 - x0, "height_px": y1 - y0})
+        return rows
 
 
-def _found_targets(clean: Detections, classes: Sequence[str]) -> _Placed:
+def _found_targets(clean: Detections, classes: Sequence[str]) -> list[tuple[int, Target]]:
     """What a detector finds in the original picture, taken for targets."""
     found = enumerate(zip(clean.boxes_xyxy.tolist(), clean.class_ids.tolist(), strict=True))
     return [
         (place, Target(classes[number], size_group(x1 - x0, y1 - y0, "found when clean"), (x0, y0, x1, y1)))
         for place, ((x0, y0, x1, y1), number) in found
     ]
-
-
-def _reading(model: Reader, targets: _Placed | None, image8: Picture8) -> _Answer:
-    whole = (0.0, 0.0, float(image8.shape[1]), float(image8.shape[0]))
-    asked = [(0, Target("text", "read when clean", whole))]
-    if targets is not None:
-        asked = [each for each in targets if each[1].text is not None]
-    truths = [target.text for _, target in asked]
-
-    def answer(
-        image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None
-    ) -> tuple[Detections, list[Row]]:
-        boxes = _boxes(asked, move_boxes, image)
-        rows = _rows(asked, boxes)
-        for place, (row, reading) in enumerate(zip(rows, model.read(image, boxes.tolist()), strict=True)):
-            if (truth := truths[place]) is None:
-                truth = truths[place] = reading.text
-            row["confidence"] = reading.confidence if reading.text == truth else 0.0
-            row |= {"truth": truth, "text": reading.text, "read_confidence": reading.confidence}
-            row["character_error_rate"] = character_error_rate(reading.text, truth)
-        return NOTHING, rows
-
-    return answer
-
-
-def _boxes(asked: _Placed, move_boxes: MoveBoxes | None, image: Picture8) -> Array:
-    """(N, 4) of the targets in a picture."""
-    boxes = np.array([target.box_xyxy for _, target in asked], float).reshape(-1, 4)
-    if move_boxes is None or not len(boxes):
-        return boxes
-    sizes = np.full((len(boxes), 2), image.shape[1::-1], float)
-    return move_boxes(boxes, sizes, [target.label for _, target in asked])
-
-
-def _rows(asked: _Placed, boxes: Array) -> list[Row]:
-    """What cells keep of each target."""
-    rows = []
-    for (place, target), (x0, y0, x1, y1) in zip(asked, boxes.tolist(), strict=True):
-        row: Row = {"target_id": place, "group": target.group, "label": target.label}
-        rows.append(row | {"x0": x0, "y0": y0, "x1": x1, "y1": y1, "width_px": x1 - x0, "height_px": y1 - y0})
-    return rows

@@ -7,7 +7,6 @@ cluster of pictures changes is read off the ranking, since pictures are matched 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.detectors.records import Answers
 from blurnoise_eval.scoring.boxes import xywh
 from blurnoise_eval.scoring.estimates import all_and_without
-from blurnoise_eval.scoring.matching import Targets, matched
+from blurnoise_eval.scoring.matching import Targets, matched, rank
 
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
@@ -51,18 +50,9 @@ class Precision(NamedTuple):
     cautious: Array
 
 
-class _Found(NamedTuple):
-    """N detections of all pictures, by category, highest score first. right, ignored: (areas, IoUs, N)."""
-
-    category: NDArray[np.int64]
-    cluster: NDArray[np.int64]
-    right: Flags
-    ignored: Flags
-
-
 def precision(
     answers: Answers,
-    cluster: NDArray[np.int64],
+    cluster: Places,
     targets: Targets,
     category_of: Mapping[int, int],
     clusters: int,
@@ -74,149 +64,84 @@ def precision(
     cluster: (P,) the number of each picture's, of ``clusters``. targets: where they stand. category_of: a category's
     id by a class's number.
     """
-    place_of = {category: place for place, category in enumerate(sorted(set(category_of.values())))}
-    seen, first = np.unique(targets.category, return_index=True)
-    for place in seen[np.argsort(first)].tolist():
-        place_of.setdefault(targets.categories[place], len(place_of))
-    places = np.full(max(category_of, default=0) + 2, -1)  # by a class's number; the last: none
-    for number, category in category_of.items():
-        places[number] = place_of[category]
-    own = np.array([place_of.get(category, -1) for category in targets.categories], np.int64)
-    of_target = own[targets.category] if len(own) else targets.category
     areas_px2, limits = (AREAS_PX2[:1], _LIMITS[:1]) if ap50_only else (AREAS_PX2, _LIMITS)
-    counted = np.zeros((clusters, len(areas_px2), max(len(place_of), 1)))
-    found = _matched(answers, cluster, places, targets, of_target, counted, (areas_px2, limits))
-    hits = np.zeros((clusters, len(limits), counted.shape[2]))
-    for place, here in enumerate(found.right[0] & ~found.ignored[0]):
-        np.add.at(hits[:, place], (found.cluster[here], found.category[here]), 1)
-    return _averages(counted, _ranked(found, counted), hits)
+    of_class, categories = targets.category_of_class(category_of)
+    every = of_class[np.minimum(answers.class_ids, len(of_class) - 1)]
+    index = np.flatnonzero(every >= 0)
+    key = (answers.picture * categories + every)[index]
+    by_key = np.argsort(key, kind="stable")  # of each category the highest scores first
+    by_key = by_key[rank(key[by_key]) < MOST_DETECTIONS]
+    index, key = index[by_key], key[by_key]
+    boxes = xywh(answers.boxes_xyxy[index])
+    aside = targets.crowd | _outside(targets.area_px2, areas_px2)
+    target_key = targets.picture * categories + targets.category
+    matches, beside = matched(key, boxes, target_key, targets, aside, limits)
+    outside = _outside(boxes[:, 2] * boxes[:, 3], areas_px2)[:, None]
+    right, wrong = matches & ~beside, ~(matches | outside)
+
+    counted = np.zeros((clusters, len(areas_px2), categories))
+    for area, ignored in enumerate(aside):
+        np.add.at(counted[:, area], (cluster[targets.picture[~ignored]], targets.category[~ignored]), 1)
+    number = all_and_without(counted)
+    found = np.zeros((len(number), *right.shape[:2], categories))
+    hits = np.zeros((clusters, right.shape[1], categories))
+    whose = cluster[answers.picture[index]]
+    by_score = np.lexsort((-answers.scores[index].astype(float), every[index]))
+    for category in range(categories):
+        own = by_score[every[index][by_score] == category]
+        for area, iou in np.ndindex(right.shape[:2]):
+            line = right[area, iou, own], wrong[area, iou, own]
+            found[:, area, iou, category] = _average(*line, whose[own], number[:, area, category])
+    for iou in range(right.shape[1]):
+        np.add.at(hits[:, iou], (whose[right[0, iou]], every[index][right[0, iou]]), 1)
+    return _over_categories(number, found, all_and_without(hits))
 
 
-def _averages(targets: Array, of_each: Array, hits: Array) -> Precision:
-    """Means over the categories that have targets; of_each: (1 + clusters, areas, IoUs, categories)."""
-    left = all_and_without(targets)
-    some = left > 0
+def _outside(area_px2: Array, areas_px2: Array) -> Flags:
+    """Whether areas (N,) lie outside each of the ranges (areas, 2), (areas, N)."""
+    return np.asarray((area_px2 < areas_px2[:, :1]) | (area_px2 > areas_px2[:, 1:]))
+
+
+def _over_categories(targets: Array, found: Array, hits: Array) -> Precision:
+    """Means over the categories that have targets. targets: (1 + clusters, areas, categories); found: average
+    precision (1 + clusters, areas, IoUs, categories); hits: of all areas, (1 + clusters, IoUs, categories)."""
+    some = targets > 0
     with np.errstate(invalid="ignore", divide="ignore"):
         number = some.sum(axis=-1)[:, :, None].astype(float)
-        every = np.where(some[:, :, None], of_each, 0.0)
-        mean = every.sum(axis=-1) / number
-        weighted = (every * left[:, :, None]).sum(axis=-1) / left.sum(axis=-1)[:, :, None]
-        recall = (
-            np.where(some[:, 0, None], all_and_without(hits) / left[:, 0, None], 0.0).sum(axis=-1)
-            / number[:, 0]
-        )
+        mean = found.sum(axis=-1) / number
+        weighted = (found * targets[:, :, None]).sum(axis=-1) / targets.sum(axis=-1)[:, :, None]
+        recall = np.where(some[:, :1], hits / targets[:, :1], 0.0).sum(axis=-1) / number[:, 0]
     return Precision(mean, recall, weighted - BEYOND * (mean - weighted))
 
 
-def _matched(
-    answers: Answers,
-    clusters: NDArray[np.int64],
-    places: NDArray[np.int64],
-    targets: Targets,
-    of_target: NDArray[np.int64],
-    counted: Array,
-    asked: tuple[Array, Array],
-) -> _Found:
-    """Of all pictures; their targets, of the categories ``of_target``, are counted in ``counted``. asked: areas and
-    IoUs."""
-    areas_px2, limits = asked
-    picture = answers.picture
-    known = places[np.minimum(answers.class_ids, len(places) - 1)]
-    order = np.lexsort((known, picture))  # of each category the highest scores first
-    key = picture * (len(places) + counted.shape[2] + 1) + known + 1
-    index = order[_rank(key[order]) < MOST_DETECTIONS]
-    index = index[known[index] >= 0]
-    category, picture = known[index], picture[index]
-    boxes = answers.boxes_xyxy[index].astype(float)
-    area = (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
-    outside = (area < areas_px2[:, :1]) | (area > areas_px2[:, 1:])
-    aside = targets.crowd | (targets.area_px2 < areas_px2[:, :1]) | (targets.area_px2 > areas_px2[:, 1:])
-    for line, of_area in enumerate(aside):
-        here = ~of_area
-        np.add.at(counted[:, line], (clusters[targets.picture[here]], of_target[here]), 1)
-    many = counted.shape[2]
-    target_key = targets.picture * many + of_target
-    right, beside = matched(picture * many + category, xywh(boxes), target_key, targets, aside, limits)
-    ignored = np.where(right, beside, outside[:, None])
-    score = answers.scores[index].astype(float)
-    order = np.lexsort((-score, category))
-    return _Found(category[order], clusters[picture[order]], right[..., order], ignored[..., order])
+def _average(right: Flags, wrong: Flags, cluster: Places, targets: Array) -> Array:
+    """Average precision of one category, of all and without each cluster, (1 + clusters,); 0 without targets.
 
-
-def _rank(ordered: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The place of each among its equals."""
-    starts = np.flatnonzero(np.diff(ordered, prepend=-2))
-    return np.arange(len(ordered)) - np.repeat(starts, np.diff(starts, append=len(ordered)))
-
-
-def _ranked(found: _Found, targets: Array) -> Array:
-    """Average precision of each category, (1 + clusters, areas, IoUs, categories); 0 where there is none.
-
-    One ranking for each area, IoU and category: a row of all that is right, and one without each cluster.
+    right, wrong, cluster: of each detection, highest score first. targets: how many there are, (1 + clusters,).
+    Precision is read at the last right one before each wrong one: it grows down to there, whichever cluster is left
+    out.
     """
-    clusters, _, categories = targets.shape
-    areas, ious, count = found.right.shape
-    right = (found.right & ~found.ignored).reshape(areas * ious, count)
-    wrong = ~(found.right | found.ignored).reshape(areas * ious, count)
-    left = all_and_without(targets)
-    result = np.zeros((1 + clusters, areas * ious, categories))
-    ends = np.searchsorted(found.category, np.arange(categories + 1)).tolist()
-    for category, (start, stop) in enumerate(pairwise(ends)):
-        cluster = found.cluster[start:stop]
-        for area in range(areas):
-            lines = range(area * ious, (area + 1) * ious)
-            hits = [np.flatnonzero(right[line, start:stop]) for line in lines]
-            table, begins = _reached(left[:, area, category], max(map(len, hits)) + 1)
-            for line, hit in zip(lines, hits, strict=True):
-                if len(hit):
-                    miss = np.flatnonzero(wrong[line, start:stop])
-                    result[:, line, category] = _average(cluster, hit, miss, clusters, table, begins)
-    return result.reshape(1 + clusters, areas, ious, categories)
+    hit = np.flatnonzero(right)
+    if not len(hit):
+        return np.zeros(len(targets))
+    miss = np.flatnonzero(wrong[: hit[-1]])
+    next_hit = np.searchsorted(hit, miss)
+    begins = np.unique(next_hit)  # runs of right ones without a wrong one between
+    run_of_hit, run_of_miss = (
+        np.searchsorted(begins, each, side="right") for each in (np.arange(len(hit)), next_hit)
+    )
+    shape = len(targets) - 1, len(begins) + 1
+    hits = _down_to(run_of_hit, cluster[hit], shape)
+    detections = hits + _down_to(run_of_miss, cluster[miss], shape)
+    best = np.maximum.accumulate((hits / np.maximum(detections, 1))[:, ::-1], axis=1)[:, ::-1]
+    different, place = np.unique(np.maximum(targets, 1), return_inverse=True)
+    reached = np.searchsorted(RECALLS, np.arange(1 + len(hit)) / different[:, None], side="right")
+    reached[:, 0] = 0  # by no hit
+    steps = np.diff(reached[place[:, None], hits], axis=1, prepend=0)
+    return np.asarray((best * steps).sum(axis=1) / len(RECALLS))
 
 
-def _average(
-    cluster: Places, hit: Places, miss: Places, clusters: int, table: Places, begins: Places
-) -> Array:
-    """Average precision of one ranking, of all and without each cluster, (1 + clusters,).
-
-    cluster: of every detection, highest score first; hit, miss: places of the right ones, some, and of the wrong.
-    table, begins: of :func:`_reached`. Along right ones without a wrong one between them precision grows, whichever
-    cluster is left out: the last of each such run stands for all.
-    """
-    follows = np.searchsorted(hit, miss)  # the right one after each wrong one
-    told = follows < len(hit)
-    follows, miss = follows[told], miss[told]
-    begun = np.zeros(len(hit), bool)
-    begun[follows] = True
-    begun[0] = False
-    run = np.cumsum(begun)
-    length = int(run[-1]) + 1
-    right = _down_to(run, cluster[hit], clusters, length)
-    share = _down_to(run[follows], cluster[miss], clusters, length)
-    share += right
-    best = right / np.maximum(share, 1, out=share)
-    np.maximum.accumulate(best[:, ::-1], axis=1, out=best[:, ::-1])
-    right += begins[:, None]
-    steps = np.take(table, right, mode="clip")
-    steps[:, 1:] -= steps[:, :-1].copy()
-    return np.asarray(np.einsum("cr,cr->c", best, steps) / len(RECALLS))
-
-
-def _down_to(run: Places, cluster: Places, clusters: int, length: int) -> Places:
-    """How many stand down to the end of each run, of all and without each cluster, (1 + clusters, length)."""
-    number = np.empty((1 + clusters, length), np.int32)
-    own = np.bincount(cluster * length + run, minlength=clusters * length).reshape(clusters, length)
-    number[0] = own.sum(axis=0)
-    np.subtract(number[0], own, out=number[1:], casting="unsafe")
-    return np.cumsum(number, axis=1, dtype=np.int32)
-
-
-def _reached(targets: Array, most: int) -> tuple[Places, Places]:
-    """How many of ``RECALLS`` each number of hits below ``most`` reaches, none of no hit, for each number of targets
-    (n,); and where those of each begin in it, (n,)."""
-    different, number = np.unique(targets, return_inverse=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        recall = np.nan_to_num(np.arange(most) / different[:, None])
-    table = np.searchsorted(RECALLS, recall, side="right")
-    table[:, 0] = 0
-    return table.ravel().astype(np.int32), (number * most).astype(np.int32)
+def _down_to(run: Places, cluster: Places, shape: tuple[int, int]) -> Places:
+    """How many stand down to the end of each run, of all and without each cluster; shape: clusters, runs."""
+    each = np.bincount(cluster * shape[1] + run, minlength=shape[0] * shape[1]).reshape(shape)
+    return np.asarray(all_and_without(each).cumsum(axis=1))

@@ -8,13 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from operator import attrgetter, methodcaller
+from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise_eval.scoring.estimates import Estimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
     from blurnoise_eval.scoring.judged import Judged
+    from blurnoise_eval.store.target_columns import TargetColumns
 
 DETECTOR = frozenset({"detector"})
 READER = frozenset({"reader"})
@@ -29,11 +34,14 @@ _NO_TEXT = "no text to read"
 class Score:
     """One score: its column, title, which way is better (None: neither), its scale, and which models it judges.
 
-    kinds: of "detector" and "reader", as a run's manifest names them. of: its estimate of the answers under one
-    condition, or a number without an interval, None where undefined; without, the score is of a model as a whole.
+    kinds: of "detector" and "reader", as a run's manifest names them. It has one of three functions: of_targets: by
+    rows of targets what it is the mean of, NaN where there is none; by_size: its estimate of the answers under one
+    condition for targets of one of ``SIZES``; of: its estimate of the answers, or a number without an interval, None
+    where undefined. Without any the score is of a model as a whole.
     charted: whether the page draws it. of_models: of which kinds the table of models has it, of the original
     pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written. criterion:
-    what it is called where a share of it is kept, and where it reaches a level; without, it is none.
+    what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it, if it is
+    ``of_targets`` or ``by_size``.
     """
 
     name: str
@@ -42,6 +50,8 @@ class Score:
     of: Callable[[Judged], Estimate | float | None] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
+    of_targets: Callable[[TargetColumns], NDArray[np.float64]] | None = None
+    by_size: Callable[[Judged, str], Estimate] | None = None
     charted: bool = False
     of_models: frozenset[str] = NEITHER
     meaning: str = ""
@@ -54,15 +64,22 @@ class Score:
         """The greatest value."""
         return 1.0 if self.scale == "share" else math.inf
 
+    @property
+    def of_pictures(self) -> bool:
+        """Whether it scores the answers under a condition, rather than a model as a whole."""
+        return bool(self.of or self.of_targets or self.by_size)
+
     def estimate(self, judged: Judged) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
-        found = None if self.of is None else self.of(judged)
+        if self.by_size is not None:
+            return self.by_size(judged, "all")
+        found = judged.mean(self.name) if self.of is None else self.of(judged)
         return found if isinstance(found, Estimate) else Estimate(found)
 
 
 def of_conditions() -> list[Score]:
     """Those that answers under each condition have: the columns of scores.csv."""
-    return [score for score in SCORES if score.of is not None]
+    return [score for score in SCORES if score.of_pictures]
 
 
 def of_models(kind: str) -> list[Score]:
@@ -75,12 +92,15 @@ def criteria(kind: str) -> list[Score]:
     return [score for score in SCORES if score.criterion and kind in score.kinds]
 
 
-def _mean(column: str) -> Callable[[Judged], Estimate]:
-    return methodcaller("mean", column)
+def _found(confidence: NDArray[np.float64]) -> NDArray[np.float64]:
+    from blurnoise_eval.scoring.matching import FOUND_SCORE  # heavy
+
+    return np.where(np.isnan(confidence), np.nan, confidence >= FOUND_SCORE)
 
 
-def _coco(name: str) -> Callable[[Judged], Estimate]:
-    return lambda judged: judged.coco[name]
+def _precision(judged: Judged, size: str, first: int = 0, last: int = 10) -> Estimate:
+    """COCO's average precision over some of its ten IoUs."""
+    return judged.average(size, slice(first, last))
 
 
 SCORES: tuple[Score, ...] = (
@@ -110,34 +130,39 @@ SCORES: tuple[Score, ...] = (
         meaning="the same over motion blur in px, at each exposure",
     ),
     Score(
-        "target_confidence", "Target confidence", BOTH, _mean("target_confidence"),
-        of_models=DETECTOR, missing="no target",  # of a reader: as read
+        "target_confidence", "Target confidence", BOTH,
+        of_targets=attrgetter("confidence"), of_models=DETECTOR, missing="no target",  # of a reader: as read
         criterion=("confidence", "mean confidence"),
     ),
     Score(
-        "detection_rate", "Detection rate", DETECTOR, _mean("detection_rate"), charted=True,
+        "detection_rate", "Detection rate", DETECTOR,
+        of_targets=lambda rows: _found(rows.confidence), charted=True,
         criterion=("detection rate", "detection rate"),
     ),
-    Score("confidence_when_found", "Confidence when found", BOTH, _mean("confidence_when_found")),
     Score(
-        "target_confidence_swept", "Target confidence, swept box", DETECTOR, _mean("target_confidence_swept")
+        "confidence_when_found", "Confidence when found", BOTH,
+        of_targets=lambda rows: np.where(_found(rows.confidence) > 0, rows.confidence, np.nan),
     ),
     Score(
-        "detection_rate_swept", "Detection rate, swept box", DETECTOR, _mean("detection_rate_swept"),
-        charted=True,
+        "target_confidence_swept", "Target confidence, swept box", DETECTOR,
+        of_targets=attrgetter("confidence_swept"),
     ),
-    Score("ap", "AP", DETECTOR, _coco("ap"), charted=True, criterion=("AP", "AP")),
     Score(
-        "ap50", "AP50", DETECTOR, _coco("ap50"), charted=True, of_models=DETECTOR, missing=_UNKNOWN,
-        criterion=("AP50", "AP50"),
+        "detection_rate_swept", "Detection rate, swept box", DETECTOR,
+        of_targets=lambda rows: _found(rows.confidence_swept), charted=True,
     ),
-    Score("ap75", "AP75", DETECTOR, _coco("ap75")),
+    Score("ap", "AP", DETECTOR, by_size=_precision, charted=True, criterion=("AP", "AP")),
+    Score(
+        "ap50", "AP50", DETECTOR, by_size=partial(_precision, last=1), charted=True, of_models=DETECTOR,
+        missing=_UNKNOWN, criterion=("AP50", "AP50"),
+    ),
+    Score("ap75", "AP75", DETECTOR, lambda judged: _precision(judged, "all", 5, 6)),
     Score("ap50_swept", "AP50, swept box", DETECTOR, attrgetter("swept_ap50"), charted=True),
-    Score("ap_small", "AP, small", DETECTOR, _coco("ap_small")),
-    Score("ap_medium", "AP, medium", DETECTOR, _coco("ap_medium")),
-    Score("ap_large", "AP, large", DETECTOR, _coco("ap_large")),
+    Score("ap_small", "AP, small", DETECTOR, lambda judged: _precision(judged, "small")),
+    Score("ap_medium", "AP, medium", DETECTOR, lambda judged: _precision(judged, "medium")),
+    Score("ap_large", "AP, large", DETECTOR, lambda judged: _precision(judged, "large")),
     Score(
-        "ar100", "AR100", DETECTOR, _coco("ar100"), of_models=DETECTOR, missing=_UNKNOWN,
+        "ar100", "AR100", DETECTOR, attrgetter("recall"), of_models=DETECTOR, missing=_UNKNOWN,
         meaning="recall with 100 detections a picture",
     ),
     Score(
@@ -152,16 +177,18 @@ SCORES: tuple[Score, ...] = (
         meaning="of detections from 0.25 on: |score - share of right ones|, ten bins",
     ),
     Score(
-        "read_confidence", "Confidence, right or wrong", READER, _mean("read_confidence"), charted=True,
-        of_models=READER, missing=_NO_TEXT, meaning="of what was read",
+        "read_confidence", "Confidence, right or wrong", READER,
+        of_targets=attrgetter("read_confidence"), charted=True, of_models=READER, missing=_NO_TEXT,
+        meaning="of what was read",
     ),
     Score(
-        "exact_match", "Exact match", READER, _mean("exact_match"), charted=True,
+        "exact_match", "Exact match", READER, of_targets=attrgetter("exact"), charted=True,
         criterion=("exact matches", "share of exact matches"),
     ),
     Score(
-        "character_error_rate", "Character error rate", READER, _mean("character_error_rate"), "lower", "count",
-        charted=True, of_models=READER, missing=_NO_TEXT, meaning="edits / characters",
+        "character_error_rate", "Character error rate", READER, None, "lower", "count",
+        of_targets=attrgetter("character_error_rate"), charted=True, of_models=READER, missing=_NO_TEXT,
+        meaning="edits / characters",
     ),
     Score(
         "latency_ms", "Latency, median", better="lower", of_models=BOTH, missing="not measured", digits=".3g",

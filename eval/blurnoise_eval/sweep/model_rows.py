@@ -10,8 +10,7 @@ import numpy as np
 
 from blurnoise_eval.answers.plane import plane_weights
 from blurnoise_eval.answers.uncertainty import behind_best, columns
-from blurnoise_eval.scoring.estimates import Estimate, ratio, through
-from blurnoise_eval.scoring.estimates import mean_of as mean_of_estimates
+from blurnoise_eval.scoring.estimates import Estimate, mean_of, ratio
 from blurnoise_eval.scoring.scores import of_models
 
 _ENDS = "", "_low", "_high"
@@ -35,10 +34,7 @@ def model_rows(
         on_grid = not grid_s or row["clean"] or row["exposure_s"] in grid_s
         if each.value is not None and on_grid:
             known[row["model"]].append((row, each))
-    mpc = {
-        name: mean_of_estimates([each for row, each in own if not row["clean"]])
-        for name, own in known.items()
-    }
+    mpc = {name: mean_of([each for row, each in own if not row["clean"]]) for name, own in known.items()}
     behind = _behind(mpc)
     return [
         _summary(model, scores, known[model["name"]], mpc[model["name"]], curves, labelled)
@@ -83,14 +79,12 @@ def _summary(
     against_itself = model["kind"] == "detector" and not labelled
     exposed = [(row, each) for row, each in told if not row["clean"]]
     weights = plane_weights([row for row, _ in exposed])
-    uniform = Estimate(None)
-    if weights is not None:
-        uniform = through([each for _, each in exposed], lambda values: round(float(weights @ values), 12))
+    uniform = Estimate(None) if weights is None else mean_of([each for _, each in exposed], weights)
     rpc = ratio(mpc, p)
     held = [each for each in curves if each["model"] == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
-    original = [score.name for score in of_models("detector") if score.of is not None]
+    original = [score.name for score in of_models("detector") if score.of_pictures]
     return {
         "model": model["name"],
         "kind": model["kind"],

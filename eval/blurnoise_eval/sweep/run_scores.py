@@ -12,16 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from blurnoise_eval.answers.per_condition import (
-    Asked,
-    Moves,
-    Scored,
-    asked,
-    numbered,
-    performance,
-    scored,
-)
-from blurnoise_eval.answers.table import Sized
+from blurnoise_eval.answers.per_condition import Condition, Moves, Scored, conditions_of, numbered, scored
 from blurnoise_eval.scoring.estimates import Estimate
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.store import queries
@@ -33,18 +24,26 @@ from blurnoise_eval.system.machine import usable_cores
 
 LEAST_AP50 = 0.05
 """Of the labelled original pictures: below, a detector has no answers."""
-_VERSION = 5  # of what is kept
-_KEPT = {None: ("scores", "scores, ap", "scores, ap50"), "ap": ("scores, ap",), "ap50": ("scores, ap50",)}
-"""Where the store keeps the scores, by what is asked for by size; without it any will do."""
+_VERSION = 6  # of what is kept
+_KEPT = "scores"
+"""Where the store keeps them; by size: under the score's name, which will do without, too."""
 _ALONE_UP_TO = 100_000  # rows of cells; another process takes seconds to begin
 
 
 class RunScores(NamedTuple):
-    """A row per model and condition, what P, mPC and rPC are made of in each, and the score by size, if asked for."""
+    """The scores of each model and condition."""
 
-    rows: list[dict[str, Any]]
-    performances: list[Estimate]
-    sized: list[Sized]
+    found: list[Scored]
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The table of scores."""
+        return [each.row for each in self.found]
+
+    @property
+    def performances(self) -> list[Estimate]:
+        """What P, mPC and rPC are made of."""
+        return [each.performance for each in self.found]
 
 
 def run_scores(
@@ -58,29 +57,20 @@ def run_scores(
     """The scores of the models. by_size: "ap" or "ap50" by the size of targets, too."""
     names = [score.name for score in of_conditions()]
     made_of = {"of": queries.count_rows(store), "cluster": cluster, "version": _VERSION, "scores": names}
-    every = (kept for kept in map(store.about, _KEPT[by_size]) if kept is not None)
+    keys = [_KEPT] if by_size is None else []
+    keys += [
+        f"{_KEPT}, {score.name}"
+        for score in of_conditions()
+        if score.by_size and by_size in (None, score.name)
+    ]
+    every = (kept for kept in map(store.about, keys) if kept is not None)
     kept = next((kept for kept in every if made_of == {name: kept.get(name) for name in made_of}), None)
     if kept is None:
         found = _found(store, models, cluster, progress, by_size)
-        kept = {
-            **made_of,
-            "rows": [each.row for each in found],
-            "performances": [_packed(each.performance) for each in found],
-            "sizes": [{size: _packed(own) for size, own in each.sizes.items()} for each in found],
-            "n_targets": [dict(each.n_targets) for each in found],
-        }
+        kept = made_of | {"found": [_packed(each) for each in found]}
         if not store.read_only:
-            store.set_about(_KEPT[by_size][0], kept)
-    rows: list[dict[str, Any]] = kept["rows"]
-    performances = [
-        _unpacked([performance(row), *rest])
-        for row, (_, *rest) in zip(rows, kept["performances"], strict=True)
-    ]
-    sized = [
-        Sized(row, {size: _unpacked(each) for size, each in sizes.items()}, n_targets)
-        for row, sizes, n_targets in zip(rows, kept["sizes"], kept["n_targets"], strict=True)
-    ]
-    return RunScores(rows, performances, sized)
+            store.set_about(keys[0], kept)
+    return RunScores([_unpacked(each) for each in kept["found"]])
 
 
 def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
@@ -104,9 +94,9 @@ def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
     """As :func:`models_withheld`, by what is scored here of the untouched pictures alone."""
     manifest = store.about("manifest")
     clusters = numbered(queries.pictures_seen(store), cluster)
-    every = asked(store, [model["name"] for model in manifest["models"]], clusters)
-    clean = [each for each in every if each.counted["clean"]]
-    found = scored(store, clean, truths(store), _moves(store), clusters)
+    models = [model["name"] for model in manifest["models"]]
+    every = conditions_of(store, models, clusters, original_only=True)
+    found = scored(store, every, truths(store), _moves(store), clusters)
     return models_withheld(manifest, (each.row for each in found))
 
 
@@ -119,12 +109,12 @@ def _found(
 ) -> list[Scored]:
     """The rows, of many cells by two processes; what the other one does not answer is scored here."""
     clusters = numbered(queries.pictures_seen(store), cluster)
-    conditions = list(asked(store, models, clusters))
+    conditions = list(conditions_of(store, models, clusters))
     ours, theirs = conditions, conditions[:0]
     if queries.count_rows(store) > _ALONE_UP_TO and usable_cores() > 1:
         ours, theirs = conditions[::2], conditions[1::2]
 
-    def here(some: Sequence[Asked]) -> list[Scored]:
+    def here(some: Sequence[Condition]) -> list[Scored]:
         found = []
         for each in scored(store, some, truths(store), _moves(store), clusters, by_size):
             found.append(each)
@@ -160,23 +150,25 @@ def answer() -> None:
     pickle.dump(found, sys.stdout.buffer)
 
 
-def _packed(estimate: Estimate) -> list[Any]:
-    """As JSON has it."""
-    away = estimate.influence
-    return [
-        estimate.value,
-        None if away is None else [None if np.isnan(each) else float(each) for each in away],
-        None if estimate.cautious is None else _packed(estimate.cautious),
-    ]
+def _packed(value: Any) -> Any:
+    """Scores as JSON has them: estimates as lists, without NaN."""
+    if isinstance(value, np.ndarray):
+        return [None if np.isnan(each) else float(each) for each in value]
+    if isinstance(value, tuple):
+        return [_packed(each) for each in value]
+    return {name: _packed(each) for name, each in value.items()} if isinstance(value, dict) else value
 
 
-def _unpacked(packed: Sequence[Any]) -> Estimate:
+def _unpacked(packed: Sequence[Any]) -> Scored:
+    row, performance, sizes, n_targets = packed
+    by_size = {size: _estimate(each) for size, each in sizes.items()}
+    return Scored(row, _estimate(performance), by_size, n_targets)
+
+
+def _estimate(packed: Sequence[Any]) -> Estimate:
     value, away, cautious = packed
-    return Estimate(
-        value,
-        None if away is None else np.array(away, float),
-        None if cautious is None else _unpacked(cautious),
-    )
+    influence = None if away is None else np.array(away, float)
+    return Estimate(value, influence, None if cautious is None else _estimate(cautious))
 
 
 def _moves(store: Store) -> Moves:

@@ -16,13 +16,12 @@ from blurnoise.optics.camera import Camera
 from blurnoise.picture.develop import tones_8bit
 from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
-from blurnoise_eval.answers.table import Measured, ScoreTable, table_of, tables_by_size
+from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
 from blurnoise_eval.scoring.judged import Judged
-from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
@@ -61,10 +60,10 @@ def score_tables(
 
     scored: what :func:`~.run_scores.run_scores` gives by size, for a score that belongs to no single target.
     """
-    if criterion.score in PRECISIONS:
+    if criterion.of is not None and criterion.of.by_size is not None:
         models = [model["name"] for model in store.about("manifest")["models"]]
         scored = scored or run_scores(store, models, cluster, by_size=criterion.score)
-        yield from tables_by_size(scored.sized, criterion.kept)
+        yield from tables_by_size(scored.found, criterion.kept)
         return
     for model in queries.models_seen(store):
         yield from _of_model(store, model, criterion, cluster)
@@ -88,20 +87,8 @@ def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | Non
     order = order[np.count_nonzero(original) :]
     for here in np.split(order, np.flatnonzero(np.diff(group[order])) + 1) if len(order) else ():
         some = columns.rows(here)
-        measured = Measured(
-            columns.pictures,
-            some.picture,
-            some.repeat,
-            some.target_id,
-            some.condition,
-            values[here],
-            clean[here],
-            some.saturated,
-            some.brightness,
-        )
-        cluster_named = partial(cluster_of, pattern=cluster)
-        name = columns.groups[int(some.group[0])]
-        table = table_of(model, name, conditions, measured, cluster_named, kept=criterion.kept)
+        of = model, columns.groups[int(some.group[0])], conditions, some, values[here], clean[here]
+        table = table_of(*of, partial(cluster_of, pattern=cluster), kept=criterion.kept)
         if table is not None:
             yield table
 
@@ -149,23 +136,19 @@ def dark_below(camera: Camera) -> float:
 
 def _values(store: Store, model: str, columns: TargetColumns, criterion: Criterion) -> NDArray[np.float64]:
     """Each row's score, NaN where it has none."""
-    if criterion.score == criteria.MATCHES:
-        return columns.exact
-    if criterion.score == criteria.RATE:
-        return (columns.confidence >= FOUND_SCORE).astype(float)
-    rate = criterion.alarms_per_picture
-    if rate is None:
-        return columns.confidence
-    return (columns.confidence > alarm_confidences(store, rate)[model]).astype(float)
+    if criterion.of is not None and criterion.of.of_targets is not None:
+        return criterion.of.of_targets(columns)
+    confidence = alarm_confidences(store, criterion.alarms_per_picture or 0.0)[model]
+    return (columns.confidence > confidence).astype(float)
 
 
 def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
-    """By model, the confidence above which the untouched pictures give at most ``rate`` false alarms each."""
+    """By model, the confidence above which the original pictures give at most ``rate`` false alarms each."""
     truth_of = truths(store)
     found = {}
     for model in store.about("manifest")["models"]:
         name = model["name"]
-        clean = [row for row in queries.condition_counts(store, name) if row["clean"]]
-        cells = [cell for row in clean for cell in queries.detections_at(store, name, row)]
-        found[name] = Judged({}, truth_of(name), cells).confidence_at(rate)
+        (clean,) = [row for row in queries.condition_counts(store, name) if row["clean"]]
+        answers = queries.answers_at(store, name, clean)
+        found[name] = Judged({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
     return found

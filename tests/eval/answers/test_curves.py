@@ -100,13 +100,6 @@ def test_a_picture_is_one_cluster_with_its_targets_and_noise_fields() -> None:
     assert table.counts[:, 0].tolist() == [5 * 6, 4 * 6]
 
 
-def test_another_column_is_read_and_what_it_lacks_left_out() -> None:
-    swept = [row | {"swept": None if row["image"] == "p0" else 0.9} for row in rows(lambda *_: 0.1)]
-    (table,) = tables(swept, lambda row: row["swept"])
-    assert table.clusters == ("p1", "p2", "p3")
-    assert table.mean == pytest.approx(np.full(9, 0.9))
-
-
 def test_saturated_shares_are_means_over_what_was_measured() -> None:
     pictures = [row | {"saturated": 0.1 * int(row["image"][1:])} for row in rows(lambda *_: 0.5)]
     (table,) = tables(pictures)
@@ -147,40 +140,6 @@ def test_area_and_failure_of_a_straight_line() -> None:
     assert (curve.fails_low, curve.fails_high, curve.auc_low) == (None, None, None)  # four pictures
     assert (curve.n_pictures, curve.few_pictures) == (4, True)
     assert not curve.non_monotonic
-
-
-def test_interval_of_the_failure_point_is_that_of_its_pictures() -> None:
-    """Picture i crosses 0.5 at 4 + i px, 0 to 8, every curve 0.5 - (x - crossing) / 40: the mean fails at 8.
-
-    The ends are where the interval of the nine values there ends at 0.5. Nine parallel lines: Student's interval of
-    the mean crossing is 8 -+ 2.306 x sqrt(60 / 8) / 3 = 2.105, and what no picture showed widens it.
-    """
-    speeds = tuple((100.0 * v, 0.0) for v in range(5))
-
-    def values(blur_px: float) -> np.ndarray:
-        return 0.5 - (blur_px - 4 - np.arange(9)) / 40
-
-    (table,) = tables(
-        rows(
-            lambda image, _r, t, v: float(values(t * v)[int(image[1:])]),
-            images=9, velocities=speeds, exposures=(0.04,),
-        )
-    )  # fmt: skip
-    (curve,) = endurances(table, Criterion(0.5, kept=False))
-    assert curve.fails_at == pytest.approx(8)
-    assert curve.fails_low is not None
-    assert curve.fails_high is not None
-    assert ends_of(values(curve.fails_low)).low == pytest.approx(0.5, abs=1e-3)
-    assert ends_of(values(curve.fails_high)).high == pytest.approx(0.5, abs=1e-3)
-    assert curve.fails_low < 8 - 2.105
-    assert curve.fails_high > 8 + 2.105
-    assert curve.few_pictures
-
-
-def test_a_curve_that_holds_has_no_failure_and_an_open_interval() -> None:
-    (table,) = tables(rows(lambda *_: 0.9, images=9))
-    for curve in endurances(table, Criterion(0.6, kept=False)):
-        assert (curve.fails_at, curve.fails_low, curve.fails_high) == (None, None, None)
 
 
 def test_a_curve_that_comes_back_is_told() -> None:
@@ -240,24 +199,6 @@ def across(
     return list(map(Named, found))
 
 
-def test_a_curve_over_a_further_axis_fails_where_its_mean_does() -> None:
-    """Confidence 1 - defocus / 10 px in all pictures alike: it crosses 0.6 at 4 px. The interval's ends do where it
-    is 0.6 / (1 - q) and (0.6 - q) / (1 - q)."""
-    (curve,) = across({r: lambda _, r=r: 1 - r / 10 for r in (0.0, 2.0, 8.0)}, "defocus_radius_px", images=8)  # type: ignore[misc]
-    assert curve.axis == "defocus_radius_px"
-    assert curve.x == (0.0, 2.0, 8.0)
-    assert (curve.at["defocus_radius_px"], curve.at["exposure_s"], curve.at["illuminance_lux"]) == (
-        None,
-        0.01,
-        50,
-    )
-    assert curve.auc == pytest.approx(0.6)
-    q = float(ends_of(np.zeros(8)).high)
-    expected = (4, 10 * (1 - 0.6 / (1 - q)), 10 * (1 - (0.6 - q) / (1 - q)))
-    assert (curve.fails_at, curve.fails_low, curve.fails_high) == pytest.approx(expected)
-    assert list(curve)[:5] == ["model", "group", "illuminance_lux", "axis", "exposure_s"]
-
-
 @pytest.mark.parametrize("axis", ["illuminance_lux", "gain_db"])
 def test_where_more_is_not_worse_there_is_no_failing(axis: str) -> None:
     assert across({1.0: lambda _: 0.9, 3.0: lambda _: 0.1}, axis) == []
@@ -279,50 +220,3 @@ def test_curves_over_an_axis_keep_everything_else_apart() -> None:
     for each in found:
         lux, t, v = (each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
         assert each.confidence == pytest.approx([1 / (n + lux + t + v) for n in (2.0, 4.0)])
-
-
-def test_clusters_across_settings_are_paired_whatever_the_order_of_rows() -> None:
-    """Pictures of 0.9 + d / 2 that lose 0.6 over 10 px, all alike: the interval of the failure point ends where that
-    of the ten values there ends at 0.6. Were the ends not paired their spread would be less, and it narrower."""
-    shift = {f"p{i}": -0.09 + 0.02 * i for i in range(10)}
-
-    def line(drop: float) -> Callable[[str], float]:
-        return lambda image: 0.9 + 0.5 * shift[image] - drop
-
-    values = {0.0: line(0.0), 10.0: line(0.6)}
-    table = [
-        row
-        for value, of in values.items()
-        for row in rows(
-            lambda image, *_, of=of: of(image), images=10, exposures=(0.01,), velocities=((0.0, 0.0),),
-            defocus_radius_px=value,
-        )
-    ]  # fmt: skip
-    turned = [*table[:10], *table[:9:-1]]  # the second setting's pictures arrive in another order
-    (straight,), (other,) = (
-        list(endurances_across(*tables(t), Criterion(0.6, kept=False))) for t in (table, turned)
-    )
-    assert (straight.fails_low, straight.fails_high) == pytest.approx((other.fails_low, other.fails_high))
-    assert straight.fails_at == pytest.approx(5)
-    assert straight.fails_low is not None
-    assert straight.fails_high is not None
-    there = [
-        np.array([line(0.06 * px)(image) for image in shift])
-        for px in (straight.fails_low, straight.fails_high)
-    ]
-    assert ends_of(there[0]).low == pytest.approx(0.6, abs=5e-4)
-    assert ends_of(there[1]).high == pytest.approx(0.6, abs=5e-4)
-
-
-def test_points_that_one_setting_lacks_are_left_out() -> None:
-    table = [
-        *rows(lambda *_: 0.9, temperature_c=0.0, exposures=(0.01, 0.02)),
-        *rows(lambda *_: 0.8, temperature_c=25.0, exposures=(0.01,)),
-        *rows(lambda *_: 0.7, temperature_c=50.0, exposures=(0.01, 0.02)),
-    ]
-    found = [
-        e
-        for e in endurances_across(*tables(table), Criterion(0.6, kept=False))
-        if e.at["velocity_x_px_s"] == 0
-    ]
-    assert {each.at["exposure_s"]: each.x for each in found} == {0.01: (0.0, 25.0, 50.0), 0.02: (0.0, 50.0)}

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import Curve
+from blurnoise_eval.answers.recommendation import averages, recommendations
 from blurnoise_eval.answers.table import ScoreTable
-from made_tables import Named, answers, endurances, tables
+from made_tables import Named, answers, curve, endurances, tables
 from plans import OWN
 
 KEEP = Criterion(0.9, kept=True)
@@ -50,9 +50,11 @@ def test_a_picture_that_was_not_known_counts_by_what_is_found() -> None:
     clean = {(f"p{place}", 0): 0.8 for place in range(8)} | {("late", 0): 0.0}
     found = kept_table(clean, {0.01: {key: (0.6 if value else 0.64,) for key, value in clean.items()}})
     assert found.mean[0] == pytest.approx((8 * 0.6 + 0.64) / 6.4)
-    curve = Curve((0.01,), found.sums, found.counts, most=found.most)
-    assert curve.n_clusters == 9
-    assert curve.influence[-1, 0] == pytest.approx(8 * (curve.mean[0] - 4.8 / 6.4))
+    assert found.n_clusters == 9
+    assert found.influence[-1, 0] == pytest.approx(8 * (found.mean[0] - 4.8 / 6.4))
+    (row,) = (each for each in recommendations(averages([found], 0.9)) if each["scope"] == "condition")
+    (answer,) = answers(found, KEEP)
+    assert (row["low"], row["high"]) == pytest.approx((answer.low[0], answer.high[0]))
 
 
 def answer(kept: dict[float, list[float]], known: float = 0.5) -> Named:
@@ -108,12 +110,12 @@ def test_curves_of_what_is_kept() -> None:
     found = kept_table(
         clean, {s: dict.fromkeys(clean, (0.5 * kept,)) for s, kept in ((0.01, 1.2), (0.1, 0.6))}
     )
-    (curve,) = endurances(found, KEEP)
-    assert curve.confidence == pytest.approx((1.2, 0.6))
-    assert curve.auc == pytest.approx(0.9)  # trapezium in s
-    assert curve.fails_at == pytest.approx(10**-1.5)  # half a decade on
-    assert (curve.auc_high or 0) > 1
-    assert curve.criterion == KEEP.text
+    (over,) = endurances(found, KEEP)
+    assert over.confidence == pytest.approx((1.2, 0.6))
+    assert over.auc == pytest.approx(0.9)  # trapezium in s
+    assert over.fails_at == pytest.approx(10**-1.5)  # half a decade on
+    assert (over.auc_high or 0) > 1
+    assert over.criterion == KEEP.text
 
 
 EXPOSURES_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 45e-3, 90e-3)
@@ -160,16 +162,17 @@ def test_intervals_and_verdicts_hold_on_pictures_like_photographs(hardness: floa
     for sample in range(300):
         counts = np.repeat(known[:, sample, None], len(EXPOSURES_S), axis=1)
         most = float(count[:, sample].sum() / known[:, sample].sum())
-        curve = Curve(EXPOSURES_S, sums[:, sample], counts, logarithmic=True, most=most)
-        ends = curve.interval()
+        values = np.divide(sums[:, sample], counts, out=np.zeros_like(counts), where=counts > 0)
+        of = curve(values, EXPOSURES_S, counts, kept=True, clean=1 / most)
+        ends = of.interval()
         if ends is None:
             continue
         held.append((ends.low <= truth) & (truth <= ends.high))
         for level in (0.8, 0.9):
-            crossed = curve.crossed(level)
-            works = any(low <= x <= high for x in EXPOSURES_S for low, high in crossed.sure)
-            verdicts += works or not crossed.possible
-            wrong += (works and truth.max() < level) or (not crossed.possible and truth.max() >= level)
+            works = any(low <= x <= high for x in EXPOSURES_S for low, high in of.sure(level))
+            fails = not of.possible(level)
+            verdicts += works or fails
+            wrong += (works and truth.max() < level) or (fails and truth.max() >= level)
     assert len(held) > 240
     coverage = np.mean(held, axis=0)
     assert coverage.min() > 0.91

@@ -9,19 +9,21 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.answers.per_condition import PICTURES, Scored, asked, numbered, performance, scored
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.answers import criterion, uncertainty
+from blurnoise_eval.answers.per_condition import PICTURES, Scored, conditions_of, numbered, scored
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.judged import COCO_SCORES, Alarms, Judged, Truth, coco_results
+from blurnoise_eval.scoring.judged import Alarms, Judged, Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
+COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}
+"""Names, and their places in COCO's summary."""
 CATEGORIES = [{"id": 13, "name": "stop sign"}, {"id": 2, "name": "bicycle"}, {"id": 90, "name": "unseen"}]
 CATEGORY_OF = {0: 13, 4: 2, 5: 90}  # class 7 of the model is nothing that the data set labels
 
@@ -35,7 +37,7 @@ class Judge:
     def __call__(
         self, found: list[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
     ) -> dict[str, float | None]:
-        judged = Judged({}, self.truth, found, move_boxes)
+        judged = Judged({}, self.truth, Answers.of(found), move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
         return {
             score.name: score.estimate(judged).value for score in table.of_conditions() if score.name in own
@@ -47,7 +49,7 @@ def score_rows(
 ) -> list[Scored]:
     """The scores of model m."""
     clusters = numbered(queries.pictures_seen(store), cluster)
-    return list(scored(store, asked(store, ["m"], clusters), lambda _: truth, moves, clusters))
+    return list(scored(store, conditions_of(store, ["m"], clusters), lambda _: truth, moves, clusters))
 
 
 def street(seed: int, pictures: int = 12) -> tuple[Truth, dict[str, Detections]]:
@@ -105,37 +107,6 @@ def test_scores_are_those_of_pycocotools(seed: int) -> None:
     assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
     assert 0 < expected["ap"] < expected["ap50"] < 1
     assert len(set(expected.values())) == len(expected)
-
-
-def test_beyond_a_hundred_detections_of_a_class_none_counts() -> None:
-    """As pycocotools counts: of each class and picture; the targets are found by the weakest of 130."""
-    truth, found = street(0)
-    rng = np.random.default_rng(3)
-    crowded = {}
-    for name, each in found.items():
-        corners = rng.uniform(0, 300, (230, 2))
-        boxes = np.concatenate([each.boxes_xyxy, np.concatenate([corners, corners + 40], axis=1)])
-        scores = np.concatenate([each.scores * 0.2, rng.uniform(0, 0.5, 230)])
-        classes = np.concatenate([each.class_ids, np.repeat([0, 4], 115)])
-        crowded[name] = Detections(boxes, scores, classes)
-    scores = Judge(truth)([(name, 0, each) for name, each in crowded.items()])
-    expected = by_pycocotools(truth, crowded)
-    assert {name: scores[name] for name in COCO_SCORES} == pytest.approx(expected, abs=1e-9)
-    fewer = {
-        name: each[np.arange(len(each)) < 100] for name, each in crowded.items()
-    }  # of all classes together
-    assert by_pycocotools(truth, fewer)["ar100"] < expected["ar100"]
-
-
-def test_repeats_are_pictures_of_their_own() -> None:
-    truth, found = street(5)
-    judge = Judge(truth)
-    once = judge([(name, 0, each) for name, each in found.items()])
-    thrice = judge([(name, repeat, each) for repeat in range(3) for name, each in found.items()])
-    assert thrice == pytest.approx(once, abs=1e-6)
-    nothing = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
-    half = judge([(n, r, each if r else nothing) for r in range(2) for n, each in found.items()])
-    assert half["ar100"] == pytest.approx(once["ar100"] / 2)
 
 
 def test_pictures_that_were_not_run_do_not_count() -> None:
@@ -223,19 +194,6 @@ def test_calibration_error_by_hand() -> None:
     assert calibration_error([0.91, 1.0], [True, False]) == pytest.approx((1.91 - 1) / 2)
 
 
-def test_a_calibrated_detector_has_no_error_but_chance() -> None:
-    """n = 20 000, hits drawn with the stated probability: a bin's gap has sigma sqrt(p q n_b), so the sum of
-    ten is below 10 x 5 x sqrt(n / 4 / 10) / n = 0.056, its mean a fifth of that."""
-    rng = np.random.default_rng(0)
-    scores = rng.uniform(0.25, 1, 20_000)
-    right = rng.uniform(size=20_000) < scores
-    error = calibration_error(scores.tolist(), right.tolist())
-    assert error is not None
-    assert error < 0.012
-    off = calibration_error((0.7 * scores).tolist(), right.tolist())
-    assert off == pytest.approx(0.3 * scores.mean(), abs=0.02)
-
-
 def test_rows_of_a_run(tmp_path: Path) -> None:
     truth = Truth(
         {
@@ -285,7 +243,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
     assert {name: exposed[name] for name in at} == at
     assert (exposed["ap"], exposed["errors"], exposed["false_positives_per_image"]) == (0, 1, 0.5)
     assert exposed["target_confidence"] is None
-    assert performance(clean) == pytest.approx(1)
+    assert moving[0].performance.value == pytest.approx(1)
 
 
 def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
@@ -344,14 +302,27 @@ def test_rows_of_a_reader(tmp_path: Path) -> None:
     assert row["character_error_rate"] == pytest.approx(1.5 / 5)
     assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
     assert row["ap"] is None
-    assert performance(row) == exact.value == 0.4
+    assert exact.value == 0.4
 
 
 def test_a_new_score_is_one_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made_up = table.Score("alarms", "Alarms", table.DETECTOR, lambda judged: 7.0, "lower", "count")
-    monkeypatch.setattr(table, "SCORES", (*table.SCORES, made_up))
+    """With its function it has columns and, with a name as a criterion, is what ``--score`` takes."""
+    alarms = table.Score("alarms", "Alarms", table.DETECTOR, lambda judged: 7.0, "lower", "count")
+    doubled = table.Score(
+        "half",
+        "Half",
+        table.DETECTOR,
+        of_targets=lambda rows: rows.confidence / 2,
+        criterion=("half", "half"),
+    )
+    monkeypatch.setattr(table, "SCORES", (*table.SCORES, alarms, doubled))
+    target = {"model": "m", "image": "p", "repeat": 0, "clean": True, "target_id": 0, "group": "g"}
     with Store(tmp_path, create=True) as store:
-        cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 0}
-        store.add([CellResult(cell, (), Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
+        cell = {"cell_id": "c", "model": "m", "image": "p", "repeat": 0, "clean": True, "n_targets": 1}
+        rows = ({**target, "cell_id": "c", "label": "x", "confidence": 0.8},)
+        store.add([CellResult(cell, rows, Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0)))])
         ((row, *_),) = score_rows(store, None)
-    assert row["alarms"] == 7.0
+    assert (row["alarms"], row["half"]) == (7.0, 0.4)
+    assert "half" in criterion.names("detector")
+    assert "alarms" not in criterion.names("detector")
+    assert criterion.Criterion(0.9, kept=True, score="half").text == "keeps 0.9 of its half"

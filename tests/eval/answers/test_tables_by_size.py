@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.curves import Curve
-from blurnoise_eval.answers.table import Sized, tables_by_size
+from blurnoise_eval.answers.per_condition import Scored
+from blurnoise_eval.answers.table import tables_by_size
 from blurnoise_eval.scoring.estimates import Estimate, left_out
 from plans import OWN
 
@@ -21,11 +22,11 @@ def estimate(value: float) -> Estimate:
     return left_out(np.concatenate([[value], value + 0.01 * GENERATOR.normal(size=PICTURES)]))
 
 
-def sized(exposure_s: float | None, speed: float, large: Estimate, **pictures: Any) -> Sized:
+def sized(exposure_s: float | None, speed: float, large: Estimate, **pictures: Any) -> Scored:
     row = {"model": "m", "exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, **OWN}
     row |= {"velocity_y_px_s": 0.0, "saturated": None, "brightness": None, **pictures}
     nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
-    return Sized(row, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
+    return Scored(row, large, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
 
 
 CLEAN = estimate(0.5)
@@ -37,7 +38,7 @@ CONDITIONS = {
 }
 
 
-def scored() -> list[Sized]:
+def scored() -> list[Scored]:
     exposed = [sized(*at, found, saturated=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
     return [sized(None, 0.0, CLEAN), *exposed[::-1]]
 
@@ -57,7 +58,7 @@ def test_values_and_intervals_are_the_scores_own(kept: bool) -> None:
         assert own.value is not None
         assert own.influence is not None
         assert line.mean[0] == pytest.approx(own.value / (0.5 if kept else 1.0))
-        curve = Curve.of(line, "exposure_s")
+        curve = Curve.over("exposure_s", line)
         ends = curve.interval()
         assert ends is not None
         away = own.influence

@@ -17,7 +17,7 @@ def sample(*shape: int, seed: int = 0) -> np.ndarray:
 def test_students_interval_is_scipys() -> None:
     values = sample(13, 4)
     mean = values.mean(axis=0)
-    low, high = uncertainty.student(mean, values - mean)
+    low, high = uncertainty.of_difference(mean, values - mean)
     expected = stats.t.interval(0.95, 12, mean, stats.sem(values))
     np.testing.assert_allclose((low, high), expected)
     np.testing.assert_allclose(uncertainty.student_t([13, 2], 0.9), stats.t.ppf(0.95, [12, 1]))
@@ -37,7 +37,7 @@ def test_missing_clusters_do_not_count() -> None:
     holes = np.concatenate([values, np.full((5, 1), np.nan)])
     mean = values.mean(axis=0)
     np.testing.assert_allclose(
-        uncertainty.student(mean, holes - mean), uncertainty.student(mean, values - mean)
+        uncertainty.of_difference(mean, holes - mean), uncertainty.of_difference(mean, values - mean)
     )
     low, high = uncertainty.bounded(mean, holes - mean, (0.0, 20.0))
     alone = uncertainty.bounded(mean, values - mean, (0.0, 20.0))
@@ -64,17 +64,6 @@ def test_bounded_interval_of_shares_is_that_of_beta_laws(found: int, n: int) -> 
         assert high == 1
 
 
-def test_bounded_interval_stays_within_and_does_not_change() -> None:
-    values = np.full((9, 2), [0.0, 1.0])
-    ends = uncertainty.of_level(values.mean(axis=0), values * 0)
-    assert ends.low[0] == 0
-    assert 0.02 < ends.high[0] < 0.4  # nine zeros do not show that there is nothing else
-    assert ends.high[1] == 1
-    assert 0.6 < ends.low[1] < 0.98
-    again = uncertainty.of_level(values.mean(axis=0), values * 0)
-    np.testing.assert_array_equal(ends, again)
-
-
 def test_clusters_of_unequal_size_count_as_fewer() -> None:
     assert uncertainty.effective([3] * 9) == 9
     assert uncertainty.effective([1, 2, 3]) == pytest.approx(36 / 14)
@@ -95,10 +84,6 @@ def test_as_many_clusters_as_are_asked_for_suffice(mean: float, spread: float, t
     asked = uncertainty.pictures_needed(abs(mean - threshold), spread, mean if above else 1 - mean, 999)
     tried = next(n for n in range(2, 999) if all(told(n + more) for more in range(3)))
     assert 0.9 * tried <= asked <= 1.3 * tried + 1
-
-
-def test_no_number_of_clusters_tells_a_mean_from_itself() -> None:
-    assert uncertainty.pictures_needed(0.0, 0.1, 0.6, 999) == 1000
 
 
 def test_departures_are_those_of_leaving_out() -> None:
@@ -134,14 +119,6 @@ def held(ends: Ends, truth: float) -> float:
 
 
 @pytest.mark.parametrize("n", [8, 20, 35])
-def test_intervals_of_normal_means_hold(n: int) -> None:
-    """4000 samples: 95 %, give or take 4 standard deviations (1.4 %)."""
-    values = np.random.default_rng(n).normal(size=(n, 4000))
-    mean = values.mean(axis=0)
-    assert abs(held(uncertainty.student(mean, values - mean), 0) - 0.95) < 0.014
-
-
-@pytest.mark.parametrize("n", [8, 20, 35])
 @pytest.mark.parametrize(("a", "b"), [(0.2, 2.0), (0.5, 0.5), (2.0, 5.0), (3.0, 0.15)])
 def test_bounded_intervals_of_beta_means_hold(n: int, a: float, b: float) -> None:
     """Beta laws from rare to saturated: at least 93 %, less 4 standard deviations of 2000 samples (2 %)."""
@@ -149,7 +126,7 @@ def test_bounded_intervals_of_beta_means_hold(n: int, a: float, b: float) -> Non
     mean = values.mean(axis=0)
     share = held(uncertainty.of_level(mean, values - mean), a / (a + b))
     assert share > 0.93 - 0.02
-    students = held(uncertainty.student(mean, values - mean), a / (a + b))
+    students = held(uncertainty.of_difference(mean, values - mean), a / (a + b))
     assert share > students - 0.02  # and never far less than Student's
 
 
@@ -157,7 +134,7 @@ def test_rare_events_are_what_student_misses() -> None:
     """One cluster in 25 is 1, the others 0: eight of them are mostly all 0, whose Student's interval is nothing."""
     values = (np.random.default_rng(0).uniform(size=(8, 2000)) < 0.04).astype(float)
     mean = values.mean(axis=0)
-    assert held(uncertainty.student(mean, values - mean), 0.04) < 0.6
+    assert held(uncertainty.of_difference(mean, values - mean), 0.04) < 0.6
     assert held(uncertainty.of_level(mean, values - mean), 0.04) > 0.93
 
 

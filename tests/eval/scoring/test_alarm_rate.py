@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.judged import Judged, Truth
 
 AT, ELSEWHERE, CROWD = (10.0, 10.0, 30.0, 40.0), (60.0, 60.0, 70.0, 90.0), (100.0, 0.0, 200.0, 100.0)
@@ -42,14 +42,14 @@ def judged() -> Judged:
             found((ELSEWHERE, 0.7, 0), (AT, 0.5, 0), (ELSEWHERE, 0.03, 0), ((110, 10, 150, 60), 0.8, 0)),
         ),
     ]
-    return Judged({}, truth, cells)
+    return Judged({}, truth, Answers.of(cells))
 
 
 @pytest.mark.parametrize(
     ("rate", "expected"), [(0.1, 0.7), (0.49, 0.7), (0.5, 0.4), (1.0, 0.03), (1.5, 0.0), (100.0, 0.0)]
 )
 def test_confidence_at_a_rate(rate: float, expected: float) -> None:
-    assert judged().confidence_at(rate) == pytest.approx(expected)
     alarms = judged().alarms_from(0.0)
-    wrong = (~alarms.right & (alarms.scores > judged().confidence_at(rate))).sum()
+    assert alarms.confidence_at(rate) == pytest.approx(expected)
+    wrong = (~alarms.right & (alarms.scores > alarms.confidence_at(rate))).sum()
     assert wrong / 2 <= rate
