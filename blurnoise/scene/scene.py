@@ -301,7 +301,7 @@ def simulate(
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
     as :mod:`blurnoise.motion.ego` gives it for a moving camera.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
-    added to the velocity, without a gradient (exposure_s's lacks up to 1 %); :func:`.convolution.path_blur` has one.
+    added to the velocity, without a gradient (exposure_s's is right to 1 %); :func:`.convolution.path_blur` has one.
     layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
     its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
