@@ -20,14 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import (
-    an_instance,
-    image_batch,
-    limited,
-    limited_motion,
-    one_of,
-    real_tensor,
-)
+from blurnoise._core.checks import an_instance, image_batch, limited, limited_motion, one_of, real_tensor
 from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path

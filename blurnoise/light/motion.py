@@ -165,17 +165,13 @@ class Motion(LightEffect):
         length = f"{math.hypot(*at.displacement_px):.3g} px"
         if at.objects:
             return f"with the objects, {length}"
-        camera, lens = at.camera, at.camera.lens
-        apart = camera.defocus_counts_pixel or lens.field_curvature_px
-        shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
-        together = ", with the lens's" if shares else ""
         if (along := displacement(at).polyline) is not None:
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
-            return f"transfer function of {len(along.shares)} segments over {extent}{together}"
+            return f"transfer function of {len(along.shares)} segments over {extent}"
         if at.variation_px:
             return f"{length} in the middle; by transfer function where its variation is not modelled"
-        return f"transfer function, {length}{together}"
+        return f"transfer function, {length}"
 
     def key(self, at: Conditions[float]) -> Hashable:
         return at.displacement_px, at.trajectories

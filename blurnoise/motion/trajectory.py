@@ -149,10 +149,7 @@ class Trajectory:
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
         """The part within an exposure, plus uniform motion, simplified to 0.02 px. Raises as :meth:`window` does."""
-        if np.shape(velocity_px_s) != (2,):
-            raise ValueError(f"velocity_px_s = {shown(velocity_px_s)}: must be two numbers (x, y)")
-        x, y = (limited("velocity_px_s", each) for each in velocity_px_s)
-        return _seen(self, limited("exposure_s", exposure_s), (x, y))
+        return _seen(self, limited("exposure_s", exposure_s), velocity_px_s)
 
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
         """The mean position over an exposure."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from blurs import warped
 from brute_force import photograph, rms_dn, rolled
 from path_oracle import straight_path, vibration
 
@@ -16,7 +17,7 @@ from blurnoise._core.borders import extended
 from blurnoise.blur import convolution, rows
 from blurnoise.blur.displacement import Displacement, Readout, stretch
 from blurnoise.blur.layers import moved
-from blurnoise.blur.rows import shifted_rows, warped
+from blurnoise.blur.rows import shifted_rows
 
 ROW_S, EXPOSURE_S = 3e-4, 0.01
 SIZE = (41, 67)
