@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border, Window
 from blurnoise._core.threads import differentiable
-from blurnoise.blur import convolution, layers
+from blurnoise.blur import layers
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
@@ -147,10 +147,6 @@ class Motion(LightEffect):
         elsewhere = torch.tensor([one.way != "transfer" for one in each], device=moved.device)
         paths = tuple(one.polyline for one in each)
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=paths)
-
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        own = self.blur(at)
-        return convolution.exposure_blur(light, at.displacement_px, own.optics, own.paths, border=border)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
