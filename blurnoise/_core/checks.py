@@ -176,7 +176,7 @@ def boxes(name: str, value: object) -> Tensor:
 def an_instance(name: str, value: object, kind: type) -> None:
     """Raise ``TypeError`` unless ``value`` is a ``kind``."""
     if not isinstance(value, kind):
-        must = f"{kind.__module__.partition('.')[0]}.{kind.__name__}"
+        must = f"{kind.__module__.partition('.')[0]}.{kind.__name__}".removeprefix("builtins.")
         raise TypeError(f"{name}: must be a {must}, got {type(value).__name__}")
 
 
@@ -205,6 +205,7 @@ def batch_shaped(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tenso
     """:func:`image_batch` without a check of the values."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape {shape}, got {type(value).__name__}")
+    _dense(name, value)
     if value.dtype not in (torch.float32, torch.float64):
         must = "must be float32 or float64 (integers over full scale; half precision holds no full well's electrons)"
         raise TypeError(f"{name}: {must}, got {value.dtype}")
@@ -261,9 +262,16 @@ def real_tensor(name: str, value: object) -> Tensor:
         raise ValueError(f"{name} = {shown(value)}: must be finite") from None
     except (TypeError, ValueError, RuntimeError):
         raise TypeError(f"{name} = {shown(value)}: must be numbers") from None
+    _dense(name, tensor)
     if tensor.is_complex() or tensor.dtype == torch.bool:
         raise TypeError(f"{name}: must be real numbers, got {tensor.dtype}")
     return tensor
+
+
+def _dense(name: str, tensor: Tensor) -> None:
+    if tensor.is_meta or tensor.layout != torch.strided:
+        kind = "meta" if tensor.is_meta else tensor.layout
+        raise TypeError(f"{name}: must be a dense tensor with values, got a {kind} tensor")
 
 
 def _bounds(low: float, high: float, above: bool = False) -> str:

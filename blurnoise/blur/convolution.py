@@ -20,14 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
-from blurnoise._core.checks import (
-    an_instance,
-    image_batch,
-    limited,
-    limited_motion,
-    one_of,
-    real_tensor,
-)
+from blurnoise._core.checks import an_instance, image_batch, limited, limited_motion, one_of, real_tensor
 from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
@@ -118,10 +111,8 @@ def exposure_blur(
     for group, path in zip(groups, paths or (None,) * len(groups), strict=True):
         if path is not None and path.shares:
             left_out = path.error + optics.error
-            knots, shares = (torch.from_numpy(each) for each in (path.knots, np.array(path.shares)))
-            if differentiable(group):  # the displacement is in the path; here is its gradient
-                time = torch.nn.functional.pad(shares.cumsum(0), (1, 0)) - 0.5
-                knots = knots + (group - group.detach()).double().cpu().T * time
+            knots = torch.from_numpy(path.knots) if path.knots_px is None else path.knots_px
+            shares = torch.from_numpy(np.array(path.shares))
             response: fourier.Response = Path(knots, shares, optics)
         else:
             dx, dy = group.detach().abs().amax(0).tolist()

@@ -8,7 +8,7 @@ Rows are read every ``row_s``, downwards > 0, upwards < 0, 0 together. Row i is 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -132,7 +132,15 @@ class Displacement:
         """The path and the uniform motion within an exposure of all rows together; None where there is none."""
         if self.path is None or self.each_row_differs or self.flows:
             return None
-        return self.path.seen(self.readout.exposure_s, self.velocity_px_s)
+        line = self.path.seen(self.readout.exposure_s, self.velocity_px_s)
+        if not line.shares or not differentiable(self.even_px, self.exposure_s):
+            return line
+        shares = np.array(line.shares)
+        time = sums(shares) - 0.5
+        rates = time * self.path.rates_px_s(time * self.readout.exposure_s)
+        rates -= ((rates[:, 1:] + rates[:, :-1]) / 2 * shares).sum(1)[:, None]
+        knots = torch.from_numpy(line.knots) + torch.from_numpy(rates) * _follow(self.exposure_s)
+        return replace(line, knots_px=knots + torch.outer(_follow(self.even_px), torch.from_numpy(time)))
 
     @cached_property
     def track(self) -> tuple[Floats, Floats]:
@@ -177,16 +185,25 @@ class Displacement:
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
         middle, lasting = ((starts + stops) / 2, stops - starts)
         rate = by / self.exposure_s.to(by) if self.readout.exposure_s else torch.zeros_like(by)
-        return rate, torch.from_numpy(middle).to(by)[:, None], torch.from_numpy(lasting).to(by)[:, None]
+        longer = torch.from_numpy(lasting) + _follow(self.exposure_s)  # about the same middles
+        return rate, torch.from_numpy(middle).to(by)[:, None], longer.to(by)[:, None]
 
-    def along_path(self, window: Window, times: Floats) -> Floats | None:
+    def along_path(self, window: Window, times: Floats) -> Tensor | None:
         """Positions (n, 2, h) on the path for a window's rows, at times (n,) in each row's exposure, -1/2 to 1/2."""
         if self.path is None:
             return None
         starts, stops = self.readout.windows_of(window.top + np.arange(window.height))
         at = (starts + stops) / 2 + np.multiply.outer(times, stops - starts)
         known, knots = self.path_track
-        return np.stack([np.interp(at, known, along) for along in knots], 1)
+        places = torch.from_numpy(np.stack([np.interp(at, known, along) for along in knots], 1))
+        lasting_s = self.readout.exposure_s
+        if not lasting_s or not differentiable(self.exposure_s):
+            return places
+        during, _ = self.path.window(-lasting_s / 2, lasting_s / 2)
+        rates = np.moveaxis(self.path.rates_px_s(at) * times[:, None], 0, 1)
+        mean_px = np.array(self.path.origin_px(lasting_s))  # the places are about it
+        rates -= (during[:, [0, -1]].mean(1) - mean_px)[:, None] / lasting_s
+        return places + torch.from_numpy(rates) * _follow(self.exposure_s)
 
     def length_px(self, window: Window) -> Floats:
         """The longest path length (h,) within the exposure of each row of a window."""
@@ -297,6 +314,11 @@ def stretch(velocity_y_px_s: float, row_s: float) -> float:
             "else the picture is overtaken"
         )
     return 1 / (1 - velocity_y_px_s * row_s)
+
+
+def _follow(value: Tensor) -> Tensor:
+    """0, with the gradient of ``value``, in double precision on the CPU."""
+    return (value - value.detach()).double().cpu()
 
 
 def _carried(flow: Tensor, by_px: Tensor) -> Tensor:

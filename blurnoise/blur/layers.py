@@ -222,13 +222,8 @@ def _blurred(own: _Alike, window: Window, like: Tensor, border: Border) -> tuple
     moves = own.moves
     work = _work(window, [moves])
     plane = plane_of(own.layers, work, like, border)
-    if moves.each_row_differs and not moves.still:
+    if moves.readout.row_s and not moves.still:
         seen = sub_exposures.exposed(Sheet(plane[0], moves, work.top, work.left), window)[None]
-    elif moves.way == "rows":  # of a window, of which row ``middle`` is read at time 0
-        seen = convolution.motion_blur(plane, moves.even_px[None], border="circular")
-        middle = (like.shape[-2] - 1) / 2 - work.top
-        velocity = moves.even_px / moves.exposure_s.to(moves.even_px)
-        seen = cut(rows.warped(seen, velocity, moves.readout.row_s, "circular", middle=middle), work, window)
     else:
         seen = cut(moved(plane, moves, "circular"), work, window)
     return seen[:, :-1], seen[:, -1:].clamp(0, 1)

@@ -39,15 +39,12 @@ _NODES = 16  # of a quadrature over frequencies
 class _Discs(fourier.Response):
     """Discs of defocus and the weight of each at every pixel, (H, W)."""
 
+    variable = torch.empty(0)
     radii_px: tuple[float, ...]
     weights: Plane
 
     def __str__(self) -> str:
         return f"defocus over the field, of up to {max(self.radii_px):g} px"
-
-    @property
-    def variable(self) -> Tensor:
-        return torch.empty(0)
 
     @property
     def reach_px(self) -> tuple[float, float]:

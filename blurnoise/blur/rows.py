@@ -1,8 +1,8 @@
 """Rows moved by numbers of pixels of their own, along and across, in pictures (B, C, H, W) of linear light.
 
 Convention: x right, y down, px. Along rows by their transforms, of whatever is real; across by Lanczos's window of
-twelve taps. Uniform motion v is blurred as if all rows were exposed together, and then :func:`warped`: warped first,
-the blur would have to be that of v T / (1 - v_y row_s). Rows that see parts of a path are blurred along and across by
+twelve taps. Uniform motion v is blurred as if all rows were exposed together, and then warped: warped first, the blur
+would have to be that of v T / (1 - v_y row_s). Rows that see parts of a path are blurred along and across by
 these: exact but for what a path does along both at once, hence in as many parts of windows as leave little of that.
 """
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import Border, continued, extended
-from blurnoise._core.threads import differentiable, plain, side_by_side, threads_for
+from blurnoise._core.threads import plain, side_by_side, threads_for
 from blurnoise.blur import convolution, fourier
 from blurnoise.blur.displacement import STILL_PX, Displacement, Floats, stretch
 from blurnoise.motion.trajectory import sums
@@ -130,32 +130,6 @@ def _at_once(
 
     side_by_side(see, range(len(targets)), threads_for(light))
     return out
-
-
-def warped(
-    light: Tensor,
-    velocity_px_s: Tensor | tuple[float, float],
-    row_s: float,
-    border: Border,
-    *,
-    middle: float | None = None,
-) -> Tensor:
-    """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
-
-    middle: the row that is read at time 0, by default the pictures' middle one. Light is not kept: what moves along
-    with the readout is read longer. Raises as :func:`blurnoise.blur.displacement.stretch` does.
-    """
-    velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
-    stretch(float(velocity[1].detach()), row_s)
-    height = light.shape[-2]
-    still = (height - 1) / 2 if middle is None else middle
-    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - still) * row_s
-    x, y = (velocity.detach().abs() * float(tau.abs().max())).tolist()
-    if differentiable(velocity) or y > STILL_PX:
-        light = mixed(light, *_lanczos_taps(-velocity[1] * tau), border)
-    if differentiable(velocity) or x > STILL_PX:
-        light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
-    return light
 
 
 def shifted_rows(

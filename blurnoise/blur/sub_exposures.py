@@ -33,15 +33,15 @@ from blurnoise._core.threads import differentiable, side_by_side, threads_for
 from blurnoise.blur.displacement import STILL_PX, Displacement, Readout
 
 SPACING_PX = 2.0
-_FINE_PX = 0.5  # spacing where rows or paths are seen
+_FINE_PX = 0.4  # spacing where rows or paths are seen
 _ALL_PLACES_PX = 0.5  # of motion along an axis, which passes all positions between two values
 _BAND, _BAND_VALUES = 16, 1 << 13  # rows at least, values at most beyond
 _STEPS = 128  # of a table of paths, to each finer value
 _LONGEST = 24  # finer values: beyond, linear interpolation widens a path by less than 0.2 %
 _MARGIN = 9  # px, for the kernels of finer values
 _LOBES = 6
-_LOST = (-0.053220, 0.026210, -0.008303)  # by a mean of linear interpolations at three times the samples
-_GIVEN_BACK = np.array([*_LOST[::-1], 1 - 2 * sum(_LOST), *_LOST])  # to 1 % up to 0.4 cycles/px
+_LOST = (-0.0268, 0.0100, -0.0033)  # by a mean of linear interpolations at three times the samples
+_GIVEN_BACK = np.array([*_LOST[::-1], 1 - 2 * sum(_LOST), *_LOST])  # to 2 % up to 0.4 cycles/px
 
 Band = tuple[slice, list[float]]
 """Rows of a window, and the times of their sub-exposures, the exposure being from -1/2 to 1/2."""
@@ -168,7 +168,7 @@ def _places(sheet: Sheet, window: Window, band: Band, factor: int, *, counted: b
     path = sheet.moves.along_path(part, np.array(times))
     for moment, time in enumerate(times):
         at = torch.sub(begins, passed, alpha=time)
-        yield at if path is None else at - factor * torch.from_numpy(path[moment]).to(at)[..., None]
+        yield at if path is None else at - factor * path[moment].to(at)[..., None]
 
 
 def _by_opencv(sheet: Sheet, window: Window, factor: int, *, covers: bool) -> Look:

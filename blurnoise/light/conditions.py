@@ -109,19 +109,13 @@ class Conditions(Generic[Number]):
 
     def part(self: Conditions[Tensor], of: list[int]) -> Conditions[Tensor]:
         """The conditions of some frames."""
-        paths = tuple(self.trajectories[item] for item in of if self.trajectories)
-        objects = cast(Any, tuple(self.objects[item] for item in of if self.objects))
-        return replace(
-            self,
-            exposure_s=self.exposure_s[of],
-            temperature_c=self.temperature_c[of],
-            white_e=self.white_e[of],
-            displacement_px=torch.as_tensor(self.displacement_px)[of],
-            trajectories=paths if any(paths) else (),
-            objects=objects if any(objects) else (),
-            flow_px=None if self.flow_px is None else self.flow_px[of],
-            variation_px=self.variation_px[of] if isinstance(self.variation_px, Tensor) else 0.0,
-        )
+        own: dict[str, Any] = {
+            name: value[of] for name, value in vars(self).items() if isinstance(value, Tensor)
+        }
+        for name in ("trajectories", "objects"):
+            each = tuple(vars(self)[name][item] for item in of if vars(self)[name])
+            own[name] = each if any(each) else ()
+        return replace(self, **own)
 
 
 def middle_of(flow_px: Tensor) -> tuple[Tensor, Tensor]:

@@ -49,9 +49,9 @@ class LightEffect(ABC):
     def bound(self, at: Conditions[float]) -> float:
         """RMS, in units of white, that leaving it out changes any picture within [0, 1] by, at most."""
 
-    @abstractmethod
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        """Return the light after the effect, of the same shape; ``light`` is not modified."""
+        """Return the light after an effect that is no blur, of the same shape; ``light`` is not modified."""
+        raise NotImplementedError
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """The effect as a blur that shares a transform with its neighbours; None, the default: see :meth:`apply`."""

@@ -50,9 +50,6 @@ class _ByTransferFunction(LightEffect):
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
         return Blur(self.optics(at.camera))
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        return convolution.exposure_blur(light, (0.0, 0.0), self.optics(at.camera), border=border)
-
     def key(self, at: Conditions[float]) -> Hashable:
         return self.optics(at.camera)
 

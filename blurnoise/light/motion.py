@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import Border, Window
 from blurnoise._core.threads import differentiable
-from blurnoise.blur import convolution, layers
+from blurnoise.blur import layers
 from blurnoise.blur.displacement import Displacement, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
@@ -148,10 +148,6 @@ class Motion(LightEffect):
         paths = tuple(one.polyline for one in each)
         return Blur(displacement_px=moved.masked_fill(elsewhere[:, None], 0.0), paths=paths)
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        own = self.blur(at)
-        return convolution.exposure_blur(light, at.displacement_px, own.optics, own.paths, border=border)
-
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Grown by half the displacement to either side, or by what the path covers; of rows, the effect of these."""
         if at.camera.row_time_s:
@@ -165,17 +161,13 @@ class Motion(LightEffect):
         length = f"{math.hypot(*at.displacement_px):.3g} px"
         if at.objects:
             return f"with the objects, {length}"
-        camera, lens = at.camera, at.camera.lens
-        apart = camera.defocus_counts_pixel or lens.field_curvature_px
-        shares = (camera.defocus_radius_px and not apart) or camera.diffraction_wavelength_um or lens.mtf
-        together = ", with the lens's" if shares else ""
         if (along := displacement(at).polyline) is not None:
             left, top, right, bottom = along.box
             extent = f"{right - left:.3g}x{bottom - top:.3g} px"
-            return f"transfer function of {len(along.shares)} segments over {extent}{together}"
+            return f"transfer function of {len(along.shares)} segments over {extent}"
         if at.variation_px:
             return f"{length} in the middle; by transfer function where its variation is not modelled"
-        return f"transfer function, {length}{together}"
+        return f"transfer function, {length}"
 
     def key(self, at: Conditions[float]) -> Hashable:
         return at.displacement_px, at.trajectories

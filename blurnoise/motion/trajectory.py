@@ -11,13 +11,14 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
@@ -37,11 +38,15 @@ _FINE = 8  # places between two readings of a rate
 
 @dataclass(frozen=True)
 class Polyline:
-    """The part of a trajectory within an exposure: knots, px from the reference position, and shares of time."""
+    """The part of a trajectory within an exposure: knots, px from the reference position, and shares of time.
+
+    knots_px: the knots (2, K) with their gradients, where they have some.
+    """
 
     x_px: tuple[float, ...]
     y_px: tuple[float, ...]
     shares: tuple[float, ...]
+    knots_px: Tensor | None = field(default=None, compare=False)
 
     @cached_property
     def knots(self) -> Floats:
@@ -144,14 +149,19 @@ class Trajectory:
 
     def seen(self, exposure_s: float, velocity_px_s: tuple[float, float] = (0.0, 0.0)) -> Polyline:
         """The part within an exposure, plus uniform motion, simplified to 0.02 px. Raises as :meth:`window` does."""
-        if np.shape(velocity_px_s) != (2,):
-            raise ValueError(f"velocity_px_s = {shown(velocity_px_s)}: must be two numbers (x, y)")
-        x, y = (limited("velocity_px_s", each) for each in velocity_px_s)
-        return _seen(self, limited("exposure_s", exposure_s), (x, y))
+        return _seen(self, limited("exposure_s", exposure_s), velocity_px_s)
 
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
         """The mean position over an exposure."""
         return _mean(*self.window(-exposure_s / 2, exposure_s / 2))
+
+    def rates_px_s(self, at_s: Floats) -> Floats:
+        """Velocity (2, ...), px/s, at times; at a knot the mean of both sides, at an end that of its one side."""
+        time, *places = self._arrays
+        step = 1e-8 * (time[-1] - time[0])
+        before, after = (np.clip(at_s + by, time[0], time[-1]) for by in (-step, step))
+        passed = [np.interp(after, time, along) - np.interp(before, time, along) for along in places]
+        return np.asarray(np.stack(passed) / (after - before))
 
     @cached_property
     def _arrays(self) -> tuple[Floats, Floats, Floats]:

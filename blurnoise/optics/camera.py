@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from itertools import combinations
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -274,6 +275,8 @@ class Camera:
 
         Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError``.
         """
+        if not isinstance(path, (str, PathLike)):
+            raise TypeError(f"path = {shown(path)}: must be a path")
         path = Path(path)
         try:
             values = camera_files.read(path)

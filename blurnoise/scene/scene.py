@@ -18,7 +18,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import Numbers, batch_shaped, image_batch, integer, limited, one_of
+from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, limited, one_of
 from blurnoise._core.threads import differentiable, no_torch_compile
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.light import effects
@@ -100,6 +100,8 @@ class ExposedScene:
         conditions: exposure_s, illuminance_lux, velocity_px_s, trajectory and temperature_c. All arguments as
         :func:`blurnoise.simulate` takes them.
         """
+        an_instance("noise", noise, bool)
+        an_instance("quantised", quantised, bool)
         at = Conditions.of(self.light, camera, illuminant=self.illuminant, objects=self._layers, **conditions)
         seeds = rng.item_seeds(generator, len(self.light))
         moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
@@ -112,20 +114,23 @@ class ExposedScene:
         planes = radiometry.planes(at.camera, self.light.shape[1])
         out = torch.empty_like(self.light[:, :planes], memory_format=torch.contiguous_format)
         for (needs, _), of in alike.items():
-            every = len(alike) == 1
-            light, some = (self.light, at) if every else (self.light[of], at.part(of))
+            every, run = len(alike) == 1, of[-1] - of[0] < len(of)
+            places: Any = slice(of[0], of[-1] + 1) if run else of  # without a copy
+            light, some = self.light[places], at if every else at.part(of)
             sensed = radiometry.on_sensor(self._through(light, some, needs), needs.camera, self.illuminant)
             own = sensed.untyped_storage().data_ptr() != light.untyped_storage().data_ptr()
+            into = sensed if own and sensed.is_contiguous() else None
             options = replace(
                 self._readout(needs, [seeds[item] for item in of]),
                 noise=noise and needs.noisy,
                 quantised=quantised,
-                out=sensed if own and sensed.is_contiguous() else None,
+                out=out[places] if run and not every else into,
             )
             dn = digitised(sensed, needs.reduced(some), options)
             if every:
                 return dn
-            out[of] = dn
+            if dn is not options.out or not run:
+                out[places] = dn
         return out
 
     def frames(self, exposures: Iterable[Exposure]) -> Iterator[Frame]:
@@ -301,7 +306,7 @@ def simulate(
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
     as :mod:`blurnoise.motion.ego` gives it for a moving camera.
     trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
-    added to the velocity, without a gradient (exposure_s's lacks up to 1 %); :func:`.convolution.path_blur` has one.
+    added to the velocity, without a gradient (exposure_s's is right to 1 %); :func:`.convolution.path_blur` has one.
     layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
     its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
     pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one

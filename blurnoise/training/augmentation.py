@@ -125,19 +125,20 @@ def expose_pictures(
 
     def pictures(taker: Amplified, items: list[int]) -> Tensor:  # all with objects, or none
         own = [cuts[item] for item in items if item in cuts]
-        moved = velocity[items]
+        of: Any = slice(None) if len(items) == batch else items  # without a copy of all
+        moved = velocity[of]
         if ego is not None:
-            moved = vehicle.flow_px_s(taker.camera, size, ego[items] / 3.6)
+            moved = vehicle.flow_px_s(taker.camera, size, ego[of] / 3.6)
         elif own:
             moved = moved * moved.new_tensor([[names[item] == "background"] for item in items])
         dn = simulate(
-            torch.cat([cut.background for cut in own]) if own else scene[items],
+            torch.cat([cut.background for cut in own]) if own else scene[of],
             taker.camera,
-            exposure_s=exposure[items],
-            illuminance_lux=lux[items],
+            exposure_s=exposure[of],
+            illuminance_lux=lux[of],
             velocity_px_s=moved,
             trajectory=[paths[item] for item in items] if paths else None,
-            temperature_c=temperature[items],
+            temperature_c=temperature[of],
             encoding="linear" if own else encoding,
             generator=[seeds[item] for item in items],
             fidelity=fidelity,
@@ -375,6 +376,8 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         if not chosen:
             return input
         seeds = params["noise_seed"][chosen].tolist()
+        if len(chosen) == len(input):
+            return self._exposed(input, params, chosen, seeds, flags)
         exposed = self._exposed(input[chosen], params, chosen, seeds, flags)
         return input.index_put((torch.tensor(chosen, device=input.device),), exposed)
 

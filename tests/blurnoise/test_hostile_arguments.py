@@ -216,3 +216,31 @@ def test_wrong_arguments_are_named_in_a_line(function: Callable[..., Any], good:
             else:
                 if isinstance(found, Tensor) and function.__module__.partition(".metrics")[1] == "":
                     assert bool(torch.isfinite(found).all()), (argument, kind)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: blurnoise.simulate(PICTURES, **LIT, noise=torch.ones(2)),
+            "noise: must be a bool, got Tensor",
+        ),
+        (
+            lambda: blurnoise.simulate(PICTURES, **LIT, quantised=PICTURES),
+            "quantised: must be a bool, got Tensor",
+        ),
+        (lambda: Camera.load(3), "path = 3: must be a path"),  # type: ignore[arg-type]
+        (
+            lambda: blurnoise.simulate(PICTURES.to_sparse(), **LIT),
+            "image: must be a dense tensor with values",
+        ),
+        (lambda: blurnoise.simulate(PICTURES.to("meta"), **LIT), "image: must be a dense tensor with values"),
+        (
+            lambda: blurnoise.motion_blur(PICTURES, torch.ones(2, device="meta")),
+            "displacement_px: must be a dense",
+        ),
+    ],
+)
+def test_no_raw_errors_of_torch_or_python(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(TypeError, match=message):
+        call()

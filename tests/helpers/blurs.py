@@ -1,4 +1,4 @@
-"""Blurs that tests need alone: by a lens, and by each pixel's displacement."""
+"""Blurs and warps that tests need alone: by a lens, by each pixel's displacement, of rows read one after another."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import one_of
+from blurnoise._core.threads import differentiable
 from blurnoise.blur.convolution import exposure_blur
+from blurnoise.blur.displacement import STILL_PX, stretch
+from blurnoise.blur.rows import _lanczos_taps, mixed, shifted_rows
 from blurnoise.blur.sub_exposures import exposed, flowing
 from blurnoise.optics.transfer import Optics
 
@@ -25,3 +28,26 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
 def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -> Tensor:
     """Blur by the lens."""
     return exposure_blur(image, (0.0, 0.0), optics, border=border)
+
+
+def warped(
+    light: Tensor,
+    velocity_px_s: Tensor | tuple[float, float],
+    row_s: float,
+    border: Border,
+) -> Tensor:
+    """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
+
+    Light is not kept: what moves along with the readout is read longer. Raises as
+    :func:`blurnoise.blur.displacement.stretch` does.
+    """
+    velocity = torch.as_tensor(velocity_px_s, dtype=light.dtype, device=light.device)
+    stretch(float(velocity[1].detach()), row_s)
+    height = light.shape[-2]
+    tau = (torch.arange(height, dtype=torch.float64, device=light.device) - (height - 1) / 2) * row_s
+    x, y = (velocity.detach().abs() * float(tau.abs().max())).tolist()
+    if differentiable(velocity) or y > STILL_PX:
+        light = mixed(light, *_lanczos_taps(-velocity[1] * tau), border)
+    if differentiable(velocity) or x > STILL_PX:
+        light = shifted_rows(light, velocity[0] * tau, border)  # of rows as they are read, hence afterwards
+    return light

@@ -231,7 +231,7 @@ def test_bound_holds() -> None:
         moved = convolution.motion_blur(light, displacement_px, method="transfer")
         at = Conditions(ROLLING, 0.01, 25.0, 100.0, displacement_px, size=SIZE)
         effect = next(each for each in effects.EFFECTS if each.name == "rolling shutter")
-        from blurnoise.blur.rows import warped
+        from blurs import warped
 
         changed = float((warped(moved, velocity, 3e-4, "reflect") - moved).square().mean().sqrt())
         assert 0.1 * effect.bound(at) < changed <= effect.bound(at)
