@@ -179,7 +179,7 @@ def test_motion_too_short_to_be_seen_is_none_along_its_axis(along: int, faint: f
 
 
 def test_gradients_reach_an_axis_along_which_nothing_moves() -> None:
-    """Not at a whole number of pixels, where interpolation has kinks that a finite difference smooths."""
+    """At rest along an axis interpolation has a kink: the gradient is that of either side, or between."""
 
     def loss(velocity: Motion | Tensor) -> Tensor:
         layer = Layer(OBJECT, MATTE, velocity)
@@ -190,9 +190,10 @@ def test_gradients_reach_an_axis_along_which_nothing_moves() -> None:
     loss(velocity).backward()
     assert velocity.grad is not None
     step = 1e-2
-    slope = float(loss((14.1, step)) - loss((14.1, -step))) / (2 * step)
-    assert abs(slope) > 0.1
-    assert float(velocity.grad[1]) == pytest.approx(slope, rel=0.02, abs=0.02)
+    before, rest, after = (float(loss((14.1, at))) for at in (-step, 0.0, step))
+    slopes = (rest - before) / step, (after - rest) / step
+    assert min(map(abs, slopes)) > 0.05
+    assert min(slopes) - 0.01 <= float(velocity.grad[1]) <= max(slopes) + 0.01
 
 
 def test_single_precision_is_as_good() -> None:
