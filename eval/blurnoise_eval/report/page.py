@@ -29,7 +29,10 @@ from blurnoise_eval.system.files import path_within, write_whole
 
 MAX_GROUPS = 12  # target groups on the page
 MAX_PICTURES = 40
-PICTURE_PX = 400  # longest side of a picture on the page
+PICTURE_PX, PICTURE_BYTES = (
+    400,
+    16_000,
+)  # longest side and JPEG of a picture, so that the page stays below 3 MB
 
 
 def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = lambda figures: None) -> Path:
@@ -106,7 +109,10 @@ def _examples(data: RunData, folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _jpeg(rgb: Any) -> str:
-    """The picture as JPEG in base64."""
+    """The picture as JPEG in base64, at the best of a few qualities with which it is small."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 70])[1].tobytes()
+    for quality in (80, 60, 40, 20):
+        encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+        if len(encoded) <= PICTURE_BYTES:
+            break
     return _base64(encoded)

@@ -101,7 +101,10 @@ def test_an_answer_is_told_with_its_reservations(tmp_path: Path) -> None:
     assert others == ["loses at most 0.012"]
     few = answer | {"few_pictures": True, "n_pictures": 24, "effective_pictures": 17.6}
     few |= {"saturated_at_recommended": 0.31}
-    assert words.answer_lines(few)[3:] == ["few: 24 pictures, which count as 17", "31 % of the picture saturated"]
+    assert words.answer_lines(few)[3:] == [
+        "few: 24 pictures, which count as 17",
+        "31 % of the picture saturated",
+    ]
     none = answer | {"verdict": "no exposure works", "limited_by": "blur and noise"}
     best = words.value_text(answer["best_value"], answer["best_low"], answer["best_high"])
     expected = f"best 64 ms: {best}, limited by motion blur and noise"
