@@ -1,7 +1,4 @@
-"""What else a run says, in words: the alarms, the warnings, the assumptions and the circumstances.
-
-Domain: confidences in [0, 1], exposures in s (written in ms). Texts are plain, never markup.
-"""
+"""What else a run says, in plain words: the alarms, the warnings, the assumptions and the circumstances."""
 
 from __future__ import annotations
 

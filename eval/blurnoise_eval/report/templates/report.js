@@ -184,4 +184,4 @@ async function load() {
   for (const select of document.querySelectorAll(".charts select")) select.addEventListener("change", draw);
   draw();
 }
-const ready = load();
+const ready = load();  // tests wait for it
