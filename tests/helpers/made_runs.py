@@ -55,7 +55,7 @@ def made_run(
         _condition(t, setting, v) for setting in settings for v in speeds for t in exposures_s
     ]
     found: dict[str, list[dict[str, Any]]] = {
-        name: [] for name in ("models", "scores", "groups", "answers", "endurances", "examples")
+        name: [] for name in ("models", "scores", "answers", "endurances", "examples")
     }
     found |= {"recommendations": [], "averages": []}
     for k, model in enumerate(models):
@@ -63,10 +63,6 @@ def made_run(
         found["scores"] += [_score(model, kind, at, best_of) for at in conditions]
         found["models"].append(_summary(model, kind, k, bool(groups)))
         for group, best in best_of.items():
-            found["groups"].append(
-                {"model": model, "group": group, "n_targets": 12}
-                | {"clean_confidence": best, "highest_confidence": best}
-            )
             for setting in settings:
                 found["answers"] += [
                     {"model": model, "group": group} | _answer(exposures_s, setting, v, best, interval)

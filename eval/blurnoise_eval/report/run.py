@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,10 +19,18 @@ from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, flat, natural
 from blurnoise_eval.answers.recommendation import curves, recommendations
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.detectors.baked import UNSEEN_SCORE
-from blurnoise_eval.grid.axes import EGO, EGO_SPEED, EXPOSURE, SPEED, Coordinate, named, velocity_of
+from blurnoise_eval.grid.axes import (
+    EGO,
+    EGO_SPEED,
+    EXPOSURE,
+    SPEED,
+    Coordinate,
+    named,
+    velocity_of,
+    velocity_text,
+)
 from blurnoise_eval.plots.style import spread
-from blurnoise_eval.report.settings import Setting, Settings, settings_of
+from blurnoise_eval.report.settings import Settings, Tested
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.documents import Stated
@@ -38,32 +46,26 @@ from blurnoise_eval.system.tables import csv_lines, finite
 
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
+TABLES = (
+    "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
+)  # fmt: skip
+"""What stands beside the page; the last two are exports of the store."""
 Row = dict[str, Any]
 Tables = Iterator[ScoreTable]
+Place = tuple[int, ...]
 
 
 class Point(NamedTuple):
-    """Mean confidence of one model in one target group and condition, with its 95 % interval if there is one."""
+    """The score of one model in one target group and condition (its places on the run's axes), with its 95 %
+    interval if there is one."""
 
     model: str
     group: str
-    setting: Setting
-    velocity_px_s: tuple[float, float]
-    exposure_s: float
-    confidence: float
+    at: Place
+    y: float
     low: float | None
     high: float | None
     n_targets: int
-
-    @property
-    def speed_px_s(self) -> float:
-        """Length of the velocity."""
-        return math.hypot(*self.velocity_px_s)
-
-    @property
-    def blur_px(self) -> float:
-        """Length of the motion during the exposure."""
-        return self.speed_px_s * self.exposure_s
 
 
 @dataclass(frozen=True)
@@ -71,18 +73,17 @@ class RunData:
     """Everything a report shows.
 
     manifest: how the run was made, and its warnings. models: a row per model, scores: per model and condition, the
-    untouched pictures first, groups: per model and target group. skipped: pictures left out, with the reason.
+    original pictures first. skipped: pictures left out, with the reason.
     answers: see :func:`~blurnoise_eval.answers.exposure_window.answer`; endurances: the rows of
     :mod:`~blurnoise_eval.answers.curves`. examples: simulated pictures on disk with their detections and targets.
     recommendations: the exposure to use per model: for all conditions, each light, each light and speed; averages:
     per model and speed the mean over lights and targets at every exposure.
-    All rows but those of models and groups carry a column per axis of ``AXES``, None for untouched pictures.
+    All rows but those of models carry a column per axis of ``AXES``, None for original pictures.
     """
 
     manifest: Row
     models: list[Row]
     scores: list[Row]
-    groups: list[Row]
     skipped: list[Row]
     answers: list[Row]
     endurances: list[Row]
@@ -96,22 +97,15 @@ class RunData:
         row = self.manifest["criterion"]
         return Criterion(row["level"], row["kept"], row["score"])
 
-    @property
-    def searched(self) -> Sequence[str]:
-        """How a search found the answers, which then are no measurements; none of a grid."""
-        words: Sequence[str] = self.manifest.get("searched", ())
-        return words
-
-    @property
+    @cached_property
     def exposed_scores(self) -> list[Row]:
         """The scores of exposed pictures."""
         return [row for row in self.scores if not row["clean"]]
 
-    @property
-    def taken(self) -> Sequence[Row]:
-        """How pictures were taken: a row per condition, with the gain that was applied; of a search the conditions
-        that it asked for, whose scores are not shown."""
-        return self.manifest.get("taken") or self.exposed_scores
+    @cached_property
+    def clean_scores(self) -> dict[str, Row]:
+        """The scores of each model in the original pictures."""
+        return {row["model"]: row for row in self.scores if row["clean"]}
 
     @property
     def found_from(self) -> float:
@@ -125,33 +119,44 @@ class RunData:
         return max([1.0, *(float(answer["best_value"]) for answer in self.answers)])
 
     @cached_property
-    def exposed(self) -> list[Row]:
-        """The rows of one setting and velocity each: answers, and scores of exposed pictures."""
-        return [*self.answers, *self.exposed_scores]
-
-    @cached_property
     def settings(self) -> Settings:
         """The settings that were tested."""
-        return settings_of(self.exposed)
-
-    @cached_property
-    def velocities_px_s(self) -> list[tuple[float, float]]:
-        """The velocities that were tested, the slow ones first."""
-        return sorted({velocity_of(row) for row in self.exposed}, key=lambda each: (math.hypot(*each), each))
+        return Settings([*self.answers, *self.exposed_scores])
 
     @cached_property
     def speed(self) -> Coordinate:
         """How fast a row's picture moves: in px/s or, where a vehicle carries the camera, that in km/h."""
-        return EGO_SPEED if any(row[EGO.name] for row in self.exposed) else SPEED
+        return EGO_SPEED if any(row[EGO.name] for row in (*self.answers, *self.exposed_scores)) else SPEED
 
     @cached_property
-    def exposures_s(self) -> list[float]:
-        """The exposures that were tested, of a grid those of the grid: at others only the ends of some windows
-        were refined."""
-        scored = {row["exposure_s"] for row in self.exposed_scores}
-        every = scored.union(*(answer["exposures_s"] for answer in self.answers))
-        grid = self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ())
-        return sorted(every.intersection(grid) or every)
+    def axes(self) -> tuple[Tested, ...]:
+        """Exposure, velocity (the slow ones first), light, and what else varies."""
+        exposures = {row["exposure_s"] for row in self.exposed_scores}
+        exposures = exposures.union(*(answer["exposures_s"] for answer in self.answers))
+        own = exposures.intersection(self.manifest.get("plan", {}).get("grid", {}).get(EXPOSURE.name, ()))
+        grid = sorted(own or exposures)
+        velocities = {velocity_of(row) for row in (*self.answers, *self.exposed_scores)}
+        motions = sorted(velocities, key=lambda each: (math.hypot(*each), each))
+        speeds, texts = tuple(math.hypot(*v) for v in motions), tuple(map(velocity_text, motions))
+        return (
+            Tested.of(EXPOSURE, [*grid, *sorted(exposures.difference(grid))], len(grid)),
+            Tested(SPEED, tuple(motions), speeds, texts, len(motions)),
+            *(
+                Tested.of(axis, sorted({setting[place] for setting in self.settings.every}))
+                for place, axis in enumerate(self.settings.axes)
+            ),
+        )
+
+    @cached_property
+    def _places(self) -> list[dict[Any, int]]:
+        return [{value: place for place, value in enumerate(tested.values)} for tested in self.axes]
+
+    def at(
+        self, row: Mapping[str, Any], exposure_s: float | None, velocity: object = None
+    ) -> tuple[int | None, ...]:
+        """The places of a row's setting, and of this exposure and velocity (None: of none), on the run's axes."""
+        values = exposure_s, velocity, *self.settings.of(row)
+        return tuple(places.get(value) for places, value in zip(self._places, values, strict=True))
 
     @cached_property
     def model_names(self) -> list[str]:
@@ -159,27 +164,20 @@ class RunData:
         return [model["name"] for model in self.manifest["models"]]
 
     @cached_property
-    def one_velocity_per_speed(self) -> bool:
-        """Whether no two velocities share a speed, so that a line over speed is one line."""
-        return len(self.velocities_px_s) == len({math.hypot(*each) for each in self.velocities_px_s})
-
-    @cached_property
     def points(self) -> list[Point]:
         """The measured points of all answers; none where nothing was measured."""
         found = []
         for answer in self.answers:
             unknown = [None] * len(answer["exposures_s"])
-            columns = (
-                answer["exposures_s"],
-                answer["confidence"],
-                answer["low"] or unknown,
-                answer["high"] or unknown,
-            )
-            where = answer["model"], answer["group"], self.settings.of(answer), velocity_of(answer)
-            for exposure_s, *values in zip(*columns, strict=True):
-                mean, low, high = map(finite, values)
-                if mean is not None:
-                    found.append(Point(*where, exposure_s, mean, low, high, answer["n_targets"]))
+            columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
+            velocity = velocity_of(answer)
+            for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
+                y, low, high = map(finite, values)
+                if y is not None:
+                    at: Any = self.at(answer, exposure_s, velocity)
+                    found.append(
+                        Point(answer["model"], answer["group"], at, y, low, high, answer["n_targets"])
+                    )
         return found
 
     def largest_groups(self, count: int) -> list[str]:
@@ -190,32 +188,14 @@ class RunData:
         kept = sorted(sizes, key=lambda group: -sizes[group])[:count]
         return [group for group in sizes if group in kept]
 
-    def clean_confidence(self, model: str, group: str) -> float | None:
-        """Mean confidence of a model in a group on the untouched pictures, None where they were not run."""
-        rows = (row for row in self.groups if (row["model"], row["group"]) == (model, group))
-        return next((finite(row["clean_confidence"]) for row in rows), None)
-
-    def unseen_below(self, model: str, group: str) -> float | None:
-        """The lowest score that ever leaves a model's graph, where confidence is drawn, as the share of the untouched
-        pictures' if that is; None where it hides nothing."""
-        about = next(each for each in self.manifest["models"] if each["name"] == model)
-        lowest = (about.get("baked") or {}).get("lowest_score")
-        if lowest is None or lowest < UNSEEN_SCORE or self.criterion.score != CONFIDENCE:
-            return None
-        clean = self.clean_confidence(model, group) if self.criterion.kept else 1.0
-        return float(lowest) / clean if clean else None
-
     def spread_examples(self, count: int) -> list[Row]:
-        """At most ``count`` examples, evenly spread over the conditions; each condition with all models, if it can.
-
-        In the order of pictures and conditions; the models of one condition side by side, in the run's order.
-        """
-        per_condition: dict[str, list[Row]] = {example["path"]: [] for example in self.examples}
-        for example in sorted(self.examples, key=lambda each: self.model_names.index(each["model"])):
-            per_condition[example["path"]].append(example)
-        models = max(map(len, per_condition.values()), default=1)
-        kept = spread(per_condition, max(1, count // models))
-        return [example for path in kept for example in per_condition[path]][:count]
+        """At most about ``count`` examples, of conditions that are evenly spread, each with all models."""
+        paths = list(dict.fromkeys(example["path"] for example in self.examples))
+        kept = spread(paths, max(1, count // max(1, len(self.model_names))))
+        chosen = (example for example in self.examples if example["path"] in kept)
+        return sorted(
+            chosen, key=lambda each: (kept.index(each["path"]), self.model_names.index(each["model"]))
+        )
 
 
 def read_run(
@@ -279,7 +259,6 @@ def read_run(
         manifest,
         model_rows(manifest["models"], scored.rows, scored.performances, found_curves, grid_s, labelled),
         scored.rows,
-        queries.groups(store),
         store.skipped(),
         found_answers,
         found_curves,
@@ -308,15 +287,9 @@ def write_tables(data: RunData, folder: Path) -> list[Path]:
     """Write answers.csv, scores.csv (a row per model and condition), curves.csv (a row per curve), models.csv,
     recommendations.csv (the exposure to use: for all conditions, each light, each light and speed), and
     conditions.json, which the training augmentation draws from."""
-    written: dict[str, list[Row]] = {
-        "answers.csv": [flat(row) for row in data.answers],
-        "scores.csv": data.scores,
-        "curves.csv": [
-            {name: row[name] for name in row if name not in ("x", "confidence")} for row in data.endurances
-        ],
-        "models.csv": data.models,
-        "recommendations.csv": data.recommendations,
-    }
+    curves = [{name: row[name] for name in row if name not in ("x", "confidence")} for row in data.endurances]
+    rows_of = [data.recommendations, [flat(row) for row in data.answers], data.models, data.scores, curves]
+    written = dict(zip(TABLES, rows_of, strict=False))
     for name, rows in written.items():
         lines = csv_lines(list(rows[0]) if rows else [], map(named, rows))
         write_whole(folder / name, (line.encode("utf-8") for line in lines))

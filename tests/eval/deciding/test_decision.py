@@ -190,7 +190,7 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector: Detector, tmp_pa
     assert done.decided is not None
     assert ["dark current" in reason for reason in done.decided["because"]] == [True]
     assert "A grid of 10 conditions, not a search: dark current" in done.how()[0]
-    assert len(done.data.exposures_s) == 5  # half a stop apart
+    assert done.data.axes[0].count == 5  # half a stop apart
     assert {len(row["exposures_s"]) for row in done.answers} <= {5, 6}  # and the best one refined
     with Store(tmp_path) as store:
         assert not any(batch.places for batch in asked(store))

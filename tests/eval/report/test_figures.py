@@ -10,12 +10,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.grid.axes import BLUR, SPEED, axis
 from blurnoise_eval.plots import annotate as pictures
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report import figures, words
-from blurnoise_eval.report.figures import MOVES_AS, common_windows, latency_robustness, pareto_front
-from blurnoise_eval.report.page import figures_of
+from blurnoise_eval.report.figures import figures_of, latency_robustness, pareto_front, score_curves
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.views import common_windows, views
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import EXPOSURES_S, THRESHOLD, made_run
@@ -27,47 +27,41 @@ def _lines(figure: Any, panel: int) -> dict[str, tuple[list[float], list[float]]
     return {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in lines}
 
 
+def _drawn(data: RunData, word: str) -> Any:
+    """The figure of the view of this name."""
+    return score_curves(data, next(view for view in views(data) if view.word == word))
+
+
 def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=0)
     answer = data.answers[3]  # 100 px sign, 200 lux, 600 px/s
-    by_exposure = _lines(figures.confidence_exposure(data), 1)
+    by_exposure = _lines(_drawn(data, "exposure"), 1)
     assert by_exposure["600 px/s"] == (pytest.approx([1, 4, 16, 64]), answer["confidence"])
-    for figure, x in (
-        (figures.confidence_over(data, BLUR), [0, 0.004 * 600]),
-        (figures.confidence_over(data, SPEED), [0, 600]),
-    ):
-        lines = _lines(figure, 1)
+    for word, x in (("blur", [0, 0.004 * 600]), ("speed", [0, 600])):
+        lines = _lines(_drawn(data, word), 1)
         assert set(lines) == {"1 ms", "4 ms", "16 ms", "64 ms"}
-        assert lines["4 ms"] == (
-            pytest.approx(x),
-            [data.answers[2]["confidence"][1], answer["confidence"][1]],
-        )
-    assert "only the speed changes" in figures.confidence_over(data, BLUR).get_supxlabel()
+        expected = [data.answers[2]["confidence"][1], answer["confidence"][1]]
+        assert lines["4 ms"] == (pytest.approx(x), expected)
+    assert "only the speed changes" in _drawn(data, "blur").get_supxlabel()
 
 
-def test_what_never_leaves_a_graph_is_grey(tmp_path: Path) -> None:
-    """Of the model whose lowest score is 0.25, not of those that hide nothing; the note says what grey is."""
-    data = made_run(tmp_path, n_examples=0, models=("first", "second"))
-    limits = {"pictures": 8, "lowest_score": 0.25, "most_boxes": 30, "greatest_iou": 0.6}
-    data.manifest["models"][0]["baked"] = limits
-    data.manifest["models"][1]["baked"] = {**limits, "lowest_score": 0.0012}
-    figure = figures.confidence_exposure(data)
-    bands = [[patch.get_bbox().y1 for patch in axes.patches] for axes in figure.axes]
-    assert bands[0] == [0.25]
-    assert bands[4] == []
-    assert "Grey: below the lowest score that leaves the graph." in figure.get_supxlabel()
-    other = made_run(tmp_path / "other", n_examples=0)
-    assert other.unseen_below("yolox-nano", other.answers[0]["group"]) is None
+def test_exposures_beyond_the_grid_refine_the_curves_over_exposure_alone(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0)
+    grid = {"plan": {"grid": {"exposure_s": (0.001, 0.016, 0.064)}}}
+    data = replace(data, manifest=data.manifest | grid)
+    assert data.axes[0].values == (0.001, 0.016, 0.064, 0.004)
+    assert _lines(_drawn(data, "exposure"), 1)["0 px/s"][0] == pytest.approx([1, 4, 16, 64])
+    assert set(_lines(_drawn(data, "blur"), 1)) == {"1 ms", "16 ms", "64 ms"}
 
 
 def test_every_model_has_its_own_panels(tmp_path: Path) -> None:
-    one = figures.confidence_exposure(made_run(tmp_path, n_examples=0))
-    assert one.axes[0].get_title() == "stop sign 100 px, 10 lux (n = 12)"
+    one = _drawn(made_run(tmp_path, n_examples=0), "exposure")
+    assert one.axes[0].get_title() == "stop sign 100 px\n10 lux · n = 12"
     data = made_run(tmp_path, n_examples=0, models=("first", "second"))
-    figure = figures.confidence_exposure(data)
+    figure = _drawn(data, "exposure")
     titles = [axes.get_title() for axes in figure.axes]
-    assert titles[0] == "first\nstop sign 100 px, 10 lux (n = 12)"
-    assert titles[4] == "second\nstop sign 100 px, 10 lux (n = 12)"
+    assert titles[0] == "first\nstop sign 100 px\n10 lux · n = 12"
+    assert titles[4] == "second\nstop sign 100 px\n10 lux · n = 12"
     second = next(a for a in data.answers if a["model"] == "second")
     assert _lines(figure, 4)["0 px/s"][1] == second["confidence"]
 
@@ -85,23 +79,17 @@ def test_panels_are_capped_and_what_is_left_out_is_said(
         n_examples=0,
         models=tuple(f"model {i}" for i in range(n_models)),
     )
-    figure = figures.confidence_exposure(data)
+    figure = _drawn(data, "exposure")
     shown = [axes.get_title() for axes in figure.axes if axes.get_title()]
     assert 1 < len(shown) <= figures.MAX_PANELS
-    note = figure.get_supxlabel()
-    assert (f"of {n_groups} target groups shown" in note) == all(
-        "class 1," not in title for title in shown
-    ) or (n_groups == 60)
-    assert (f"of {n_models} models shown" in note) == (n_models > figures.MAX_PANELS)
-    assert (f"of {n_lights} light levels shown" in note) == (
-        len({title.split(", ")[1].split(" (")[0] for title in shown}) < n_lights
-    )
+    every = n_models * n_groups * n_lights
+    assert f"{len(shown)} of {every} panels shown" in figure.get_supxlabel()
 
 
 def test_a_further_axis_has_a_figure_of_its_own(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=0, f_numbers=(1.4, 2.0, 2.8), temperatures_c=(25.0, 85.0))
-    figure = figures.confidence_over(data, axis("f_number"))
-    assert figure.axes[3].get_title() == "stop sign 100 px\n200 lux · 85 °C (n = 12)"
+    figure = _drawn(data, "f-number")
+    assert figure.axes[3].get_title() == "stop sign 100 px\n200 lux · 85 °C · n = 12"
     own = [
         a for a in data.answers
         if (a["group"], a["illuminance_lux"], a["temperature_c"]) == ("stop sign 100 px", 200.0, 85.0)
@@ -110,18 +98,8 @@ def test_a_further_axis_has_a_figure_of_its_own(tmp_path: Path) -> None:
     assert _lines(figure, 3)["4 ms"] == ([1.4, 2.0, 2.8], [a["confidence"][1] for a in own])
     assert figure.axes[0].get_xscale() == "log"
     assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
-    assert figure.get_supxlabel().splitlines()[0] == "f-number"
-    assert "At 600 px/s, one of 2 velocities." in figure.get_supxlabel()
-    warm = figures.confidence_over(data, axis("temperature_c"))
-    assert warm.axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 (n = 12)"
-    assert "4 of 6 settings shown." in warm.get_supxlabel()
-    assert "4 of 12 settings shown." in figures.confidence_over(data, SPEED).get_supxlabel()
-
-
-def test_what_is_held_where_it_usually_is_not_is_said(tmp_path: Path) -> None:
-    assert "Held" not in figures.confidence_over(made_run(tmp_path, n_examples=0), SPEED).get_supxlabel()
-    warm = made_run(tmp_path, n_examples=0, temperatures_c=(85.0,))
-    assert "Held: 85 °C." in figures.confidence_over(warm, SPEED).get_supxlabel()
+    assert figure.get_supxlabel().splitlines()[:2] == ["f-number", "Held: 600 px/s."]
+    assert _drawn(data, "temperature").axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 · n = 12"
 
 
 def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) -> None:
@@ -132,26 +110,24 @@ def test_points_of_one_speed_in_two_directions_are_not_joined(tmp_path: Path) ->
         if a["velocity_x_px_s"]
     ]
     both = replace(data, answers=data.answers + turned)
-    labelled = [
-        line for line in figures.confidence_over(both, SPEED).axes[0].lines if "ms" in line.get_label()
-    ]
+    labelled = [line for line in _drawn(both, "speed").axes[0].lines if "ms" in line.get_label()]
     assert {line.get_linestyle() for line in labelled} == {"None"}
-    assert "(0, 600) px/s" in _lines(figures.confidence_exposure(both), 0)
+    assert "(0, 600) px/s" in _lines(_drawn(both, "exposure"), 0)
 
 
 def test_latency_against_robustness_fills_the_front(tmp_path: Path) -> None:
     data = made_run(tmp_path, n_examples=0, models=("a", "b", "c"))
     data.models[2] |= {"latency_ms": 40.0}  # slowest and worst
-    data.models[1]["rpc"] = None
-    by_label = {axes.get_ylabel(): axes for axes in latency_robustness(data).axes}
-    assert set(by_label) == {"AUC over exposure", "AUC over blur", "rPC"}
-    dots = [line for line in by_label["AUC over blur"].lines if line.get_marker() == "o"]
+    (axes,) = latency_robustness(data).axes
+    dots = [line for line in axes.lines if line.get_marker() == "o"]
     filled = {line.get_xdata()[0]: line.get_markerfacecolor() != "white" for line in dots}
     assert filled == {30.0: True, 22.0: True, 40.0: False}
-    assert [text.get_text() for text in by_label["rPC"].texts] == ["a", "c"]
+    data.models[1]["mpc"] = None
+    (axes,) = latency_robustness(data).axes
+    assert [text.get_text() for text in axes.texts] == ["a", "c"]
     for row in data.models:
         row["latency_ms"] = None
-    assert "No two models" in latency_robustness(data).axes[0].texts[0].get_text()
+    assert "latency_robustness.png" not in figures_of(data)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +178,6 @@ def test_examples_keep_the_models_of_a_condition_together(tmp_path: Path) -> Non
     kept = data.spread_examples(16)
     assert [example["model"] for example in kept] == ["first", "second", "third"] * 5
     assert all(len({example["path"] for example in kept[i : i + 3]}) == 1 for i in range(0, 15, 3))
-    assert len(data.spread_examples(2)) == 2
     assert replace(data, examples=[]).spread_examples(2) == []
 
 
@@ -251,37 +226,20 @@ def test_what_was_read_is_written_at_its_box(tmp_path: Path) -> None:
 
 
 def test_a_line_for_each_of_what_moves_over_speed(tmp_path: Path) -> None:
-    """Of two models the largest group at three exposures, under the brightest light, each line with its interval."""
+    """A panel per exposure, at the middle light; only of runs in which several things move."""
     speeds = (0.0, 300.0, 600.0)
-    data = made_run(tmp_path, n_examples=0, models=("first", "second"), speeds=speeds, moves=(0.0, 1.0, 2.0))
-    figure = figures.score_moves(data)
-    assert len([axes for axes in figure.axes if axes.lines]) == 2 * 3
-    beside = {label: 0.018 * 600 * (place - 1) for place, label in enumerate(dict(MOVES_AS))}
-    for place, exposure_s in enumerate((EXPOSURES_S[0], EXPOSURES_S[2], EXPOSURES_S[3])):
-        lines = _lines(figure, place)
-        assert list(lines) == list(dict(MOVES_AS))
-        assert "200 lux" in figure.axes[place].get_title()
-        bars = [line for line in figure.axes[place].lines if len({*line.get_xdata()}) == 1]
-        assert len(bars) == 3 * len(speeds)
-        for kind, label in enumerate(lines):
-            answers = [
-                answer
+    data = made_run(tmp_path, n_examples=0, speeds=speeds, moves=(0.0, 1.0, 2.0))
+    figure = figures_of(data)["score_moves.png"](data)
+    assert "Held: 200 lux." in figure.get_supxlabel()
+    for place, exposure_s in enumerate(EXPOSURES_S):
+        assert figure.axes[place].get_title().startswith(f"stop sign 100 px\n{1e3 * exposure_s:g} ms")
+        for kind, (x, scores) in enumerate(_lines(figure, place).values()):
+            expected = [
+                answer["confidence"][place]
                 for answer in data.answers
-                if (answer["model"], answer["group"]) == ("first", "stop sign 100 px")
-                and (answer["moves"], answer["illuminance_lux"]) == (kind, 200.0)
+                if (answer["group"], answer["moves"]) == ("stop sign 100 px", kind)
+                and answer["illuminance_lux"] == 200.0
             ]
-            expected = [answer["confidence"][EXPOSURES_S.index(exposure_s)] for answer in answers]
-            x, scores = lines[label]
-            assert (x, scores) == ([speed + beside[label] for speed in speeds], expected)
-            at = EXPOSURES_S.index(exposure_s)
-            drawn = [tuple(bar.get_ydata()) for bar in bars[kind * len(speeds) : (kind + 1) * len(speeds)]]
-            assert drawn == [(answer["low"][at], answer["high"][at]) for answer in answers]
-    assert "3 of 4 exposures shown" in figure.get_supxlabel()
-    assert "1 of 2 settings shown" in figure.get_supxlabel()
-
-
-def test_a_figure_of_what_moves_is_of_runs_that_have_several(tmp_path: Path) -> None:
-    several = made_run(tmp_path, n_examples=0, moves=(0.0, 2.0))
-    assert "score_moves.png" in figures_of(several)
-    assert "confidence_moves.png" not in figures_of(several)  # names have no places on an axis
+            assert (x, scores) == (list(speeds), expected)
+        assert list(_lines(figure, place)) == ["all moves", "targets move", "background moves"]
     assert "score_moves.png" not in figures_of(made_run(tmp_path, n_examples=0))

@@ -75,9 +75,7 @@ def test_the_table_is_light_by_speed(tmp_path: Path) -> None:
     assert [name for name, _ in told.rows] == ["10 lux", "200 lux"]
     (_, dim), (_, bright) = told.rows
     assert [cell and cell.text for cell in bright] == ["4 ms 0.90 sure", "64 ms 0.95 sure", "4 ms 0.88 sure"]
-    assert [cell and cell.use for cell in dim][1:] == ["64 ms", "16 ms"]
-    assert bright[0] is not None
-    assert bright[0].gain == "6 dB"
+    assert [cell and cell.text.partition(" ms")[0] for cell in dim][1:] == ["64", "16"]
     assert told.legend == "sure: reaches at least 0.6 (95 %); no: surely less; ?: cannot tell"
 
 

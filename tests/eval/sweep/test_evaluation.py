@@ -19,7 +19,7 @@ from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.report.page import TABLES
+from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import latency, model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine

@@ -1,78 +1,178 @@
-let panels = [], mapAxes = ["exposure", "blur"];
+"use strict";
+// The curves and heat maps. Every row has its places on the axes of the run: at = [exposure, velocity, light, ...].
+// A view goes along one axis and has a line for each value of another; all other axes stand where their selects say.
+const EXPOSURE = 0, VELOCITY = 1;
+const byId = id => document.getElementById(id);
+const run = JSON.parse(byId("numbers").textContent);
+const {axes, views, measures} = run;
+const rowsOf = rows => rows.map(([place, y, low, high, n]) => ({at: run.conditions[place], y, low, high, n}));
+const series = run.series.map(([measure, model, group, clean, rows]) => ({measure, model, group, clean, rows: rowsOf(rows)}));
+const models = [...document.querySelectorAll(".models thead th")].slice(1).map(head => head.textContent);
+const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+// Only buttons that work offline: the library would otherwise offer to upload the chart.
+const config = {responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
+  modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]]};
+const layout = {font: {family: "system-ui, sans-serif", size: 13, color: colour("ink")}, paper_bgcolor: colour("paper"),
+  plot_bgcolor: colour("paper"), hoverlabel: {align: "left"}, hovermode: "closest", showlegend: false, dragmode: false, margin: {l: 52, r: 12, t: 30, b: 46}};
+const axisStyle = {gridcolor: colour("line"), zeroline: false, showline: true, linecolor: colour("soft"), automargin: true};
+const short = (value, digits = 3) => String(Number(value.toPrecision(digits)));
+const several = axis => axes[axis].count > 1;
 
+const blurOf = at => axes[VELOCITY].x[at[VELOCITY]] * axes[EXPOSURE].x[at[EXPOSURE]] / 1e3;
+const height = blur => blur < 1 ? blur : 1 + Math.log10(blur);  // blur is drawn linear below 1 px, logarithmic above
+const ofBlur = view => view.scale === "symlog";
+const xOf = (view, at) => ofBlur(view) ? height(blurOf(at)) : axes[view.along].x[at[view.along]];
+const xAxis = ({title, scale, ticks, range}) => ({...axisStyle, title: {text: title}, range,
+  type: scale === "log" ? "log" : "linear",
+  ...(ticks ? {tickvals: ticks.map(tick => tick[0]), ticktext: ticks.map(tick => tick[1])}
+    : scale === "log" ? {dtick: "D2", tickformat: "~g"} : {})});
+
+// What is chosen; the axes that a chart does not use stand at the value of their select.
 function chosen() {
-  const value = id => byId(id) ? byId(id).value : "0";
-  const measure = value("measure") === "confidence" ? null : Number(value("measure"));
-  const view = views[document.querySelector("#views [aria-pressed=true]").dataset.view], lines = Number(value("lines"));
-  const [across, up] = [value("across"), value("up")];
-  return {view, lines, measure, group: Number(value("group")), model: value("model"), across, up,
-    fixed: fixedBut([view.along, lines]), mapFixed: fixedBut(mapUses(across, up)),
-    name: measure === null ? run.shown : run.measures[measure].name};
+  const value = id => Number(byId(id)?.value ?? 0);
+  const view = views[value("view")], up = views[value("up")], measure = value("measure");
+  const besides = used => axes.map((_, axis) => axis).filter(axis => !used.includes(axis));
+  return {view, up, measure, group: measure ? 0 : value("group"),
+    held: besides([view.along, view.lines]), mapHeld: besides([EXPOSURE, up.along])};
+}
+const selectOf = axis => document.querySelector(`[data-axis="${axis}"]`);
+const standing = (rows, held) => rows.filter(({at}) => held.every(axis => at[axis] === Number(selectOf(axis)?.value ?? 0)));
+const seriesOf = (model, {measure, group}) =>
+  series.find(each => each.measure === measure && each.model === model && each.group === group) ?? {clean: null, rows: []};
+
+function hover({at, y, low, high, n}, {measure}) {
+  const interval = low === null || high === null ? "" : ` (95 %: ${low.toFixed(2)} to ${high.toFixed(2)})`;
+  const [exposure, speed, ...setting] = axes.map(({texts}, axis) => texts[at[axis]]);
+  return `${measures[measure].name} ${y.toFixed(3)}${interval}<br>exposure ${exposure}<br>`
+    + `speed ${speed}, blur ${short(blurOf(at))} px<br>${setting.join(" · ")}<br>${n} ${measure ? "pictures" : "targets"}`;
 }
 
-function layPanels(model) {
-  const shown = model === "all" ? models.map((_, index) => index) : [Number(model)];
-  if (shown.join() === panels.map(panel => panel.model).join()) return;
-  for (const panel of panels) for (const plot of [panel.curve, panel.map]) Plotly.purge(plot);
-  byId("curves").replaceChildren();
-  byId("maps").replaceChildren();
-  panels = shown.map(index => {
-    const title = models[index] ?? "";
-    const {plot: curve, remark} = addPanel(byId("curves"), title, "curve");
-    return {model: index, curve, remark, map: addPanel(byId("maps"), title, "map").plot};
+function lineTraces(line, name, colour, now) {
+  const {view} = now, x = line.map(p => xOf(view, p.at)), traces = [];
+  const bounded = line.filter(p => p.low !== null && p.high !== null), ends = bounded.map(p => xOf(view, p.at));
+  if (view.bands && bounded.length > 1) traces.push({x: [...ends, ...ends.toReversed()],
+    y: [...bounded.map(p => p.low), ...bounded.map(p => p.high).reverse()],
+    fill: "toself", fillcolor: colour + "26", line: {width: 0}, mode: "lines", hoverinfo: "skip"});
+  traces.push({x, y: line.map(p => p.y), text: line.map(p => `${name}<br>${hover(p, now)}`),
+    hovertemplate: "%{text}<extra></extra>", mode: view.joined ? "lines+markers" : "markers",
+    marker: {color: colour, size: 6}, line: {color: colour, width: 2},
+    error_y: {type: "data", visible: !view.bands && bounded.length > 0, symmetric: false, thickness: 0.8, width: 0, color: colour + "88",
+      array: line.map(p => (p.high ?? p.y) - p.y), arrayminus: line.map(p => p.y - (p.low ?? p.y))}});
+  return traces;
+}
+
+// Bars below zero: windows of each line, and the intervals of their ends.
+function windowBars(model, now) {
+  const bars = [], ms = axes[EXPOSURE].x, [first, last] = [Math.min(...ms) / 1e3, Math.max(...ms) / 1e3];
+  for (const [of, group, at, low, high, sure, bounds] of run.windows) {
+    const line = at[now.view.lines], y = -0.05 - 0.035 * line, colour = axes[now.view.lines].colours[line];
+    if (of !== model || group !== now.group || !standing([{at}], now.held).length) continue;
+    const bar = (from, to, half, opacity) => bars.push({type: "rect", x0: 1e3 * from, x1: 1e3 * to, y0: y - half, y1: y + half,
+      line: {width: 1, color: colour}, fillcolor: colour, opacity});
+    bar(low, high, 0.011, sure ? 1 : 0.35);
+    for (const [from, to] of bounds) if (from !== null || to !== null) bar(from ?? first, to ?? last, 0.002, 1);
+  }
+  return bars;
+}
+
+function drawCurve(panel, now) {
+  const {view, measure} = now, {texts, colours, count} = axes[view.lines], {clean, rows} = seriesOf(panel.model, now);
+  const here = standing(rows, now.held), traces = [], shapes = [];
+  const level = (y, dash) => shapes.push({type: "line", xref: "paper", x0: 0, x1: 1, y0: y, y1: y, line: {color: colour("soft"), width: 1.2, dash}});
+  if (!measure) level(run.threshold, "dash");
+  if (clean !== null) level(clean, "dot");
+  for (let index = 0; index < count; index++) {
+    const line = here.filter(p => p.at[view.lines] === index).sort((a, b) => xOf(view, a.at) - xOf(view, b.at));
+    if (line.length) traces.push(...lineTraces(line, texts[index], colours[index], now));
+  }
+  const bars = !measure && view.along === EXPOSURE ? count : 0, most = measures[measure].most;
+  if (bars) shapes.push(...windowBars(panel.model, now));
+  const yaxis = {...axisStyle, showline: false, title: {text: measures[measure].name}, range: [(-0.05 - 0.035 * bars) * most, 1.05 * most],
+    ...(measure ? {} : {tickvals: [0, 0.2, 0.4, 0.6, 0.8, 1]})};
+  Plotly.react(panel.curve, traces, {...layout, xaxis: xAxis(view), yaxis, shapes}, config);
+}
+
+// A heat map has a column per exposure; up, a tile around each tested value, its edges half-way to its neighbours.
+function tilesOf(rows, up) {
+  const speeds = [...new Set(axes[VELOCITY].x)].sort((a, b) => a - b);
+  const place = at => ofBlur(up) ? height(blurOf(at)) : up.along === VELOCITY ? speeds.indexOf(xOf(up, at)) : at[up.along];
+  const labels = up.along === VELOCITY ? speeds.map(String) : axes[up.along].texts, most = ofBlur(up) ? 0.25 : 0.5, tiles = [];
+  for (let column = 0; column < axes[EXPOSURE].count; column++) {
+    const own = rows.filter(p => p.at[EXPOSURE] === column), places = [...new Set(own.map(p => place(p.at)))].sort((a, b) => a - b);
+    places.forEach((y, i) => {
+      const same = own.filter(p => place(p.at) === y), reach = other => Math.min(most, Math.abs((other ?? Infinity) - y) / 2);
+      tiles.push({column, from: y - reach(places[i - 1]), to: y + reach(places[i + 1]), p: same[0], several: same.length,
+        value: same.reduce((sum, p) => sum + p.y, 0) / same.length});
+    });
+  }
+  return {tiles, labels};
+}
+
+function drawMap(panel, now) {
+  const {up, measure} = now, {name, better, most} = measures[measure], exposures = axes[EXPOSURE];
+  const {tiles, labels} = tilesOf(standing(seriesOf(panel.model, now).rows, now.mapHeld), up);
+  const t = Math.min(Math.max(run.threshold / most, 0.01), 0.99);
+  const colorscale = !measure ? [[0, "#8c4a0b"], [t - 0.001, "#fbeedd"], [t, "#d5e5f1"], [1, "#1f5f99"]]
+    : better === "lower" ? [[0, "#faf5ee"], [1, "#8c4a0b"]] : [[0, "#f1f5f9"], [1, "#1f5f99"]];
+  // A tile cannot tell where its interval holds the threshold, or there is none.
+  const unsure = ({p, several}) => !measure && several === 1 && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
+  const text = ({p, several, value}) => (several > 1 ? `mean of ${several} conditions: ${value.toFixed(3)}<br>` : "") + hover(p, now);
+  const thinned = (texts, every) => ({tickvals: texts.map((_, i) => i).filter(i => i % every === 0), ticktext: texts.filter((_, i) => i % every === 0)});
+  const columns = exposures.texts.slice(0, exposures.count).map(label => label.replace(" ms", ""));
+  Plotly.react(panel.map, [{type: "bar", x: tiles.map(({column}) => column), width: 0.96,
+    base: tiles.map(({from}) => from), y: tiles.map(({from, to}) => to - from),
+    text: tiles.map(tile => tile.value.toFixed(2) + (unsure(tile) ? "?" : "")), customdata: tiles.map(text),
+    texttemplate: "%{text}", hovertemplate: "%{customdata}<extra></extra>", textposition: "inside", insidetextanchor: "middle", textangle: 0,
+    marker: {color: tiles.map(tile => tile.value), colorscale, cmin: 0, cmax: most, line: {color: "#fff", width: 0.8}}}], {
+    ...layout, barmode: "overlay", uniformtext: {minsize: 10, mode: "hide"},
+    xaxis: {...axisStyle, title: {text: views[0].title}, showgrid: false, ...thinned(columns, Math.ceil(columns.length / 12))},
+    yaxis: {...xAxis(up), type: "linear", showgrid: false, ...(ofBlur(up) ? {range: [up.range[0] - 0.2, up.range[1] + 0.2]} : {range: [-0.5, labels.length - 0.5], ...thinned(labels, Math.ceil(labels.length / 16))})}}, config);
+}
+
+function addPlot(parent, title, kind) {
+  const figure = document.createElement("figure"), plot = document.createElement("div");
+  if (title) figure.append(Object.assign(document.createElement("h3"), {textContent: title}));
+  plot.className = `plot ${kind}`;
+  figure.append(plot);
+  parent.append(figure);
+  return plot;
+}
+
+// A figure for each model, side by side.
+const panels = [];
+function layPanels() {
+  const name = model => models.length > 1 ? models[model] : "";
+  models.forEach((_, model) => panels.push({model, curve: addPlot(byId("curves"), name(model), "curve"), map: addPlot(byId("maps"), name(model), "map")}));
+}
+
+function layLegend({view}) {
+  const {texts, colours, count} = axes[view.lines];
+  byId("legend").replaceChildren(...texts.slice(0, count).map((name, index) => {
+    const entry = document.createElement("span"), chip = document.createElement("i");
+    chip.style.background = colours[index];
+    entry.append(chip, name);
+    return entry;
+  }));
+}
+
+function layWords({view, up, measure, held, mapHeld}) {
+  const text = axesHeld => axesHeld.filter(axis => axis <= VELOCITY && several(axis)).map(axis => `, at ${axes[axis].texts[Number(selectOf(axis).value)]}`).join("");
+  byId("reading").textContent = `One line per ${axes[view.lines].word}${text(held)}. ${view.reading} Dotted: the original pictures. `
+    + (measure ? "Of all targets together." : "Dashed: the threshold.");
+  byId("map-axes").textContent = `exposure × ${up.word}`;
+  byId("colours").textContent = `${measures[measure].name}, for the choice above: a column per exposure${text(mapHeld)}. ` + (measure ? "Darker is more."
+    : `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold, or there is none.`);
+  axes.forEach((_, axis) => {
+    if (selectOf(axis)) selectOf(axis).parentElement.hidden = !held.includes(axis) && !mapHeld.includes(axis);
   });
-}
-
-// The lines that the view allows, the usual ones first; the choice is shown where there is one.
-function layLines() {
-  const {view} = chosen(), lines = linesOver(view);
-  byId("lines").replaceChildren(...lines.map(along => new Option(run.axes[along].word, along)));
-  byId("lines").parentElement.hidden = lines.length < 2;
-  hidden.clear();
-}
-
-// Only the selects that say something; that of the light always, unless neither chart holds it.
-function laySelects({fixed, mapFixed}) {
-  run.axes.forEach((_, along) => {
-    if (selectOf(along)) selectOf(along).parentElement.hidden = !fixed.includes(along) && !mapFixed.includes(along);
-  });
+  byId("group").disabled = measure > 0;
 }
 
 function draw() {
   const now = chosen();
-  layPanels(now.model);
   layLegend(now);
-  laySelects(now);
-  byId("group").disabled = now.measure !== null;
-  byId("reading").textContent = readingOf(now);
-  byId("map-axes").textContent = `${now.across} × ${now.up}`;
-  byId("colours").textContent = coloursOf(now);
+  layWords(now);
   for (const panel of panels) { drawCurve(panel, now); drawMap(panel, now); }
-}
-
-// A map of an axis against itself is none: the other axis takes the place of the one that was chosen.
-function chooseMap() {
-  const [across, up] = [byId("across"), byId("up")];
-  if (across.value === up.value) {
-    if (across.value === mapAxes[0]) across.value = mapAxes[1];
-    else up.value = mapAxes[0];
-  }
-  mapAxes = [across.value, up.value];
-  draw();
-}
-
-function start() {
-  for (const id of ["model", "measure", "group"]) byId(id)?.addEventListener("change", draw);
-  for (const select of document.querySelectorAll("[data-axis]")) select.addEventListener("change", draw);
-  byId("lines").addEventListener("change", () => { hidden.clear(); draw(); });
-  for (const id of ["across", "up"]) byId(id).addEventListener("change", chooseMap);
-  for (const button of document.querySelectorAll("#views button")) button.addEventListener("click", () => {
-    for (const other of document.querySelectorAll("#views button")) other.setAttribute("aria-pressed", String(other === button));
-    layLines();
-    draw();
-  });
-  layLines();
-  draw();
 }
 
 // The library of charts is packed in the page, which asks the network for nothing.
@@ -80,18 +180,8 @@ async function load() {
   const packed = Uint8Array.from(atob(byId("plotly").textContent), letter => letter.charCodeAt(0));
   const text = await new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
   document.head.append(Object.assign(document.createElement("script"), {textContent: text}));
-  start();
+  layPanels();
+  for (const select of document.querySelectorAll(".charts select")) select.addEventListener("change", draw);
+  draw();
 }
-const ready = byId("plotly") ? load() : Promise.resolve();
-
-function filterExamples() {
-  const [model, outcome] = ["seen-by", "outcome"].map(id => byId(id)?.value ?? "all");
-  let shown = 0;
-  for (const figure of document.querySelectorAll(".pictures figure")) {
-    figure.hidden = (model !== "all" && figure.dataset.model !== model) || (outcome !== "all" && figure.dataset.outcome !== outcome);
-    shown += !figure.hidden;
-  }
-  if (byId("shown")) byId("shown").textContent = `${shown} shown`;
-}
-for (const id of ["seen-by", "outcome"]) byId(id)?.addEventListener("change", filterExamples);
-filterExamples();
+const ready = load();  // tests wait for it
