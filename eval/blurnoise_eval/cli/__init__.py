@@ -15,7 +15,6 @@ from typer import Option
 from typer.main import get_command
 
 from blurnoise_eval.cli._errors import in_a_line, usage
-from blurnoise_eval.cli._moved import COMMANDS_MOVED
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
 COMMANDS: dict[str, str] = {
@@ -57,9 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [*(sys.argv[1:] if arguments is None else arguments)]
     words = words[words[:1] == ["--"] :]
     name = next((each for each in (" ".join(words[:2]), *words[:1]) if each in COMMANDS), "")
-    if words and (elsewhere := COMMANDS_MOVED.get(words[0])):
-        say(f"blurnoise: error: '{words[0]}' is now '{elsewhere}'", error=True)
-        raise SystemExit(2)
     if name and "_BLURNOISE_COMPLETE" not in os.environ:
         return run_alone(function(name), f"blurnoise {name}", words[len(name.split()) :])
     return _run(get_command(_program()), "blurnoise", words or ["--help"], 0 if words else 2)
