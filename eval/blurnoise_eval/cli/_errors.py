@@ -51,21 +51,21 @@ def _in_options(error: Exception, options: Collection[str]) -> str:
 
     known = {_name(option): (option, 1.0) for option in options}
     known |= {name: (option, unit) for name, option, unit in _OPTIONS if option in options}
-    measured = isinstance(error, OutOfRange) and isinstance(error.value, (int, float))
-    if isinstance(error, OutOfRange) and measured and _name(error.name) in known:
+    if isinstance(error, OutOfRange) and _name(error.name) in known and isinstance(error.value, (int, float)):
         option, unit = known[_name(error.name)]
-        value, low, high = (float(f"{each / unit:.12g}") for each in (error.value, error.low, error.high))
-        return str(OutOfRange(option, value, low, high, error.above))
+        typed, low, high = (float(f"{each / unit:.12g}") for each in (error.value, error.low, error.high))
+        return str(OutOfRange(option, typed, low, high, error.above))
     where = "--model-timeout-s" if "--model-timeout-s" in options else "model_timeout_s in --plan FILE.yaml"
     text = str(error).replace("; timeout_s allows", f"; {where} allows")
     subject, colon, rest = text.partition(":")
     names, equals, value = subject.partition(" = ")
-    found = [known.get(_name(name.strip())) for name in names.split(",")]
-    if not colon or None in found:
+    named = [_name(name.strip()) for name in names.split(",")]
+    if not colon or not known.keys() >= set(named):
         return text
+    unit = known[named[0]][1]
     with suppress(ValueError):
-        value = f"{float(value) / found[0][1]:g}" if found[0][1] != 1.0 else value
-    return f"{', '.join(option for option, _ in found)}{equals}{value}:{rest}"
+        value = f"{float(value) / unit:g}" if unit != 1.0 else value
+    return f"{', '.join(known[name][0] for name in named)}{equals}{value}:{rest}"
 
 
 def _name(option: str) -> str:

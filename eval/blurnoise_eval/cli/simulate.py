@@ -51,7 +51,7 @@ def simulate(
     from blurnoise_eval.sweep.default_camera import is_grey_light
 
     given.at()
-    scene = light(image, given.encoding, given.grey_anchor, given.emitters)
+    scene = light(image, given)
     colour = not is_grey_light(scene)
     taken = take(given, given_by.camera(given.camera, given.cfa, colour=colour), scene)
     for place, picture in enumerate(taken.pictures, 1):

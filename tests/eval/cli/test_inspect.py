@@ -100,7 +100,7 @@ def test_what_is_assumed_and_unknown(tmp_path: Path, capsys: Output) -> None:
         "COCO's 80 classes, because the graph does not show how many" in text for text in facts["assumed"]
     )
     assert "COCO's" in out
-    assert "x" * 40 in out
+    assert "x" * 25 in out
     assert "x" * 100 not in out
     assert "m.contract.json" in err
 
