@@ -9,8 +9,9 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, PictureWritten, settings
-from blurnoise_eval.cli.console import print_camera, print_facts, print_stages
+from blurnoise_eval.cli.console import print_facts, print_stages
 from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.system.terminal import say_wrapped
 
 
 @settings(
@@ -48,7 +49,7 @@ def simulate(
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.simulation.light import light
     from blurnoise_eval.simulation.taking import take
-    from blurnoise_eval.sweep.default_camera import is_grey_light
+    from blurnoise_eval.sweep.default_camera import camera_text, is_grey_light
 
     given.at()
     scene = light(image, given)
@@ -61,6 +62,7 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
     print_facts(facts, as_json)
-    print_camera(taken.camera, colour=colour)
+    if about := camera_text(taken.camera, colour=colour):
+        say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:
         print_stages(taken.plan, given.fidelity)

@@ -64,10 +64,3 @@ def test_what_is_wrong_is_said_in_a_line(
     assert told in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("option", "now"), [("--lux", "lux=..."), ("--sign", "picture=sign-N")])
-def test_options_of_before_are_named(option: str, now: str, capsys: Output) -> None:
-    with pytest.raises(SystemExit):
-        main(["explore", option, "5"])
-    assert f"{option} is now --at '{now}'" in capsys.readouterr().err
