@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from importlib import import_module, metadata
 from inspect import cleandoc
 from typing import Annotated, Any
@@ -154,8 +153,7 @@ def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:
 
 def _forget_output() -> None:
     """Drop what cannot be written to standard output, which Python would try again when it ends."""
-    with suppress(OSError, ValueError, AttributeError):
+    try:
         sys.stdout.flush()
-        return
-    with suppress(OSError, ValueError, AttributeError):
+    except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -226,7 +226,4 @@ BlackLevel = Annotated[float | None, Option(metavar="DN", help="of no light (def
 FullScale = Annotated[
     float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
 ]
-Csv = Annotated[
-    Path | None, Option("--csv", parser=new_file, metavar="OUT.csv", help="a row each, for pandas")
-]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]

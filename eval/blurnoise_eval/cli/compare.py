@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument
 
-from blurnoise_eval.cli._options import BlackLevel, Csv, FullScale, Json, Linear, Srgb
+from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Srgb
 from blurnoise_eval.system.terminal import say, say_json, table_lines
 
 
@@ -21,7 +21,6 @@ def compare(
     srgb: Srgb = False,
     black_level: BlackLevel = None,
     full_scale: FullScale = None,
-    table: Csv = None,
     as_json: Json = False,
 ) -> None:
     """Compare a simulated picture with a real one of the same chart: mean, noise at each level, sharpness of slanted
@@ -39,8 +38,6 @@ def compare(
             raise ValueError(f"compare = {str(picture)!r}: is a folder; must be a picture of a chart")
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import comparison
-    from blurnoise_eval.system.files import write_whole
-    from blurnoise_eval.system.tables import csv_lines
 
     pair = comparison.pair_of(
         decode(simulated),
@@ -51,12 +48,9 @@ def compare(
     )
     quantities, notes = comparison.compare(pair)
     rows = [quantity.row() for quantity in quantities]
-    if table:
-        write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": notes, "quantities": rows})
         return
     right = [head in ("simulated", "real", "chance") for head in comparison.HEADS]
     say(*table_lines(comparison.HEADS, [quantity.cells() for quantity in quantities], right))
     say(*notes, error=True)
-    say(*filter(None, [table]))

@@ -38,18 +38,8 @@ def inspect(
         Option(
             parser=place,
             metavar="IMAGE|DIR",
-            help="list and draw what it finds in this picture, or in the first of a folder; compare how pictures "
-            "may enter the model, on up to 32",
-        ),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        Option(
-            "-o",
-            "--output",
-            parser=new_file,
-            metavar="OUT.png",
-            help="of --probe (default: MODEL-IMAGE-probe.png)",
+            help="list what it finds in this picture, or in the first of a folder, and draw it as "
+            "MODEL-IMAGE-probe.png; compare how pictures may enter the model, on up to 32",
         ),
     ] = None,
     save_contract: Annotated[
@@ -83,8 +73,6 @@ def inspect(
     PRESET: a family's name, such as yolox, yolov8, rtdetr or tfod, for text recognisers ppocr;
     completion lists all of them, and so does the error of any other word.
     """
-    if output and not probe:
-        raise ValueError("output: goes with --probe, whose picture it shows")
     from blurnoise_eval.detectors.contract_files import contract_document
     from blurnoise_eval.detectors.model import OnnxModel
     from blurnoise_eval.detectors.ocr import is_recogniser
@@ -93,12 +81,15 @@ def inspect(
     probed = _pictures(probe) if probe else []
     opened = OnnxModel(model, timeout_s=model_timeout_s)
     reads = (contract or "").split(",")[0] == "ppocr" or is_recogniser(opened)
-    if reads and (output or save_contract):
-        name = "output: nothing is drawn" if output else "save-contract: none is written"
-        raise ValueError(f"{name} for a text recogniser")
-    if probe and not output and not reads:
-        output = new_file(f"{model.stem}-{probed[0][0].stem}-probe.png")
-    kept = _contract_file(model) if save_contract else None
+    if reads and save_contract:
+        raise ValueError("save-contract: none is written for a text recogniser")
+    output = new_file(f"{model.stem}-{probed[0][0].stem}-probe.png") if probed else Path()
+    kept = None
+    if save_contract:
+        kept = (model.parent if isinstance(model, Path) else Path()) / f"{model.stem}.contract.json"
+        if kept.exists():
+            raise ValueError(f"save-contract = {str(kept)!r}: exists; must be a new file")
+        new_file(str(kept))
     network, facts = (_recogniser if reads else _detector)(opened, contract, probed)
     if kept is not None:
         document: Any = network.contract
@@ -136,15 +127,6 @@ def _pictures(probe: Location) -> Pictures:
     if not found:
         raise ValueError(f"probe = {str(probe)!r}: none of its pictures can be read")
     return [(probe / picture.name, image) for picture, image in found]
-
-
-def _contract_file(model: Location) -> Path:
-    """Where the contract is written. Raises ``ValueError`` where something stands already."""
-    beside = model.parent if isinstance(model, Path) else Path()
-    path = beside / f"{model.stem}.contract.json"
-    if path.exists():
-        raise ValueError(f"save-contract = {str(path)!r}: exists; must be a new file")
-    return new_file(str(path))
 
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:
@@ -185,15 +167,15 @@ def _recogniser(model: OnnxModel, contract: str | None, _: Pictures) -> tuple[Re
 
 
 def _found(
-    network: Detector | Recogniser, path: Location, picture: NDArray[np.uint8], output: Path | None
+    network: Detector | Recogniser, path: Location, picture: NDArray[np.uint8], output: Path
 ) -> dict[str, Any]:
     """What it finds in a picture, drawn to ``output``; what it reads there, taken as one line of text."""
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plots.annotate import drawn_example
 
-    if not isinstance(network, Detector) or output is None:
-        reading: Any = network.read(picture, [(0, 0, picture.shape[1], picture.shape[0])])[0]  # type: ignore[union-attr]
+    if not isinstance(network, Detector):
+        reading = network.read(picture, [(0, 0, picture.shape[1], picture.shape[0])])[0]
         return {"image": str(path), "text": reading.text, "score": reading.confidence}
     answers = network.detect(picture).leading
     rows = [

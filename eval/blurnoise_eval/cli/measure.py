@@ -9,7 +9,6 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import (
     BlackLevel,
-    Csv,
     FullScale,
     Json,
     Linear,
@@ -65,7 +64,9 @@ def measure(
             help="draw the regions, and of the first four edge, ESF, LSF and SFR; or .pdf, .svg",
         ),
     ] = None,
-    table: Csv = None,
+    table: Annotated[
+        Path | None, Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per region, for pandas")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure the slanted edges of a picture: MTF50 and its kin, CNR and edge SNR, contrast, information capacity

@@ -39,7 +39,7 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --trajectory shake:12
       blurnoise simulate road.jpg -o seen.png --ego-kmh 80 --explain
       blurnoise simulate car.jpg -o seen.png --object 300,120,64,64 --moves targets --dx 1500
-      blurnoise simulate --save-scene scene.yaml       lamps, road speeds, a vehicle, and all the rest
+      blurnoise simulate --save-scene scene.yaml       lamps, a plate, a vehicle, and all the rest
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.

@@ -148,30 +148,22 @@ class Conditions(Mapping[str, float | None]):
             if value is None:
                 continue
             place, _, part = each.into.partition(".")
-            if each.automatic and value == AUTOMATIC:
-                value = automatic[each.name]
+            value = automatic[each.name] if each.automatic and value == AUTOMATIC else value
             if each.choices:
                 fields[place] = each.choices[int(value)]
             elif place == "camera":
                 lens[part] = value
-            elif part:
-                fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
-            else:
-                fields[place] = value
+            else:  # components stand in order in AXES
+                fields[place] = (*fields.get(place, ()), value) if part else value
         return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 
+@lru_cache(maxsize=256)
 def with_lens(camera: Camera, **figures: float) -> Camera:
     """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
-    return _with_lens(camera, tuple(figures.items())) if figures else camera
-
-
-@lru_cache(maxsize=256)
-def _with_lens(camera: Camera, figures: tuple[tuple[str, float], ...]) -> Camera:
-    changed = dict(figures)
-    if "f_number" in changed and camera.diffraction_wavelength_um == 0:
-        changed["diffraction_wavelength_um"] = DIFFRACTION_UM
-    return replace(camera, **changed)  # type: ignore[arg-type]
+    if "f_number" in figures and camera.diffraction_wavelength_um == 0:
+        figures["diffraction_wavelength_um"] = DIFFRACTION_UM
+    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -227,25 +219,17 @@ class SweepPlan:
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
-        self._check_ego()
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
-
-    def _check_ego(self) -> None:
-        """Raise ``ValueError`` for what the camera's own drive does not go with; the usual vehicle drives if none is
-        stated."""
-        speeds = self.values(EGO.name)
-        if not speeds:
+        if not self.values(EGO.name):
             if self.ego is not None:
                 raise ValueError(f"ego: goes with {EGO.name}, at which it drives")
             return
-        if self.ego is None:
-            object.__setattr__(self, "ego", USUAL_VEHICLE)
-        others = {name: any(self.values(name)) for name in (*VELOCITY, MOVES.name)}
-        if stated := [name for name, given in others.items() if given]:
+        object.__setattr__(self, "ego", self.ego or USUAL_VEHICLE)
+        if others := [name for name in (*VELOCITY, MOVES.name) if any(self.values(name))]:
             raise ValueError(
-                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(stated)}"
+                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(others)}"
             )
 
     @property

@@ -41,7 +41,7 @@ class Enough(Settings):
 
     keep: float | None = setting(
         None,
-        "of what the same model reaches on the untouched pictures (default on pictures of your own: 0.9)",
+        "of what the same model reaches on the original pictures (default on pictures of your own: 0.9)",
         "SHARE",
         panel=ENOUGH,
     )
@@ -50,7 +50,7 @@ class Enough(Settings):
     )
     score: str | None = setting(
         None,
-        "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per untouched picture), ap50, ap, or of "
+        "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per original picture), ap50, ap, or of "
         "text exact_match (default: target_confidence, of texts of your own exact_match)",
         "NAME",
         panel=ENOUGH,

@@ -86,7 +86,7 @@ def moving_parts(
     stated = {"object_dx": own[0], "object_dy": own[1], "plate": given.plate, "moves": given.moving != "all"}
     if given.object is None:
         if lone := [name for name, value in stated.items() if value]:
-            raise ValueError(f"{', '.join(lone)}: goes with object, which says what moves")
+            raise ValueError(f"{', '.join(lone)}: goes with --object, which says what moves")
         return None, velocity_px_s
     for name, px_s in zip(("object_dx", "object_dy"), own, strict=True):
         limited(name, px_s, "velocity_px_s")

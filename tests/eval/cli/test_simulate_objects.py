@@ -82,9 +82,9 @@ def test_captures_follow_and_plans_say_so(street: Path, capsys: Output) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--moves", "targets"], "--moves: goes with object"),
-        (["--object-dx", "5"], "goes with object"),
-        (["--plate", "street.png"], "goes with object"),
+        (["--moves", "targets"], "--moves: goes with --object"),
+        (["--object-dx", "5"], "goes with --object"),
+        (["--plate", "street.png"], "goes with --object"),
         (["--object", "1,2,3"], "must be MASK.png or X,Y,WIDTH,HEIGHT"),
         (["--object", "500,2,3,4"], "covers nothing"),
         (["--object", "5,2,-3,4"], "box: x, width = -3"),
