@@ -15,7 +15,7 @@ from blurnoise_eval.report import page
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_models import matched_filter
-from commands import Output, main, pixels, told
+from commands import Output, main, told
 
 from blurnoise import charts
 from blurnoise.optics.colour import srgb_from_linear
@@ -177,71 +177,6 @@ def refused(capsys: Output, named: str, *arguments: object) -> None:
     assert err.startswith("blurnoise: error: ")
     assert len(err.splitlines()) == 1, err
     assert named in err, err
-
-
-@pytest.fixture
-def bad(tmp_path: Path) -> Path:
-    """A folder of things that are not what their names say."""
-    folder = tmp_path / "bad"
-    folder.mkdir()
-    (folder / "text.onnx").write_text("this is no model\n")
-    (folder / "pointer.onnx").write_text(LFS_POINTER)
-    (folder / "empty.onnx").write_bytes(b"")
-    (folder / "empty.png").write_bytes(b"")
-    (folder / "file").write_text("x")
-    (folder / "no_pictures").mkdir()
-    (folder / "instances.json").write_text("{ no json")
-    write_picture(folder / "good.png", pixels((8, 9)))
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("command", "named"),
-    [
-        ("simulate missing.png -o out.png", "missing.png: No such file"),
-        ("simulate empty.png -o out.png", "0 bytes"),
-        ("simulate file -o out.png", "file: not an 8- or 16-bit picture"),
-        ("simulate no_pictures -o out.png", "directory"),
-        ("simulate good.png -o out.png --camera pinhole", "pinhole"),
-        ("simulate good.png -o out.png --seed -1", "-1"),
-        ("simulate good.png -o out.txt", "suffix"),
-        ("simulate good.png -o out.jpg --bit-depth native", "16 bits"),
-        ("simulate good.png -o file/out.png", "file/out.png"),
-        ("inspect missing.onnx", "missing.onnx: no such file"),
-        ("inspect text.onnx", "text file"),
-        ("inspect pointer.onnx", "git lfs pull"),
-        ("inspect empty.onnx", "empty"),
-        ("inspect no_pictures", "folder"),
-        ("sweep --model missing.onnx -o run", "no such file"),
-        ("sweep --contract yolov9 -o run", "yolov9"),
-        ("sweep --images no_pictures -o run", "holds no picture"),
-        ("sweep --coco missing.json -o run", "No such file"),
-        ("sweep --coco instances.json -o run", "not a COCO instances file"),
-        ("sweep --target person -o run", "--labels"),
-        ("sweep --camera pinhole -o run", "presets are"),
-        ("sweep --threads 0 -o run", "threads"),
-        ("sweep --threshold 1.5 -o run", "threshold"),
-        ("sweep --threshold nan -o run", "threshold"),
-        ("sweep --seed -1 -o run", "seed"),
-        ("bench blur --threads 0 -o run", "threads"),
-        ("sweep -o file", "Not a directory"),
-        ("report nowhere", "blurnoise sweep"),
-        ("report file", "blurnoise sweep"),
-        ("{motion} --speed-kmh -1", "--speed-kmh = -1"),
-        ("{motion} --distance-m 0", "--distance-m = "),
-        ("{motion} --exposure-ms nan", "--exposure-ms = "),
-        ("chart stop-sign -o out.png --size -3", "size"),
-        ("chart flat-patch -o out.png --width 0", "--width = "),
-        ("chart siemens-star -o file/out.png", "file/out.png"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_one_line_and_leaves_nothing(
-    bad: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, command: str, named: str
-) -> None:
-    monkeypatch.chdir(bad)
-    before = sorted(bad.rglob("*"))
-    refused(capsys, named, *command.format(motion=MOTION).split())
-    assert sorted(bad.rglob("*")) == before
 
 
 def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:

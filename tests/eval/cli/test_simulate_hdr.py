@@ -121,36 +121,3 @@ def test_linear_light_of_files(folder: Path) -> None:
         decode_linear(folder / "light.hdr"), LIGHT, atol=8 / 128
     )  # one exponent, 8 bits
     assert decode_linear(folder / "grey.png").max() == 1.0
-
-
-@pytest.mark.parametrize(
-    ("command", "named"),
-    [
-        ("grey.png --hdr 16,x", "hdr = '16,x': must be RATIO"),
-        ("grey.png --hdr 0.5", "captures: number 2 saturates at"),
-        ("grey.png --hdr 0", "exposure_ratio = 0.0: must be"),
-        ("grey.png --hdr 16 --hdr-white 0", "hdr_white = 0.0"),
-        ("grey.png --pwm 90", "pwm = '90': must be HZ,DUTY"),
-        ("grey.png --pwm 90,1.5", "duty = 1.5: must be"),
-        ("grey.png --pwm-mask mask.png", "pwm_mask: goes with pwm"),
-        (
-            "grey.png --pwm 90,0.1 --pwm-mask small.png",
-            "small.png: a mask has its picture's size; they are 17 x 5",
-        ),
-        ("grey.png --emitters mask.png", "emitters = 'mask.png': must be MASK.png:FACTOR"),
-        ("grey.png --emitters mask.png:-2", "emitters: factor = -2.0: must be"),
-        ("light.tiff", "not an 8- or 16-bit picture"),
-        ("no.exr --encoding linear", "no.exr: No such file"),
-        ("dark.tiff --encoding linear", "holds light that is negative or not finite"),
-        ("text.exr --encoding linear", "text.exr: "),
-    ],
-)
-def test_bad_input(folder: Path, capsys: Output, command: str, named: str) -> None:
-    (folder / "dark.tiff").write_bytes(cv2.imencode(".tiff", -LIGHT)[1].tobytes())
-    (folder / "text.exr").write_text("no picture")
-    before = sorted(folder.iterdir())
-    assert main(["simulate", *command.split(), "-o", "out.png"]) == 2
-    error = capsys.readouterr().err.strip()
-    assert named in error
-    assert error.count("\n") == 0
-    assert sorted(folder.iterdir()) == before

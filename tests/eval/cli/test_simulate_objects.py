@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import write_picture
-from commands import Output, main, told
+from commands import Output, told
 
 WIDTH, HEIGHT = 120, 80
 WHERE = "50,30,20,16"
@@ -77,27 +77,3 @@ def test_captures_follow_and_plans_say_so(street: Path, capsys: Output) -> None:
     (row,) = [stage for stage in facts["stages"] if stage["name"] == "objects"]
     assert row["kept"]
     assert "parts of 2 px" in row["how"]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--moves", "targets"], "--moves: goes with --object"),
-        (["--object-dx", "5"], "goes with --object"),
-        (["--plate", "street.png"], "goes with --object"),
-        (["--object", "1,2,3"], "must be MASK.png or X,Y,WIDTH,HEIGHT"),
-        (["--object", "500,2,3,4"], "covers nothing"),
-        (["--object", "5,2,-3,4"], "box: x, width = -3"),
-        (["--object", "0,0,120,80"], "there must be a plate"),
-        (["--object", "none.png"], "none.png"),
-        (["--object", WHERE, "--object-dx", "1e9"], "object_dx = 1000000000.0"),
-        (["--object", WHERE, "--plate", "street.png", "--grey-anchor", "mean"], "neither grey_anchor"),
-    ],
-)
-def test_what_is_refused(
-    street: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, options: list[str], message: str
-) -> None:
-    monkeypatch.chdir(street.parent)
-    assert main(["simulate", str(street), "-o", "seen.png", *options]) == 2
-    assert message in capsys.readouterr().err
-    assert not Path("seen.png").exists()

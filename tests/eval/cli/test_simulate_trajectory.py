@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval.datasets import write_picture
-from commands import Output, main, pixels, told
+from commands import Output, pixels, told
 
 from blurnoise import Camera, Trajectory, simulate
 from blurnoise.motion.trajectory import from_text, path_duration_s, shake
@@ -67,25 +67,3 @@ def test_a_log_and_a_shake(tmp_path: Path, capsys: Output) -> None:
         told(capsys, "simulate", source, *out, "--trajectory", text)
         dn = simulate(light, camera, exposure_s=0.01, illuminance_lux=100.0, trajectory=path, generator=[5])
         np.testing.assert_array_equal(native(tmp_path / "dn.png"), dn[0, 0].numpy())
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ("--trajectory sine:3", "trajectory = 'sine:3': must be FILE.csv, shake:PX or sine:PX,HZ[,DEG]"),
-        ("--trajectory shake:x", "trajectory = 'shake:x'"),
-        ("--trajectory none.csv", "none.csv"),
-        ("--trajectory=", "trajectory = '': must be FILE.csv"),
-        ("--trajectory .", "trajectory = '.': must be FILE.csv"),
-        ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
-        ("--line-time-us -3", "line_time_us = -3.0"),
-    ],
-)
-def test_what_is_no_trajectory(tmp_path: Path, capsys: Output, options: str, words: str) -> None:
-    source = tmp_path / "scene.png"
-    write_picture(source, pixels((9, 12), np.uint8))
-    assert main(["simulate", str(source), "-o", str(tmp_path / "o.png"), *options.split()]) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "o.png").exists()
