@@ -9,14 +9,14 @@ import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
-from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.answers.criterion import stated
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
@@ -27,7 +27,6 @@ from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.checked import check_rows
 from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -35,7 +34,7 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.default_camera import default_for
 from blurnoise_eval.sweep.engines import Engine, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
@@ -52,7 +51,6 @@ from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 Rows = list[dict[str, Any]]
-T = TypeVar("T")
 
 
 def evaluate(
@@ -97,51 +95,45 @@ def evaluate(
     """
     folder = working_folder(output)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
-    stated_camera = None if camera is None else _camera(camera)  # before anything is opened
+    named = find(camera) if isinstance(camera, str) else camera  # before anything is opened
     opened = _opened(models)
-    shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
-    seen_by = default_for(opened, shown) if stated_camera is None else stated_camera
-    check_cluster(cluster, (picture.name for picture in shown))
-    whole, own = shown, None if part is None else Part.parse(part)
+    whole = usual_pictures(opened) if pictures is None else pictures
+    _check_kind("pictures", whole, PictureSet)
+    seen_by = default_for(opened, whole) if named is None else named
+    _check_kind("camera", seen_by, Camera)
+    check_cluster(cluster, (picture.name for picture in whole))
+    shown, own = whole, None if part is None else Part.parse(part)
     if own is not None:
         shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
         if not shown:
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
-    plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
+    plan = usual_plan() if plan is None else plan
+    _check_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
-    facts = {"command": command, **engine_facts(engine, threads)}
     check_plan(plan, seen_by, shown)
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with (
         begun_or_gone(folder.path),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
         opened, comparisons = contracts_chosen(opened, whole, say=progress)
+        facts = {"command": command, **engine_facts(engine, threads)}
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
-        enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
         store.set_about(ENOUGH, enough)
 
         def compute(plan: SweepPlan, advance: Advance) -> Outcome:
-            return sweep.run(
-                opened,
-                seen_by,
-                shown,
-                plan,
-                store,
-                engine=engine_kept,
-                progress=advance,
-                resumed=advance.already,
-                died=tell_of(advance),
-            )
+            how: dict[str, Any] = {"resumed": advance.already, "died": tell_of(advance)}
+            return sweep.run(opened, seen_by, shown, plan, store, engine=engine_kept, progress=advance, **how)
 
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = compute(plan, advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
-            wanted = criterion_of(store, **enough)
-            _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
+            left = partial(left_to_refine, store, plan, criterion_of(store, **enough), cluster)
+            _refine(store, plan, left, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
 
@@ -149,37 +141,28 @@ def evaluate(
 def _refine(
     store: Store,
     plan: SweepPlan,
-    criterion: Criterion,
-    cluster: str | None,
+    left: Callable[[], Refinement],
     n_pictures: int,
     compute: Callable[[SweepPlan, Advance], Outcome],
     outcome: Outcome,
     progress: bool | None,
 ) -> None:
     """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
-    before = tuple(at for batch in asked(store) for at in batch.conditions)
-    left = (
-        Refinement(before, 0, len(before), 1) if before else left_to_refine(store, plan, criterion, cluster)
-    )
-    if not left.conditions:
-        return
-    cells = n_pictures * plan.repeats * left.at_most
-    if progress and not before:
-        grid = n_pictures * plan.repeats * len(plan.conditions())
-        say(
-            f"refine: up to {cells} cells {left.about}, beside the {grid} of the grid "
-            "(refine: false in a plan: none)",
-            error=True,
-        )
-    if not before:
-        ask(store, Batch(n_pictures, (), left.conditions))
-    with progress_bar("refine", cells + n_pictures * left.rounds, progress) as advance:
-        more = left.conditions
+    cells = n_pictures * plan.repeats
+    more = tuple(at for batch in asked(store) for at in batch.conditions)
+    at_most = len(more)
+    if not more:
+        more, at_most = left()
+        if more and progress:
+            grid = f"beside the {cells * len(plan.conditions())} of the grid"
+            say(f"refine: up to {cells * at_most} cells {grid} (refine: false in a plan: none)", error=True)
+        if more:
+            ask(store, Batch(n_pictures, (), more))
+    with progress_bar("refine", cells * at_most, progress if more else None) as advance:
         while more:
             outcome.add(compute(replace(plan, only=more, examples=False), advance))
             noted = {at for batch in asked(store) for at in batch.conditions}
-            left = left_to_refine(store, plan, criterion, cluster)
-            more = tuple(at for at in left.conditions if at not in noted)
+            more = tuple(at for at in left().conditions if at not in noted)
             if more:
                 ask(store, Batch(n_pictures, (), more))
 
@@ -223,7 +206,6 @@ class Evaluation:
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder, shared=True) as store:
-            check_rows(store)
             check_cluster(cluster, store.pictures())
             self.criterion = criterion_of(store, threshold, keep, score)
         self.threshold = self.criterion.level
@@ -275,28 +257,26 @@ class Evaluation:
     @property
     def summary(self) -> dict[str, Any]:
         """What summary.json holds."""
+        about = self.data.manifest
         summary: dict[str, Any] = {
             "run": self._run.told(self.folder),
             "report": self._written.told(self.output / "report.html"),
-            "cells": self.data.manifest["n_cells"],
-            "missing_cells": self.data.manifest["missing_cells"],
-            "refined": self.data.manifest["refined"],
+            "cells": about["n_cells"],
+            **{name: about[name] for name in ("missing_cells", "refined")},
             "skipped": self.skipped,
             "criterion": self.criterion.row(),
             "threshold": self.threshold,
-            "withheld": self.data.manifest["withheld"],
-            "withheld_models": self.data.manifest["withheld_models"],
-            "targets_found": self.data.manifest.get("targets_found", {}),
+            **{name: about[name] for name in ("withheld", "withheld_models")},
+            "targets_found": about.get("targets_found", {}),
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
-            "software": self.data.manifest["software"],
+            "software": about["software"],
             "models": self.models,
             "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
         }
         if self.outcome is not None:
-            done = self.outcome
-            summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
-            summary |= {"workers_died": done.workers_died}
+            names = ("computed", "resumed", "wall_s", "workers_died")
+            summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
 
     def parquet(self) -> list[Path]:
@@ -351,10 +331,6 @@ def usual_plan() -> SweepPlan:
     return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
-def _camera(camera: str | Camera) -> Camera:
-    return find(camera) if isinstance(camera, str) else _of_kind("camera", camera, Camera)
-
-
 def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
     if models is None:
         from blurnoise_models.detector import STOP_SIGN
@@ -374,10 +350,9 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
     return found
 
 
-def _of_kind(name: str, value: object, kind: type[T]) -> T:
+def _check_kind(name: str, value: object, kind: type) -> None:
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
-    return value
 
 
 def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:

@@ -41,7 +41,7 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome

@@ -43,7 +43,6 @@ def maps(
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, summary, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
-    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.score_tables import criterion_of
@@ -52,7 +51,6 @@ def maps(
     integer("repeats", repeats, 1, MOST_REPEATS)
     cluster_of("", cluster)
     with read_run(run) as read, Store(read.path) as store:
-        check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)
         nodes = nodes_of(store)
         options = {"cluster": cluster, "repeats": repeats, "threads": workers}

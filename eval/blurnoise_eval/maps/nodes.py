@@ -26,6 +26,7 @@ from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.criterion import PRECISIONS, Criterion
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ORDER, ScoreTable
+from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import CORE, LIGHT, MOVES, SETTING, VELOCITY, setting_of, velocity_of
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.quality.measure import BRIGHT, DARK
@@ -34,7 +35,6 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.run_scores import run_scores
 from blurnoise_eval.sweep.score_tables import score_tables
-from blurnoise_eval.sweep.three_sensors import behind_one_filter
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]

@@ -7,9 +7,7 @@ text and infinity in Parquet, whose columns have one type each. What is not know
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +15,9 @@ from blurnoise_eval.grid.axes import CHOICES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import write_whole, written_whole
+from blurnoise_eval.system.tables import csv_text
 
 _TABLES = {"results": "cells", "targets": "targets"}
-Row = tuple[Any, ...]
 
 
 def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
@@ -29,8 +27,9 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
     """
     written = []
     for name, table in _TABLES.items():
+        blocks = [[tuple(store.columns(table))]], _rows(store, table, as_text=True)
         path = (folder or store.folder) / f"{name}.csv"
-        write_whole(path, _csv(list(store.columns(table)), _rows(store, table, as_text=True)))
+        write_whole(path, (csv_text(rows).encode("utf-8") for each in blocks for rows in each))
         written.append(path)
     return written
 
@@ -57,27 +56,24 @@ def write_parquet(store: Store, folder: Path | None = None) -> list[Path]:
     written = []
     for name, table in _TABLES.items():
         path = (folder or store.folder) / f"{name}.parquet"
-        fields = [(column, own.get(column, kinds[kind])) for column, kind in store.columns(table).items()]
-        with (
-            written_whole(path) as unfinished,
-            parquet.ParquetWriter(unfinished, pa.schema(fields)) as writer,
-        ):
+        columns = store.columns(table).items()
+        schema = pa.schema([(column, own.get(column, kinds[kind])) for column, kind in columns])
+        with written_whole(path) as unfinished, parquet.ParquetWriter(unfinished, schema) as writer:
             for rows in _rows(store, table, as_text=False):
-                columns = zip(fields, zip(*rows, strict=True), strict=True)
                 values = [
-                    pa.array([bool(each) for each in column] if kind == pa.bool_() else column, kind)
-                    for (_, kind), column in columns
+                    pa.array(map(bool, column) if kind == pa.bool_() else column, kind)
+                    for kind, column in zip(schema.types, zip(*rows, strict=True), strict=True)
                 ]
-                writer.write_batch(pa.record_batch(values, schema=pa.schema(fields)))
+                writer.write_batch(pa.record_batch(values, schema=schema))
         written.append(path)
     return written
 
 
-def _rows(store: Store, table: str, *, as_text: bool) -> Iterator[list[Row]]:
+def _rows(store: Store, table: str, *, as_text: bool) -> Iterator[list[tuple[Any, ...]]]:
     """All rows as people read them, in the order of images and conditions."""
     asked = []
     for name, kind in store.columns(table).items():
-        value = f'{queries.OF[table]}."{name}"'
+        value = f'{table}."{name}"'
         if name in CHOICES:
             places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(CHOICES[name]))
             value = f"CASE {value} {places} END"
@@ -87,15 +83,3 @@ def _rows(store: Store, table: str, *, as_text: bool) -> Iterator[list[Row]]:
             value = f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
         asked.append(value)
     return queries.every_row(store, table, asked)
-
-
-def _csv(columns: Sequence[str], blocks: Iterator[list[Row]]) -> Iterator[bytes]:
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(columns)
-    for rows in blocks:
-        writer.writerows(rows)
-        yield text.getvalue().encode("utf-8")
-        text.seek(0)
-        text.truncate()
-    yield text.getvalue().encode("utf-8")

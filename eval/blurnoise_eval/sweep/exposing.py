@@ -78,7 +78,7 @@ class Scene:
         self.image8 = eight_bit(image)
         self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
-        self._crossing_px_s: dict[int, tuple[float, float]] | None = None
+        self._own_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
@@ -90,52 +90,59 @@ class Scene:
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
-        for apart, group in groupby(exposures, key=self._apart):
-            some = list(group)
-            if apart:
-                yield from self._cut_scene(some[0].camera)[0].frames(some)
-            else:
-                still = (each if each.moves == "all" else replace(each, moves="all") for each in some)
-                yield from self.light.frames(list(still))
+        for _, group in groupby(exposures, key=self._is_cut):
+            of = [self._exposed(each) for each in group]
+            yield from of[0][0].frames([each for _, each in of])
 
     def plan(self, taken: Exposure) -> Plan:
         """What the simulator keeps and leaves out of an exposure, and why."""
-        scene = self._cut_scene(taken.camera)[0] if self._apart(taken) else self.light
-        return scene.plan(taken if self._apart(taken) else replace(taken, moves="all"))
+        scene, exposure = self._exposed(taken)
+        return scene.plan(exposure)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
-        if not self._apart(taken):
+        if not self._is_cut(taken):
             return {}
         scene, targets = self._cut_scene(taken.camera)
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
-        if taken.moves == "all" or self._picture is None:
+        if taken.moves == "all":
             return {}
         return {
             place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
             for place, own in self._crossing(taken.camera).items()
         }
 
-    def _apart(self, taken: Exposure) -> bool:
+    def mean_light(self, camera: Camera) -> float:
+        """As the camera meters it: by luma, or by what its pixels make of the colours."""
+        if camera not in self._means:
+            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
+        return self._means[camera]
+
+    def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
 
+    def _exposed(self, taken: Exposure) -> tuple[ExposedScene | CutScene, Exposure]:
+        if self._is_cut(taken):
+            return self._cut_scene(taken.camera)[0], taken
+        return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
+
     def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
-        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s; told once.
+        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s.
 
         camera: of all exposures, but for figures of its lens that no speed needs.
         """
-        if self._crossing_px_s is None:
-            size, every = self.image8.shape[:2], self._picture.targets if self._picture else None
-            self._crossing_px_s = {
-                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (size[0], size[1]))
-                for place, target in enumerate(every or ())
+        if self._own_px_s is None:
+            height, width = self.image8.shape[:2]
+            self._own_px_s = {
+                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
+                for place, target in enumerate((self._picture and self._picture.targets) or ())
                 if self.objects.crosses(target.label)
             }
-        return self._crossing_px_s
+        return self._own_px_s
 
     def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
         """Cut out once, whoever needs it first; layers with the targets that they are."""
@@ -154,12 +161,6 @@ class Scene:
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
             return self._cut
 
-    def mean_light(self, camera: Camera) -> float:
-        """As the camera meters it: by luma, or by what its pixels make of the colours."""
-        if camera not in self._means:
-            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
-        return self._means[camera]
-
 
 def frames(
     scene: Scene,
@@ -177,17 +178,17 @@ def frames(
     """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
+    mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure, ego)
+        exposure = _set(at, cell.seed, mean, camera, auto_exposure, ego)
         if path is not None:
             stated, longest_s = path
-            size = (scene.image8.shape[0], scene.image8.shape[1])
-            exposure = replace(exposure, trajectory=stated.of(camera, size, longest_s, cell.seed))
+            along = stated.of(camera, (height, width), longest_s, cell.seed)
+            exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
-    taken = zip(exposed, exposures, scene.frames(exposures), strict=True)
     before: Exposure | None = None
-    for (cell, _), exposure, frame in taken:
+    for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
         if before is None or _motion(before) != _motion(exposure):  # else the light alone is another
             boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
         before = exposure
@@ -198,7 +199,7 @@ def frames(
             exposure,
             *boxes,
             saturated=_saturated(frame.picture, brightest(exposure)),
-            snr_db=snr_db(exposure, scene.mean_light(camera)),
+            snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
@@ -291,14 +292,6 @@ def _half(taken: Exposure) -> BoxesIn:
     return boxes_in
 
 
-def _alike(kinds: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Places of equal rows, (N,) in all: of one picture's targets mostly one kind, which needs no order."""
-    if (kinds == kinds[:1]).all():
-        return [np.arange(len(kinds))] if len(kinds) else []
-    order = np.lexsort(kinds.T)
-    return np.split(order, np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1)
-
-
 def _mover(
     how: Callable[[Exposure], BoxesIn], taken: Exposure, objects: Objects, within: bool = False
 ) -> MoveBoxes:
@@ -309,21 +302,21 @@ def _mover(
     ) -> NDArray[np.float64]:
         moved = np.empty_like(boxes_xyxy)
         speeds = {label: objects.speed_of(label) for label in set(labels)}
-        own = [speeds[label] for label in labels] or [1.0]
+        speed = [speeds[label] for label in labels] or [1.0]
         sizes = np.where(np.isnan(sizes_px), 0.0, sizes_px)
-        beside = np.zeros((len(boxes_xyxy), 2))
+        own = np.zeros((len(boxes_xyxy), 2))
         if taken.moves != "all" and objects.crosses():
             for place, label in enumerate(labels):
                 width, height = sizes[place].tolist()
                 size = (int(height), int(width)) if width else taken.camera.field.size
-                beside[place] = objects.own_px_s(label, boxes_xyxy[place].tolist(), taken.camera, size)
-        kinds = np.column_stack([sizes, np.broadcast_to(own, len(boxes_xyxy)), beside])
-        for of in _alike(kinds):
-            width, height, speed, x_px_s, y_px_s = kinds[of[0]].tolist()
-            of_kind = how(taken.of_targets(speed, (x_px_s, y_px_s)))
-            moved[of] = of_kind(
-                torch.from_numpy(boxes_xyxy[of]), (int(height), int(width)) if width else None
-            ).numpy()
+                own[place] = objects.own_px_s(label, boxes_xyxy[place].tolist(), taken.camera, size)
+        each = np.column_stack([sizes, np.broadcast_to(speed, len(boxes_xyxy)), own])
+        for kind in dict.fromkeys(map(tuple, each.tolist())):  # of one picture's targets mostly one
+            width, height, factor, *own_px_s = kind
+            size_px = (int(height), int(width)) if width else None
+            of = (each == kind).all(axis=1)
+            move_kind = how(taken.of_targets(factor, (own_px_s[0], own_px_s[1])))
+            moved[of] = move_kind(torch.from_numpy(boxes_xyxy[of]), size_px).numpy()
         if within:
             return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
         return moved

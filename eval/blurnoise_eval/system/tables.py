@@ -22,15 +22,16 @@ def finite(value: float | None) -> float | None:
 
 def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
     """A table as lines of CSV, its header first."""
-    line = io.StringIO()
-    writer = csv.DictWriter(line, fieldnames=columns)
-    writer.writeheader()
+    yield csv_text([columns])
     for row in rows:
-        writer.writerow({name: plain(value) for name, value in row.items()})
-        yield line.getvalue()
-        line.seek(0)
-        line.truncate()
-    yield line.getvalue()
+        yield csv_text([[plain(row.get(name)) for name in columns]])
+
+
+def csv_text(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows as lines of CSV."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()
 
 
 def json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:

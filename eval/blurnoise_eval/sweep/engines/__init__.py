@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext
 
 from blurnoise._core.checks import one_of
 from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
-from blurnoise_eval.sweep.engines.processes import ProcessEngine, check_not_a_worker
+from blurnoise_eval.sweep.engines.processes import ProcessEngine
 from blurnoise_eval.sweep.engines.ray_tasks import RayEngine
 from blurnoise_eval.sweep.engines.threads import ThreadEngine
 from blurnoise_eval.system.machine import usable_cores
@@ -45,7 +45,6 @@ def engine_of(name: str, workers: int | None, address: str | None = None) -> Eng
 
     Raises ``ValueError`` for another name, for less than one worker, and for an address that goes with no engine.
     """
-    check_not_a_worker()
     one_of("engine", name, ENGINES)
     if address is not None:
         if name != "ray":

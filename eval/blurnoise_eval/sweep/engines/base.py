@@ -1,4 +1,4 @@
-"""What all engines share: how they answer, and what runs in each of their worker processes."""
+"""What all engines share: how they answer, how blocks stay in flight, and what runs in each worker process."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pickle
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from math import ceil
 from typing import Protocol, Self, TypeVar
@@ -36,8 +37,9 @@ class Engine(Protocol):
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """Yield each block with its results, or with what a worker raised, in any order.
 
-        Blocks are taken as needed, and may be joined with others of the same picture. For each worker that died a
-        :class:`WorkerDied` is yielded with the block that it computed. Closing the generator ends the engine's work.
+        Blocks are taken as needed, and may be joined with others of the same picture. For each worker that is seen
+        to die a :class:`WorkerDied` is yielded with the block that it computed. Closing the generator ends the
+        engine's work.
         """
 
 
@@ -70,6 +72,30 @@ def given_up(picture: str) -> UnreadablePicture:
         f"{picture}: the worker that computed it died, and so did the next one with nothing else to do "
         "(killed, out of memory, or a crash in native code)"
     )
+
+
+def in_flight(
+    flying: dict[Future[T], Block],
+    submit: Callable[[Block], Future[T]],
+    blocks: Iterator[Block],
+    most: Callable[[], int],
+) -> Iterator[tuple[Block, Future[T]]]:
+    """Keep ``most`` blocks in flight. Yields those that are finished, of several in the order of their beginning."""
+    while True:
+        while len(flying) < most() and (block := next(blocks, None)) is not None:
+            flying[submit(block)] = block
+        if not flying:
+            return
+        finished = wait(flying, return_when=FIRST_COMPLETED).done
+        for future in [each for each in flying if each in finished]:
+            yield flying.pop(future), future
+
+
+def raised(error: BaseException | None) -> Exception | None:
+    """What a worker raised; an interrupt or an exit is raised here, too."""
+    if error is not None and not isinstance(error, Exception):
+        raise error
+    return error
 
 
 def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
@@ -129,9 +155,9 @@ class Warnings:
     def __init__(self) -> None:
         self._given = set[str]()
 
-    def results(self, told: BlockResult) -> list[CellResult]:
+    def results(self, block: BlockResult) -> list[CellResult]:
         """The results, once the warnings that came with them are given."""
-        results, caught = told
+        results, caught = block
         for text, category in caught:
             if text not in self._given:
                 self._given.add(text)

@@ -9,28 +9,30 @@ from __future__ import annotations
 import hashlib
 import io
 import pickle
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from blurnoise_eval.detectors.model_files import external_files
 from blurnoise_eval.sweep.work import Work
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import inside, write_whole
+
+_SUFFIXES = (".onnx", ".ort", ".json", ".yaml", ".yml", ".txt")
 
 
 @dataclass(frozen=True)
 class ModelBundle:
     """Pickled work, and the files that it names.
 
-    files: for each of these, by the number that stands for it in the pickle, its own name and the bytes of what
-    belongs to it, by names beside it. key: SHA-256 of all of it.
+    files: for each of these its own name, and the bytes of what belongs to it, by names beside it. key: SHA-256 of
+    all of it.
     """
 
     pickled: bytes
     files: tuple[tuple[str, Mapping[str, bytes]], ...]
+    key: str
 
     @classmethod
     def of(cls, work: Work) -> ModelBundle:
@@ -38,20 +40,12 @@ class ModelBundle:
         packed = io.BytesIO()
         pickler = _Pickler(packed)
         pickler.dump(work)
-        dictionaries = list(_dictionaries(work))
-        return cls(
-            packed.getvalue(), tuple((path.name, _contents(path, dictionaries)) for path in pickler.files)
-        )
-
-    @property
-    def key(self) -> str:
-        """SHA-256 of the pickle and of all files."""
-        digest = hashlib.sha256(self.pickled)
-        for _, contents in self.files:
-            for beside, content in contents.items():
-                digest.update(f"{beside} {len(content)} ".encode())
-                digest.update(content)
-        return digest.hexdigest()
+        contracts = [getattr(model, "contract", None) for model in work.models]
+        every = [*contracts, *(getattr(each, "text", None) for each in contracts)]
+        dictionaries = [name for each in every if (name := getattr(each, "dictionary", None))]
+        files = tuple((path.name, _contents(path, dictionaries)) for path in pickler.files)
+        key = hashlib.sha256(pickle.dumps((packed.getvalue(), files))).hexdigest()
+        return cls(packed.getvalue(), files, key)
 
     def open(self) -> Work:
         """The work, its models opened from copies of the files, which are removed again."""
@@ -67,36 +61,21 @@ class ModelBundle:
             return opened
 
 
-@dataclass(frozen=True)
-class _File:
-    """Stands for the name of a file."""
-
-    number: int
-    as_path: bool
-
-
 class _Pickler(pickle.Pickler):
-    """Notes the files that are arguments of what opens a model."""
+    """Puts numbers in place of the names of files, and notes these."""
 
     def __init__(self, into: io.BytesIO) -> None:
         super().__init__(into, protocol=5)
         self.files: list[Path] = []
 
-    def reducer_override(self, value: Any) -> Any:
-        if not isinstance(value, partial):
-            return NotImplemented
-        keywords = {name: self._file(each) for name, each in value.keywords.items()}
-        return _partial, (value.func, tuple(map(self._file, value.args)), keywords)
-
-    def _file(self, value: Any) -> Any:
-        if not isinstance(value, (str, Path)) or not Path(value).is_file():
-            return value
+    def persistent_id(self, value: Any) -> tuple[int, type] | None:
+        if not isinstance(value, (str, Path)) or not str(value).endswith(_SUFFIXES):
+            return None
         path = Path(value).absolute()
+        if not path.is_file():
+            return None
         self.files += [] if path in self.files else [path]
-        return _File(self.files.index(path), isinstance(value, Path))
-
-    def persistent_id(self, value: Any) -> Any:
-        return (value.number, value.as_path) if isinstance(value, _File) else None
+        return self.files.index(path), str if isinstance(value, str) else Path
 
 
 class _Unpickler(pickle.Unpickler):
@@ -104,31 +83,20 @@ class _Unpickler(pickle.Unpickler):
         super().__init__(packed)
         self._paths = paths
 
-    def persistent_load(self, file: tuple[int, bool]) -> str | Path:
-        number, as_path = file
-        return self._paths[number] if as_path else str(self._paths[number])
-
-
-def _partial(function: Callable[..., Any], values: tuple[Any, ...], keywords: Mapping[str, Any]) -> Any:
-    return partial(function, *values, **keywords)
-
-
-def _dictionaries(work: Work) -> Iterator[str]:
-    for model in work.models:
-        contract = getattr(model, "contract", None)
-        for each in (contract, getattr(contract, "text", None)):
-            if name := getattr(each, "dictionary", None):
-                yield name
+    def persistent_load(self, file: tuple[int, type]) -> Any:
+        number, kind = file
+        return kind(self._paths[number])
 
 
 def _contents(path: Path, dictionaries: Iterable[str]) -> dict[str, bytes]:
     """The file, and what a model may look for beside it."""
     contracts = [f"{path.stem}.contract.{end}" for end in ("json", "yaml", "yml")]
-    names = dict.fromkeys([path.name, *contracts, *external_files(path), *dictionaries])
-    return {
-        name: (path.parent / name).read_bytes()
-        for name in names
-        if not PurePosixPath(name).is_absolute()
-        and ".." not in Path(name).parts
-        and (path.parent / name).is_file()
-    }
+    found = {}
+    for name in (path.name, *contracts, *external_files(path), *dictionaries):
+        try:
+            beside = path.parent / inside(name)
+        except ValueError:  # leads elsewhere
+            continue
+        if beside.is_file():
+            found[name] = beside.read_bytes()
+    return found
