@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -31,23 +31,20 @@ from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.default_camera import default_for
-from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.plan_checks import check_plan
-from blurnoise_eval.sweep.refining import Refinement, left_to_refine
+from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.machine import usable_cores
-from blurnoise_eval.system.progress import Advance, ProgressBar
+from blurnoise_eval.system.progress import Advance, progress_bar, tell_of
 from blurnoise_eval.system.tables import plain
-from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 Rows = list[dict[str, Any]]
@@ -132,43 +129,10 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
-            left = partial(left_to_refine, store, plan, criterion_of(store, **enough), cluster)
-            _refine(store, plan, left, len(shown), compute, outcome, progress)
+            wanted = criterion_of(store, **enough)
+            refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
-
-
-def _refine(
-    store: Store,
-    plan: SweepPlan,
-    left: Callable[[], Refinement],
-    n_pictures: int,
-    compute: Callable[[SweepPlan, Advance], Outcome],
-    outcome: Outcome,
-    progress: bool | None,
-) -> None:
-    """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
-    cells = n_pictures * plan.repeats
-    more = tuple(at for batch in asked(store) for at in batch.conditions)
-    at_most = len(more)
-    if not more:
-        more, at_most = left()
-        if more and progress:
-            grid = f"beside the {cells * len(plan.conditions())} of the grid"
-            say(f"refine: up to {cells * at_most} cells {grid} (refine: false in a plan: none)", error=True)
-        if more:
-            ask(store, Batch(n_pictures, (), more))
-    with progress_bar("refine", cells * at_most, progress if more else None) as advance:
-        while more:
-            outcome.add(compute(replace(plan, only=more, examples=False), advance))
-            noted = {at for batch in asked(store) for at in batch.conditions}
-            more = tuple(at for at in left().conditions if at not in noted)
-            if more:
-                ask(store, Batch(n_pictures, (), more))
-
-
-def _as_measured(store: Store, measured: Tables) -> Tables:
-    return measured
 
 
 class Evaluation:
@@ -185,7 +149,7 @@ class Evaluation:
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
-    _on_lines = staticmethod(_as_measured)
+    _on_lines: Callable[[Store, Tables], Tables] = staticmethod(lambda store, measured: measured)
 
     def __init__(
         self,
@@ -241,13 +205,6 @@ class Evaluation:
     def answers(self) -> Rows:
         """For each model, target group, light and velocity the exposures that work, s, and the one to use."""
         return [named(row) for row in self.data.answers]
-
-    @property
-    def figures(self) -> list[Path]:
-        """The figures' files, drawn if they are not there yet."""
-        if not (self.output / "report.html").is_file():
-            self.report()
-        return sorted((self.output / "figures").glob("*.png"))
 
     @property
     def skipped(self) -> Rows:
@@ -314,13 +271,6 @@ class Evaluation:
             )
 
 
-def usual_detector() -> Detector:
-    """The built-in one, of stop signs."""
-    from blurnoise_models.detector import STOP_SIGN
-
-    return Detector(STOP_SIGN)
-
-
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
     """Rendered stop signs for detectors; for readers, the word on them."""
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
@@ -353,20 +303,3 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
 def _check_kind(name: str, value: object, kind: type) -> None:
     if not isinstance(value, kind):
         raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
-
-
-def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
-    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
-    return ProgressBar(label, total) if progress else nullcontext(Advance())
-
-
-def tell_of(advance: Advance) -> Callable[[int], None]:
-    """Takes how many workers died to the bar's line."""
-    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
-
-
-def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
-    """What a run notes of who computed it."""
-    if not isinstance(engine, str):
-        return {"engine": repr(engine)}
-    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

@@ -31,7 +31,7 @@ from blurnoise_eval.deciding.lines import conditions_at, direction_of_all, latti
 from blurnoise_eval.deciding.question import Question, what_breaks
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.evaluation import engine_facts, evaluate, progress_bar, tell_of
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.axes import EGO
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
@@ -42,13 +42,14 @@ from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
-from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
 from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.progress import progress_bar, tell_of
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 

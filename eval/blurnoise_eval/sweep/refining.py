@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -24,14 +25,50 @@ from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.asked import Batch, ask, asked
+from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import run_averages, score_tables
+from blurnoise_eval.system.progress import Advance, progress_bar
+from blurnoise_eval.system.terminal import say
 
 STOPS, STOPS_OF_INTERVAL = 0.25, 0.5
 """The gap about a window's end, and those in which its interval ends, are halved until none is wider."""
 MOST_GROUPS = 4
 """Of each model's target groups the windows of so many are refined, those with the most targets."""
 _ROUNDED = 0.02  # stops: refined exposures are rounded to three digits
+
+
+def refined(
+    store: Store,
+    plan: SweepPlan,
+    criterion: Criterion,
+    cluster: str | None,
+    n_pictures: int,
+    compute: Callable[[SweepPlan, Advance], Outcome],
+    outcome: Outcome,
+    progress: bool | None,
+) -> None:
+    """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
+    cells = n_pictures * plan.repeats
+    more = tuple(at for batch in asked(store) for at in batch.conditions)
+    at_most = len(more)
+    if not more:
+        more, at_most = left_to_refine(store, plan, criterion, cluster)
+        if not more:
+            return
+        if progress:
+            grid = f"beside the {cells * len(plan.conditions())} of the grid"
+            say(f"refine: up to {cells * at_most} cells {grid} (refine: false in a plan: none)", error=True)
+        ask(store, Batch(n_pictures, (), more))
+    with progress_bar("refine", cells * at_most, progress) as advance:
+        while more:
+            outcome.add(compute(replace(plan, only=more, examples=False), advance))
+            noted = {at for batch in asked(store) for at in batch.conditions}
+            left = left_to_refine(store, plan, criterion, cluster).conditions
+            more = tuple(at for at in left if at not in noted)
+            if more:
+                ask(store, Batch(n_pictures, (), more))
 
 
 class Refinement(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from time import monotonic
 
 from blurnoise_eval.system.terminal import plain, plain_console, say
@@ -80,6 +82,16 @@ class ProgressBar(Advance):
 
     def _line(self, how: str) -> str:
         return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}{self._note}"
+
+
+def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
+    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
+    return ProgressBar(label, total) if progress else nullcontext(Advance())
+
+
+def tell_of(advance: Advance) -> Callable[[int], None]:
+    """Takes how many workers died to the bar's line."""
+    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
 
 
 def duration_text(seconds: float) -> str:

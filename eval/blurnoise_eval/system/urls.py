@@ -116,11 +116,7 @@ def _os_error(error: Exception, url: str) -> OSError:
     if "Credential" in kind or "TokenRetrieval" in kind:
         hint = "set AWS_PROFILE or AWS_ACCESS_KEY_ID, or FSSPEC_S3_ANON=true for a public bucket"
         return PermissionError(errno.EACCES, f"no credentials{f': {hint}' * url.startswith('s3:')}", url)
-    if "Timeout" in kind:
-        return TimeoutError(errno.ETIMEDOUT, f"no answer ({why})", url)
-    if kind == "gaierror" or ("Connect" in kind and "Closed" not in kind):
-        return OSError(errno.EHOSTUNREACH, f"no such host, or it does not answer ({why})", url)
-    return OSError(getattr(error, "errno", None) or errno.EIO, f"failed ({why})", url)
+    return OSError(getattr(error, "errno", None) or errno.EIO, f"failed: {kind} ({why})", url)
 
 
 def version(file: Location) -> str:

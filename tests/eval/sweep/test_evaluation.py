@@ -21,7 +21,7 @@ from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.page import TABLES
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep import latency, model_notes
+from blurnoise_eval.sweep import model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.exposing import Scene, frames
 from blurnoise_models import matched_filter
@@ -106,7 +106,7 @@ def test_latency_is_measured_once_and_a_busy_machine_named(
     model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured = [{"median_ms": 1.5, "p95_ms": 2.0, "clock_ratio": 2.0, "threads": 1}]
-    monkeypatch.setattr(latency, "measure", lambda *_: measured.pop())
+    monkeypatch.setattr(model_notes, "latency", lambda *_: measured.pop())
     plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
     with pytest.warns(RuntimeWarning, match="small: the machine was busy while latency.* 2.0 times"):
         evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
@@ -118,7 +118,7 @@ def test_a_finished_run_keeps_what_is_noted_of_its_models(
     model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured: list[str] = []
-    monkeypatch.setattr(latency, "measure", lambda model, _: measured.append(model.name) or {})
+    monkeypatch.setattr(model_notes, "latency", lambda model, _: measured.append(model.name) or {})
     monkeypatch.setattr(model_notes, "baked", lambda *_: measured.append("baked"))
     plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
     for _ in range(2):

@@ -20,7 +20,7 @@ from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import latency
+from blurnoise_eval.sweep import model_notes
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep.blocks import count_cells
@@ -273,16 +273,16 @@ def test_latency_is_cpu_time_without_warm_up(
     first: Detector, monkeypatch: pytest.MonkeyPatch, wall_s: float, busy: bool
 ) -> None:
     clocks = Clocks(wall_s, 0.02)
-    monkeypatch.setattr(latency, "time", clocks)
+    monkeypatch.setattr(model_notes, "time", clocks)
     monkeypatch.setattr(first, "detect", clocks.detect)
-    measured = latency.measure(first, pictures(SIGN, count=6))
+    measured = model_notes.latency(first, pictures(SIGN, count=6))
     assert measured["pictures"] == 6
     assert (measured["median_ms"], measured["p95_ms"]) == pytest.approx((20.0, 20.0))
     assert measured["clock_ratio"] == pytest.approx(wall_s / 0.02)
-    assert (measured["clock_ratio"] > latency.BUSY) == busy
+    assert (measured["clock_ratio"] > model_notes._BUSY) == busy
     assert 10 <= measured["runs"] <= 60
 
 
 def test_latency_of_a_failing_model_is_unknown(first: Detector, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(first, "detect", Failing(first, range(100)))
-    assert latency.measure(first, LABELLED) == {}
+    assert model_notes.latency(first, LABELLED) == {}

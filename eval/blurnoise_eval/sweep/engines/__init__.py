@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 from blurnoise._core.checks import one_of
 from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
@@ -24,6 +25,7 @@ __all__ = [
     "RayEngine",
     "ThreadEngine",
     "WorkerDied",
+    "engine_facts",
     "engine_of",
     "staying",
 ]
@@ -51,3 +53,10 @@ def engine_of(name: str, workers: int | None, address: str | None = None) -> Eng
             raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
         return RayEngine(workers, address)
     return ENGINES[name](usable_cores() if workers is None else workers)
+
+
+def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
+    """What a run notes of who computed it."""
+    if not isinstance(engine, str):
+        return {"engine": repr(engine)}
+    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

@@ -1,10 +1,12 @@
-"""Tasks of Ray, one for each core of a cluster: cells travel to them, and rows back; pictures do not."""
+"""Tasks of Ray, one for each core of a cluster: cells travel to them, and rows back; models and pictures do not."""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import logging
 import os
+import pickle
 import socket
 import time
 from collections.abc import Iterable, Mapping
@@ -16,7 +18,6 @@ from typing import Any
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
-from blurnoise_eval.sweep.engines.model_bundle import ModelBundle
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.machine import versions
 
@@ -34,7 +35,7 @@ class RayEngine(base.Staying):
     workers: how many at a time; None: one for each core of the cluster. address: of a cluster that runs, as
     ``ray.init`` takes it; None: the one that this process is connected to, else one on this machine, started and
     stopped again. patience_s: how long to wait while no node has a core. Every node has this package in the same
-    version, and reads pictures by the same names. Used as a context manager, the connection stays from one
+    version, and reads models and pictures by the same names. Used as a context manager, the connection stays from one
     :meth:`map` to the next. Raises ``ValueError`` for less than one worker, without the package ray, and for what
     does not pickle; ``ChildProcessError`` where no worker is available.
 
@@ -61,27 +62,29 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        bundle = base.pickled(_NAME, "models", lambda: ModelBundle.of(work))
-        left = iter(blocks)
-        first = next(left, None)
+        packed = base.pickled(_NAME, "models", lambda: pickle.dumps(work))
+        todo = iter(blocks)
+        first = next(todo, None)
         if first is None:
             return
+        needed = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
         with self:
             ray = _imported()
             if not ray.is_initialized():
                 _connect(ray, self.workers, self.address)
                 self._connected = True
             try:
-                yield from self._computed(ray, bundle, chain([first], left))
+                yield from self._computed(ray, packed, needed, chain([first], todo))
             except ray.exceptions.RayError as error:
                 raise ChildProcessError(
                     f"engine = {_NAME!r}: the cluster is gone ({_line(error)}); what was finished is kept"
                 ) from None
 
-    def _computed(self, ray: Any, bundle: ModelBundle, blocks: Iterable[Block]) -> Answers:
+    def _computed(
+        self, ray: Any, packed: bytes, needed: Mapping[str, str], blocks: Iterable[Block]
+    ) -> Answers:
         task = ray.remote(num_cpus=1, max_retries=1, scheduling_strategy="SPREAD")(_compute)
-        held = [ray.put(bundle)]  # in a list: fetched only where the models are opened
-        work = bundle.key, held, versions()
+        work = ray.put(packed), needed
         todo = base.shared_out(blocks, self.workers or _cores(ray))
         lost, warned = dict[str, Exception](), base.Warnings()
         flying: dict[Any, Block] = {}
@@ -123,25 +126,24 @@ class RayEngine(base.Staying):
                     ray.cancel(each, force=True)
 
 
-def _compute(key: str, bundle: list[Any], wanted: Mapping[str, str], block: bytes) -> BlockResult:
-    """In a worker of a node. Raises ``ValueError`` unless the packages are those ``wanted``: other bits may come of
-    others."""
+def _compute(packed: bytes, needed: Mapping[str, str], block: bytes) -> BlockResult:
+    """In a worker of a node. Raises ``ValueError`` unless packages and models are those that are ``needed``: other
+    bits may come of others."""
 
     def opened() -> Work:
-        found = versions()
-        if found != wanted:
-            others = [
-                f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
-            ]
+        work: Work = pickle.loads(packed)
+        found = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
+        if others := [
+            f"{name} {found.get(name)}, not {needed[name]}"
+            for name in needed
+            if found.get(name) != needed[name]
+        ]:
             raise ValueError(
                 f"engine = {_NAME!r}: node {socket.gethostname()} has {', '.join(others)} as here"
             )
-        import ray
+        return work
 
-        sent: ModelBundle = ray.get(bundle[0])
-        return sent.open()
-
-    return base.compute(key, opened, block)
+    return base.compute(hashlib.sha256(packed).hexdigest(), opened, block)
 
 
 def _cores(ray: Any) -> int:
