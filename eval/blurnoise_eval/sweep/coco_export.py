@@ -12,9 +12,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.scoring.judged import Truth, coco_results, moved
+from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.files import path_within, read_within, write_whole
 from blurnoise_eval.system.tables import json_lines

@@ -53,16 +53,10 @@ _MOST_INFERENCES = 600  # a round that would lead beyond them is left out
 _NOTHING_FROM = 8  # pictures in which nothing is found again, after which no further ones are shown
 _SURE, _LIKELY, _PROBABLE = 0.995, 0.975, 0.84  # one-sided levels of Student's t
 _FEWEST = 4  # pictures for Student's t to make a variant surely better
-_FAR_RATIO, _FAR_LEAST = (
-    3.0,
-    2.0,
-)  # so many times as much agreement, of at least so much, is sure in any number
+_FAR_RATIO, _FAR_LEAST = 3.0, 2.0  # so many times as much agreement, at least so much, is always sure
 _MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
 _SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
-_GARBAGE_SHARE, _GARBAGE_FOUND = (
-    0.15,
-    1.0,
-)  # of what is found agrees less, though so much is found in a picture
+_GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of more than so much a picture
 
 
 @dataclass
@@ -95,15 +89,14 @@ class Variant:
         new = pictures[len(self.agreed) :]
         for image, labels in new:
             found = _found(detector, self.contract, image)
-            view = np.ascontiguousarray(image[_window(image)][:, ::-1])
-            pairs = [(_in_view(found, image), _found(detector, self.contract, view))]
+            view, seen = _view(image, found)
+            pairs = [(seen, _found(detector, self.contract, view))]
             if labels is not None:
                 pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
             self.seen.append(found)
             self.agreed.append(sum(agreement(*pair) for pair in pairs) / len(pairs))
-            self.found.append(
-                sum(float(each.scores.sum()) for pair in pairs for each in pair) / 2 / len(pairs)
-            )
+            scores = sum(float(each.scores.sum()) for pair in pairs for each in pair)
+            self.found.append(scores / 2 / len(pairs))
         return 2 * len(new)
 
     def lead(self, other: Variant, level: float) -> float:
@@ -159,26 +152,17 @@ class Comparison:
         """What was chosen, or that nothing was, and the cost, in a sentence; nothing where nothing was compared."""
         if not self.variants:
             return ""
-        chosen, assumed = (
-            ", ".join(f for f, names in FACTORS.items() if any(self._source(n, status) for n in names))
-            for status in ("chosen", "assumed")
-        )
-        return (
-            f"input {_text(self.contract)}; {f'{chosen} chosen by comparing' if chosen else 'compared'} "
-            f"{self.variants} variants on {_pictures(self.pictures)} ({self.inferences} inferences, "
-            f"{self.seconds:.1f} s){f', which do not tell {assumed}' if assumed else ''}"
-        )
+        chosen, assumed = self.factors("chosen"), self.factors("assumed")
+        how = f"{', '.join(chosen)} chosen by comparing" if chosen else "compared"
+        cost = f"{self.variants} variants on {_pictures(self.pictures)}"
+        cost += f" ({self.inferences} inferences, {self.seconds:.1f} s)"
+        untold = f", which do not tell {', '.join(assumed)}" if assumed else ""
+        return f"input {_text(self.contract)}; {how} {cost}{untold}"
 
-    def _source(self, name: str, status: str) -> bool:
-        return self.contract.sources[name].startswith(status)
-
-    @property
-    def lines(self) -> list[str]:
-        """What there is to say of it: what was chosen or only assumed, and the doubts."""
-        sources = self.contract.sources.values()
-        compared = any(source.startswith(("chosen", "assumed")) for source in sources)
-        doubts = [f"doubtful contract: {doubt}" for doubt in self.doubts]
-        return [self.text, *doubts] if compared and self.text else doubts
+    def factors(self, status: str) -> list[str]:
+        """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
+        sources = self.contract.sources
+        return [f for f, names in FACTORS.items() if any(sources[n].startswith(status) for n in names)]
 
 
 def contracts_chosen(
@@ -195,7 +179,9 @@ def contracts_chosen(
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
-        for line in comparison.lines if say else ():
+        chosen = [comparison.text] if comparison.factors("chosen") or comparison.factors("assumed") else []
+        doubts = [f"doubtful contract: {doubt}" for doubt in comparison.doubts]
+        for line in filter(None, [*chosen, *doubts]) if say else ():
             say_wrapped(f"{model.name}: {line}", hanging=2, error=True)
     return found, comparisons
 
@@ -236,9 +222,7 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
             break
         for each in left[1:]:
             each.given_up = each is not best and best.surely_beats(each)
-        if (
-            best.contract.resize != "none"
-        ):  # whether a letterbox is centred hardly matters: AP50 .410 and .407
+        if best.contract.resize != "none":  # that a letterbox is centred hardly matters: AP50 .410 and .407
             resize: Any = "letterbox" if best.contract.resize == "stretch" else "stretch"
             other = Variant(replace(best.contract, resize=resize))
             if all(each.contract != other.contract for each in variants):
@@ -248,8 +232,8 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     n_variants, count = len(variants) if count else 0, count or len(shown)
     if problems := _common_problems(detector.with_contract(contract), shown[:count]):
         contract, doubts = detector.contract, problems
-    seconds = time.perf_counter() - began
-    return Comparison(contract, tuple(doubts), n_variants, count, inferences + count, seconds)
+    took_s = time.perf_counter() - began
+    return Comparison(contract, tuple(doubts), n_variants, count, inferences + count, took_s)
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
@@ -395,22 +379,19 @@ def _found(detector: Detector, contract: Contract, image: Image) -> Detections:
     return Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))  # type: ignore[arg-type]
 
 
-def _window(image: Image) -> tuple[slice, slice]:
-    """Rows and columns of the picture that its view shows."""
+def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
+    """The picture cropped and mirrored, and that of what was found in it of which this shows at least half."""
     height, width = image.shape[:2]
-    left, top, right, bottom = _CUT
-    rows = slice(round(top * height), round((1 - bottom) * height))
-    return rows, slice(round(left * width), round((1 - right) * width))
-
-
-def _in_view(found: Detections, image: Image) -> Detections:
-    """Of what was found in the picture that of which the mirrored view shows at least half, in the view's px."""
-    rows, columns = _window(image)
-    boxes = np.clip(found.boxes_xyxy, (columns.start, rows.start) * 2, (columns.stop, rows.stop) * 2)
+    left, top, right, bottom = (
+        round(cut * size) for cut, size in zip(_CUT, (width, height) * 2, strict=True)
+    )
+    right, bottom = width - right, height - bottom
+    boxes = np.clip(found.boxes_xyxy, (left, top) * 2, (right, bottom) * 2)
     areas, own = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found.boxes_xyxy))
-    boxes[:, [1, 3]] -= rows.start
-    boxes[:, [0, 2]] = columns.stop - boxes[:, [2, 0]]
-    return Detections(boxes, found.scores, found.class_ids)[2 * areas >= own]
+    boxes[:, [1, 3]] -= top
+    boxes[:, [0, 2]] = right - boxes[:, [2, 0]]
+    seen = Detections(boxes, found.scores, found.class_ids)[2 * areas >= own]
+    return np.ascontiguousarray(image[top:bottom, left:right][:, ::-1]), seen
 
 
 def agreement(one: Detections, other: Detections) -> float:

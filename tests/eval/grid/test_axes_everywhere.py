@@ -149,7 +149,9 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[s
     with tempfile.TemporaryDirectory() as folder:
         store, scores = filled(Path(folder), plan)
         with store:
-            rows = ({**row, "saturated": None, "brightness": None} for row in store.targets() if not row["clean"])
+            rows = (
+                {**row, "saturated": None, "brightness": None} for row in store.targets() if not row["clean"]
+            )
             found = list(tables(queries.as_set(store, rows)))
     exposed = Counter(score for at, score in scores.items() if at is not None)
     assert len({(each.model, each.group) for each in found}) == len(found)

@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 import pytest
 from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.store import queries
 from blurnoise_eval.store.exports import write_exports, write_parquet
 from blurnoise_eval.store.store import Store
 from stored_rows import clean_result, result
@@ -73,22 +72,6 @@ def test_types_of_parquet_are_those_of_what_is_held(store: Store, tmp_path: Path
     assert {row["exposure_s"] for row in rows if row["clean"]} == {None}  # nothing, and no NaN
     assert AUTOMATIC in {row["exposure_s"] for row in rows}
     assert {row["moves"] for row in rows} == {"all", "targets", "background", None}
-
-
-def test_parquet_appears_whole_or_stays_what_it_was(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_parquet(store)
-    before = [(tmp_path / f"{name}.parquet").read_bytes() for name in ("results", "targets")]
-
-    def fails(*given: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(queries, "every_row", fails)
-    with pytest.raises(OSError, match="No space"):
-        write_parquet(store)
-    assert [(tmp_path / f"{name}.parquet").read_bytes() for name in ("results", "targets")] == before
-    assert not list(tmp_path.glob(".*partial"))
 
 
 def test_without_pyarrow_it_says_what_to_install(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -90,19 +90,3 @@ def test_rows_have_the_times_that_were_set_and_tables_their_mean(tmp_path: Path)
     again = evaluate(plan=plan, pictures=pictures, output=tmp_path, threads=1)
     assert again.outcome is not None
     assert again.outcome.computed == 0
-
-
-@pytest.mark.parametrize(
-    ("grid", "said"),
-    [
-        ({"exposure_s": ("auto", 0.01), "illuminance_lux": (5.0,)}, "exposure_s: must be auto alone"),
-        ({"exposure_s": ("auto",), "illuminance_lux": (5.0,), "gain_db": (0.0,)}, "exposure_s: auto sets"),
-        (
-            {"exposure_s": ("auto",), "illuminance_lux": (5.0,), "velocity_x_px_s": (9e6,)},
-            "9e\\+06 times exposure_s",
-        ),
-    ],
-)
-def test_plans_that_say_two_things(grid: dict[str, tuple[float, ...]], said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        SweepPlan(grid)

@@ -225,8 +225,7 @@ def test_a_view_shows_what_was_found_where_it_is_in_it() -> None:
     image = np.zeros((50, 100, 3), np.uint8)
     image[20:30, 30:50] = 255
     found = Detections(np.array([[30, 20, 50, 30], [0, 0, 3, 9]], np.float32), np.ones(2), np.zeros(2))  # type: ignore[arg-type]
-    seen = image[contract_checks._window(image)][:, ::-1]
-    moved = contract_checks._in_view(found, image)
+    seen, moved = contract_checks._view(image, found)
     rows, columns = np.nonzero(seen[..., 0] == 255)
     box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
     np.testing.assert_allclose(moved.boxes_xyxy, [box])  # 4 % of 100 px are cut from the second

@@ -28,7 +28,6 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_models import matched_filter
-from matplotlib.figure import Figure
 from plans import plan as swept
 
 from blurnoise import Camera, charts
@@ -189,23 +188,6 @@ def test_a_picture_that_became_readable_is_skipped_no_more(model: Path, tmp_path
 # --- which folder is whose ---
 
 
-@pytest.mark.slow
-def test_a_run_among_the_pictures_goes_on(
-    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
-    photos(tmp_path, "a.png")
-    photos(tmp_path / "examples", "b.png")  # of no run
-    monkeypatch.chdir(tmp_path)
-    for run in ("run", "sub/run"):
-        command = ["sweep", "--model", str(model), "--images", ".", *OPTIONS, "--json", "-o", run]
-        assert commands.main(command) == 0
-        assert list((tmp_path / run / "examples").glob("*.png"))
-        assert list((tmp_path / run / "figures").glob("*.png"))
-        capsys.readouterr()
-        assert commands.main(command) == 0
-        assert json.loads(capsys.readouterr().out)["resumed"] == 2 * PER_PICTURE
-
-
 def test_a_first_attempt_without_an_answer_claims_no_folder(
     model: Path, infinite: Path, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,31 +219,6 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
 # --- where nothing can be written ---
 
 
-@pytest.mark.slow
-def test_run_that_cannot_be_written_is_read_and_left_alone(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = Evaluation(run)
-    page = expected.report()
-    before = files(run)
-    monkeypatch.setattr(stores, "_writable", lambda path: False)
-    done = Evaluation(run, output=tmp_path / "a" / "elsewhere")
-    assert done.report() == tmp_path / "a" / "elsewhere" / "report.html"
-    assert done.cells == expected.cells
-    assert len(done.figures) == len(expected.figures) > 0
-    assert done.summary["report"] == str(done.output / "report.html")
-    made = {name for name in files(run) if not name.startswith(("examples", "coco", "results.sqlite"))}
-    assert files(done.output).keys() == made
-    assert page.read_text().count("data:image/jpeg") == (done.output / "report.html").read_text().count(
-        "data:image/jpeg"
-    )
-    assert commands.main(["report", str(run), "--coco", "-o", str(tmp_path / "new")]) == 0
-    assert len(files(tmp_path / "new" / "coco")) == 1 + 1 + 2 * 6
-    assert files(run) == before
-    with Store(run) as store, pytest.raises(StoreError, match="readonly"):
-        store.skip("a.png", "no reason")
-
-
 def test_journal_of_a_killed_run_is_read_where_nothing_can_be_written(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -280,22 +237,3 @@ os._exit(9)
     monkeypatch.setattr(stores, "_writable", lambda path: False)
     assert [row["image"] for row in Evaluation(run).skipped] == ["late.png"]
     assert files(run) == before
-
-
-@pytest.mark.slow
-def test_figures_appear_whole_or_not_at_all(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = Evaluation(run)
-    done.report()
-    before = files(run / "figures")
-    save = Figure.savefig
-
-    def half(figure: Figure, into: Any, **options: Any) -> None:
-        save(figure, into, **options)
-        if not hasattr(into, "write"):
-            os.truncate(into, 100)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Figure, "savefig", half)
-    with pytest.raises(KeyboardInterrupt):
-        done.report()
-    assert files(run / "figures") == before

@@ -38,7 +38,6 @@ from signs_in_memory import (
     picture_set,
     rows_of,
     sign,
-    unreadable,
 )
 
 from blurnoise import Camera, simulate
@@ -186,18 +185,6 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
             np.testing.assert_array_equal(image[..., ::-1], sign())
 
 
-def test_thread_settings_of_the_process_come_back(detector: Detector, tmp_path: Path) -> None:
-    before = torch.get_num_threads(), cv2.getNumThreads()
-    try:
-        torch.set_num_threads(2)
-        cv2.setNumThreads(2)
-        rows_of(tmp_path, [detector], CAMERA, TWO, swept((0.01,), (50.0,)))
-        assert (torch.get_num_threads(), cv2.getNumThreads()) == (2, 2)
-    finally:
-        torch.set_num_threads(before[0])
-        cv2.setNumThreads(before[1])
-
-
 def test_rows_do_not_depend_on_the_other_pictures(
     detector: Detector, tmp_path: Path, uninterrupted: list[Any]
 ) -> None:
@@ -206,23 +193,6 @@ def test_rows_do_not_depend_on_the_other_pictures(
     expected = uninterrupted[0]
     assert [cell for cell in cells if cell["image"] in "ab"] == expected
     assert [target for target in targets if target["image"] in "ab"] == uninterrupted[1]
-
-
-def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.01,), (0.3, 3.0, 300.0), (0.0, 200.0, 500.0, 1000.0))
-    _, targets, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
-    found = {
-        (row["illuminance_lux"], row["velocity_x_px_s"]): row["confidence"]
-        for row in targets
-        if not row["clean"]
-    }
-    bright = [found[300.0, speed] for speed in plan.values("velocity_x_px_s")]
-    assert bright == sorted(bright, reverse=True)
-    assert bright[0] > 0.8
-    assert bright[-1] < 0.5 * bright[0]
-    still = [found[lux, 0.0] for lux in plan.values("illuminance_lux")]
-    assert still == sorted(still)
-    assert still[0] < 0.5 * still[-1]
 
 
 def test_still_and_bright_agrees_with_clean(detector: Detector, tmp_path: Path) -> None:
@@ -292,25 +262,6 @@ def test_seeds_are_shared_by_conditions_and_by_nothing_else(uninterrupted: list[
     assert max(max(shared) for shared in seeds.values()) < 2**63
 
 
-def test_repeats_and_base_seed_change_the_noise(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.002,), (3.0,), repeats=2)
-    first, *_ = rows_of(tmp_path / "0", [detector], CAMERA, picture_set(picture("p")), plan)
-    other, *_ = rows_of(tmp_path / "1", [detector], CAMERA, picture_set(picture("p")), replace(plan, seed=1))
-    found = [cell["target_confidence"] for cell in (*first, *other) if not cell["clean"]]
-    assert len(set(found)) == 4
-
-
-def test_a_run_with_another_contract_says_what_of_it_differs(detector: Detector, tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
-        sweep.run([detector], CAMERA, TWO, PLAN, store)
-        identity = store.about("identity")
-        del identity["model"][0]["contract"]["head"]  # as of a version that did not know it
-        store.set_about("identity", identity)
-        with pytest.raises(StoreError, match=r"with another contract of the same model \(head\);"):
-            results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
-
-
 def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     other = Detector(matched_filter.build(tmp_path / "x.onnx", sizes_px=(22, 16, 10), input_px=64))
     facts = {"command": "a command", "threads": 2}
@@ -332,24 +283,3 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
             with pytest.raises(StoreError, match=named):
                 results.open_run(store, *changed, facts)
         assert store.about("manifest")["threads"] == 1
-
-
-def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.002, 0.01), (3.0, 333.3), (0.0, 500.0), repeats=3)
-    pictures = picture_set(picture("p"), picture("bad.png", unreadable))
-    with Store(tmp_path, create=True) as store:
-        results.open_run(store, [detector], CAMERA, pictures, plan, {"command": "c", "threads": 1})
-        sweep.run([detector], CAMERA, pictures, plan, store)
-        data = read_run(store, Criterion(0.6, kept=False))
-    assert len(data.answers) == 4
-    assert all(answer["n_targets"] == 3 for answer in data.answers)
-    assert data.manifest["threshold"] == 0.6
-    assert data.manifest["versions"]["blurnoise"]
-    assert [entry["image"] for entry in data.skipped] == ["bad.png"]
-    assert data.manifest["warnings"] == []
-    clean = next(example for example in data.examples if example["clean"])
-    assert Path(clean["path"]).is_file()
-    assert clean["detections"][0]["label"] == "stop sign"
-    found = {"confidence": clean["detections"][0]["score"]}
-    found |= dict.fromkeys(("truth", "text", "read_confidence"))
-    assert clean["targets"] == [{"box_xyxy": list(BOX), "label": "stop sign", **found}]

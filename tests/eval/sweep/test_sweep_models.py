@@ -159,11 +159,6 @@ def test_a_model_that_does_nothing_but_fail_ends_the_sweep(
         run(tmp_path, [second, first])
 
 
-def test_names_must_differ(first: Detector, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="names must differ"):
-        run(tmp_path, [first, first])
-
-
 def test_a_reader_is_judged_by_its_text(tmp_path: Path) -> None:
     shown = pictures(Target("text", "STOP, 24 px", BOX, text="STOP"), Target("dog", "dogs", BOX))
     data, cells = run(tmp_path, [StubReader()], shown)
@@ -178,18 +173,6 @@ def test_a_reader_is_judged_by_its_text(tmp_path: Path) -> None:
     assert (model["kind"], model["measure"], model["p"]) == ("reader", "exact match", 1)
     assert 0 < model["rpc"] < 1
     assert data.examples[0]["targets"][0]["text"] in ("STOP", "STOO")
-
-
-def test_a_reader_without_labels_reads_what_it_read_when_clean(tmp_path: Path) -> None:
-    data, _ = run(tmp_path, [StubReader()], pictures())
-    assert {answer["group"] for answer in data.answers} == {"read when clean"}
-    assert data.models[0]["p"] == 1
-
-
-def test_crowds_are_no_targets(first: Detector, tmp_path: Path) -> None:
-    data, cells = run(tmp_path, [first], pictures(SIGN, replace(SIGN, crowd=True, annotation={})))
-    assert {cell["n_targets"] for cell in cells} == {1}
-    assert data.models[0]["false_positives_per_image"] == 0
 
 
 def test_truth_is_kept_as_coco_has_it(first: Detector, tmp_path: Path) -> None:
@@ -238,16 +221,6 @@ def test_detections_are_results_that_pycocotools_judges_alike(
         assert (row["ap"], row["ap50"], row["ar100"]) == pytest.approx(judge.stats[[0, 1, 8]], abs=1e-9)
     clean = next(row for row in data.scores if row["clean"])
     assert clean["ap"] > 0.5
-
-
-def test_p_mpc_and_rpc(first: Detector, tmp_path: Path) -> None:
-    data, _ = run(tmp_path, [first])
-    (model,) = data.models
-    exposed = [row["ap"] for row in data.scores if not row["clean"]]
-    assert len(exposed) == 8
-    assert model["mpc"] == pytest.approx(np.mean(exposed))
-    assert model["rpc"] == pytest.approx(model["mpc"] / model["p"])
-    assert 0 < model["auc_blur"] < 1
 
 
 class Clocks:

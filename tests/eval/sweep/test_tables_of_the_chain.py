@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval import cli
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
@@ -71,25 +69,6 @@ def test_new_entries_are_in_every_picture_of_a_sweep(
     for other in (veiled, lifted):
         assert len(other) == len(plain) == 2
         assert all(a["confidence"] != b["confidence"] for a, b in zip(plain, other, strict=True))
-
-
-def test_new_entries_are_explained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(0.4)))
-    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(5000.0), *stages.STAGES[6:]))
-    chart, out = tmp_path / "chart.png", tmp_path / "seen.png"
-    assert cli.main(["chart", "stop-sign", "-o", str(chart)]) == 0
-    capsys.readouterr()
-    command = ["simulate", str(chart), "-o", str(out), "--explain"]
-    assert cli.main([*command, "--json"]) == 0
-    told = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
-    assert told["veil"]["kept"]
-    assert told["pedestal"]["contribution_dn"] == pytest.approx(5000 * CAMERA.system_gain_dn_per_e)
-    assert cli.main(command) == 0
-    printed = capsys.readouterr().out
-    assert "veil" in printed
-    assert "pedestal" in printed
 
 
 def test_targets_move_with_the_picture(

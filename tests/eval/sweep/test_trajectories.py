@@ -5,19 +5,15 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import commands
 import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.datasets import segmentation
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.deciding.question import what_breaks
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
@@ -109,12 +105,6 @@ def test_a_run_is_along_one_trajectory_and_says_so(detector: Detector, tmp_path:
     assert "shake:6, another in every picture, so far in 20 ms; blur and speeds are of the uniform" in page
 
 
-def test_conditions_and_cells_are_those_without_it() -> None:
-    shaken = replace(PLAN, trajectory="sine:3,80")
-    assert shaken.conditions() == PLAN.conditions()
-    assert shaken.example_conditions() == PLAN.example_conditions()
-
-
 @pytest.mark.slow
 def test_a_logs_content_travels_and_makes_the_run(detector: Detector, tmp_path: Path) -> None:
     """Read once: it may be gone when processes compute. Another folder changes nothing, another number all."""
@@ -149,41 +139,3 @@ def test_a_log_that_does_not_do_makes_no_folder(
     with pytest.raises(ValueError, match=words):
         evaluate(detector, TWO, CAMERA, replace(PLAN, trajectory=str(log)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    "text", ["shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0"]
-)
-def test_what_is_no_trajectory(text: str) -> None:
-    with pytest.raises((ValueError, OSError), match=text.partition(":")[0]):
-        replace(PLAN, trajectory=text)
-
-
-def test_the_plane_does_not_hold_along_one() -> None:
-    (reason,) = what_breaks(CAMERA, (0.001, 0.09), [], trajectory=TrajectorySpec.parse("shake:6"))
-    assert "along shake:6" in reason
-
-
-@pytest.mark.slow
-def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    shared: list[Any] = ["--model", detector.path, "--limit", 2, "--trajectory", "shake:6", "--lux", 50]
-    sweep = ["sweep", *shared, "--exposure-ms", "2,10", "--dx", 0, "-o", tmp_path / "sweep"]
-    assert commands.main([str(each) for each in sweep]) == 0
-    decide = ["decide", *shared, "--exposure-ms", "2:4", "--dx", 0, "-o", tmp_path / "decide"]
-    assert commands.main([str(each) for each in decide]) == 0
-    assert "along shake:6 another exposure sees another part of the path" in " ".join(
-        capsys.readouterr().out.split()
-    )
-    with Store(tmp_path / "decide") as store:
-        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
-
-
-def test_a_log_that_is_no_text_is_named(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_bytes(b"time_s\xcb\xff")
-    with pytest.raises(ValueError, match=r"trajectory = .*log\.csv: not UTF-8 text"):
-        TrajectorySpec.parse(str(tmp_path / "log.csv"))
-
-
-def test_half_of_the_exposure_is_told_of_straight_motion_alone() -> None:
-    with pytest.raises(ValueError, match="boxes = 'half': of straight motion"):
-        replace(PLAN, trajectory="sine:40,50", objects=Objects(boxes="half"))

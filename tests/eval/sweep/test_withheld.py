@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli.report import _found_text
 from blurnoise_eval.datasets import rendered_signs, write_picture
 from blurnoise_eval.sweep.run_scores import LEAST_AP50, models_withheld
 from blurnoise_models import matched_filter
@@ -81,9 +80,3 @@ def test_without_labels_the_targets_are_named_and_p_is_none(
     assert summary["targets_found"] == {"m": {"stop sign": 2}}
     assert summary["models"][0]["p"] is None
     assert summary["models"][0]["mpc"] is not None
-
-
-def test_few_classes_of_many_are_named() -> None:
-    assert _found_text({"sports ball": 61, "person": 2}).startswith("63 targets, as found in the original")
-    many = {f"class {number}": 1 for number in range(10)}
-    assert _found_text(many).endswith("class 7 1, 2 more classes")

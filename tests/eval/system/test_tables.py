@@ -24,10 +24,6 @@ def test_csv_reads_back() -> None:
     ]
 
 
-def test_csv_without_rows_is_its_header() -> None:
-    assert "".join(csv_lines(["a", "b"], [])) == "a,b\r\n"
-
-
 @pytest.mark.parametrize("rows", [ROWS, ROWS[:1], []], ids=len)
 def test_json_reads_back(rows: list[dict[str, Any]]) -> None:
     text = "".join(json_lines(iter(rows)))

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
@@ -129,7 +130,8 @@ class _Pool:
         """Compute the block, or only open the models."""
         data = None if block is None else base.pickled_block(_NAME, block)
         try:
-            return self._executor.submit(_compute, data)
+            with _interrupts_ignored():
+                return self._executor.submit(_compute, data)
         except BrokenProcessPool as error:  # a process has died that had nothing to do
             return _failed(error)
 
@@ -151,7 +153,7 @@ _key, _work = "", b""  # of this process, if it is a worker
 def _begin(until: Connection, work: bytes) -> None:
     """In a worker, first of all: end when the process that started it closes the pipe, or has ended."""
     global _key, _work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # is for the process that started it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
 
     def end() -> None:
@@ -164,3 +166,16 @@ def _begin(until: Connection, work: bytes) -> None:
 
 def _compute(block: bytes | None) -> BlockResult:
     return base.compute(_key, lambda: cast(Work, pickle.loads(_work)), block)
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes that are started inside leave interrupts to this one, from their first moment on."""
+    if threading.current_thread() is not threading.main_thread():  # which alone may say so
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
