@@ -61,26 +61,10 @@ def condition_counts(store: Store, model: str) -> list[Row]:
     return list(store.rows(query, model))
 
 
-def target_sums(store: Store, model: str, found_score: float) -> Iterator[Row]:
-    """Per condition and picture of a model: sums over its targets and readings, and how many each is of.
-
-    Columns NAME and n_NAME, NULL and 0 where there is none. found_score: the confidence from which a target
-    counts as found.
-    """
-    of = {
-        "target_confidence": "confidence",
-        "detection_rate": f"confidence >= {found_score}",
-        "confidence_when_found": f"CASE WHEN confidence >= {found_score} THEN confidence END",
-        "target_confidence_swept": "confidence_swept",
-        "detection_rate_swept": f"confidence_swept >= {found_score}",
-        "read_confidence": "read_confidence",
-        "exact_match": "text = truth",
-        "character_error_rate": "character_error_rate",
-    }
-    sums = ", ".join(f"TOTAL({value}) AS {name}, COUNT({value}) AS n_{name}" for name, value in of.items())
-    return store.rows(
-        f"SELECT {_SHARED}, image, {sums} FROM targets WHERE model = ? GROUP BY {_SHARED}, image", model
-    )
+def target_sums(store: Store, model: str) -> Iterator[Row]:
+    """Per condition of a model: the sum of its targets' confidences, and how many these are."""
+    sums = "TOTAL(confidence) AS target_confidence, COUNT(confidence) AS n_target_confidence"
+    return store.rows(f"SELECT {_SHARED}, {sums} FROM targets WHERE model = ? GROUP BY {_SHARED}", model)
 
 
 def pictures_seen(store: Store) -> list[str]:

@@ -8,6 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from blurnoise._core.files import read_bytes
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
@@ -16,7 +17,7 @@ from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.system.files import path_within, read_within, write_whole
+from blurnoise_eval.system.files import path_within, write_whole
 from blurnoise_eval.system.tables import json_lines
 
 INSTANCES = Path("coco") / "instances.json"
@@ -54,7 +55,7 @@ def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None
 def read_truth(store: Store) -> dict[str, Any]:
     """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
     try:
-        held = json.loads(read_within(store.folder, INSTANCES))
+        held = json.loads(read_bytes(path_within(store.folder, INSTANCES)))
         return {name: list(held[name]) for name in ("images", "annotations", "categories")}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(

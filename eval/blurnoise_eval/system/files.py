@@ -93,10 +93,3 @@ def path_within(folder: Path, name: str | Path) -> Path:
     if not path.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"file name {str(name)[:200]!r} leaves the folder {str(folder)!r} through a link")
     return path
-
-
-def read_within(folder: Path, name: str | Path) -> bytes:
-    """The content of the file that :func:`path_within` finds. Raises ``OSError`` for what is no regular file."""
-    path = path_within(folder, name)
-    check_regular(path)
-    return path.read_bytes()

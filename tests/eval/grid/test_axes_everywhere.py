@@ -130,7 +130,7 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
             assert [row["n_images"] for row in means] == [1] * len(scores)
             sums = {
                 tuple(row[name] for name in CONDITIONS): row["target_confidence"]
-                for row in queries.target_sums(store, "m", 0.25)
+                for row in queries.target_sums(store, "m")
             }
             assert Counter(sums.values()) == Counter(scores.values())
             for row in means:

@@ -115,10 +115,10 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(engine: str, what: str, pickle_it: Callable[[], T]) -> T:
-    """What ``pickle_it`` makes for another process. Raises ``ValueError`` that names what cannot be sent."""
+def pickled(engine: str, what: str, value: object) -> bytes:
+    """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
-        return pickle_it()
+        return pickle.dumps(value)
     except Exception as error:  # pickling runs anybody's code
         raise ValueError(
             f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
@@ -127,7 +127,7 @@ def pickled(engine: str, what: str, pickle_it: Callable[[], T]) -> T:
 
 def pickled_block(engine: str, block: Block) -> bytes:
     """A block for a worker process."""
-    return pickled(engine, f"picture {block.picture.name!r}", lambda: pickle.dumps(block))
+    return pickled(engine, f"picture {block.picture.name!r}", block)
 
 
 def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockResult:
@@ -149,17 +149,9 @@ def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockR
     return results, [(str(each.message), each.category) for each in caught]
 
 
-class Warnings:
-    """Gives the warnings of worker processes here, each text once."""
-
-    def __init__(self) -> None:
-        self._given = set[str]()
-
-    def results(self, block: BlockResult) -> list[CellResult]:
-        """The results, once the warnings that came with them are given."""
-        results, caught = block
-        for text, category in caught:
-            if text not in self._given:
-                self._given.add(text)
-                warnings.warn(text, category, stacklevel=2)
-        return results
+def results_of(block: BlockResult) -> list[CellResult]:
+    """The results, once the warnings that came with them are given; Python gives each text once."""
+    results, caught = block
+    for text, category in caught:
+        warnings.warn(text, category, stacklevel=2)
+    return results

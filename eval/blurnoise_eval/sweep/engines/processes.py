@@ -49,7 +49,7 @@ class ProcessEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        pickled = base.pickled(_NAME, "models", lambda: pickle.dumps(work))
+        pickled = base.pickled(_NAME, "models", work)
         with self:
             try:
                 yield from self._computed(pickled, base.shared_out(blocks, self.processes))
@@ -58,15 +58,15 @@ class ProcessEngine(base.Staying):
                 raise
 
     def _computed(self, work: bytes, blocks: Iterator[Block]) -> Answers:
-        warned, lost = base.Warnings(), dict[str, Exception]()
+        lost = dict[str, Exception]()
 
         def submit(block: Block) -> Future[BlockResult]:
             if block.picture.name in lost:
                 return _failed(lost[block.picture.name])
-            return self._of(work, warned).submit(block)
+            return self._of(work).submit(block)
 
         def answer(future: Future[BlockResult]) -> list[CellResult] | Exception:
-            return base.raised(future.exception()) or warned.results(future.result())
+            return base.raised(future.exception()) or base.results_of(future.result())
 
         suspects: list[Block] = []
         while True:
@@ -91,7 +91,7 @@ class ProcessEngine(base.Staying):
                     yield block, answer(future)
             suspects.clear()
 
-    def _of(self, work: bytes, warned: base.Warnings) -> _Pool:
+    def _of(self, work: bytes) -> _Pool:
         """Processes for this work, one of which has opened its models."""
         if self._pool is not None and self._pool.work == work:
             return self._pool
@@ -99,7 +99,7 @@ class ProcessEngine(base.Staying):
             self.stop()
             self._pool = _Pool(work, self.processes)
             try:
-                warned.results(self._pool.submit(None).result())
+                base.results_of(self._pool.submit(None).result())
             except BrokenProcessPool:
                 continue
             return self._pool

@@ -62,7 +62,7 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        packed = base.pickled(_NAME, "models", lambda: pickle.dumps(work))
+        packed = base.pickled(_NAME, "models", work)
         todo = iter(blocks)
         first = next(todo, None)
         if first is None:
@@ -86,7 +86,7 @@ class RayEngine(base.Staying):
         task = ray.remote(num_cpus=1, max_retries=1, scheduling_strategy="SPREAD")(_compute)
         work = ray.put(packed), needed
         todo = base.shared_out(blocks, self.workers or _cores(ray))
-        lost, warned = dict[str, Exception](), base.Warnings()
+        lost = dict[str, Exception]()
         flying: dict[Any, Block] = {}
         last_core_s = time.monotonic()
         try:
@@ -110,7 +110,7 @@ class RayEngine(base.Staying):
                 for each in done:
                     block = flying.pop(each)
                     try:
-                        yield block, warned.results(ray.get(each))
+                        yield block, base.results_of(ray.get(each))
                     except ray.exceptions.RayTaskError as error:  # its own text is a traceback
                         yield block, base.raised(error.cause) or error
                     except ray.exceptions.NodeDiedError:  # which is no fault of a picture
