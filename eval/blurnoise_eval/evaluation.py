@@ -27,7 +27,7 @@ from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.exports import write_exports, write_parquet
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
@@ -94,10 +94,15 @@ def evaluate(
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     named = find(camera) if isinstance(camera, str) else camera  # before anything is opened
     opened = _opened(models)
+    for name, value, kind in (
+        ("pictures", pictures, PictureSet),
+        ("camera", named, Camera),
+        ("plan", plan, SweepPlan),
+    ):
+        if value is not None and not isinstance(value, kind):
+            raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
     whole = usual_pictures(opened) if pictures is None else pictures
-    _check_kind("pictures", whole, PictureSet)
     seen_by = default_for(opened, whole) if named is None else named
-    _check_kind("camera", seen_by, Camera)
     check_cluster(cluster, (picture.name for picture in whole))
     shown, own = whole, None if part is None else Part.parse(part)
     if own is not None:
@@ -105,7 +110,6 @@ def evaluate(
         if not shown:
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else plan
-    _check_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, seen_by, shown)
@@ -236,12 +240,6 @@ class Evaluation:
             summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
 
-    def parquet(self) -> list[Path]:
-        """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
-        self.output.mkdir(parents=True, exist_ok=True)
-        with Store(self.folder, shared=True) as store:
-            return write_parquet(store, self.output)
-
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
         from blurnoise_eval.report import page  # matplotlib and plotly
@@ -298,8 +296,3 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
     if len({isinstance(model, Detector) for model in found}) > 1:
         raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
     return found
-
-
-def _check_kind(name: str, value: object, kind: type) -> None:
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")

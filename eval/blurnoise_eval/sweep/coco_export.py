@@ -18,7 +18,6 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.files import path_within, write_whole
-from blurnoise_eval.system.tables import json_lines
 
 INSTANCES = Path("coco") / "instances.json"
 
@@ -114,13 +113,13 @@ def write_detections(
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
         for name, at in _named(queries.conditions(store, model), run.camera):
             found = queries.detections_at(store, model, at, at["repeat"])
-            rows = (
+            rows = [
                 row
                 for image, _, each in found
                 for row in coco_results(each, truth.image_ids[image], truth.category_of)
-            )
+            ]
             path = place / f"{name}.json"
-            write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
+            write_whole(path, json.dumps(rows).encode("utf-8"))
             written.append(path)
             mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
             if mover is not None:

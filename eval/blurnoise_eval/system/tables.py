@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -32,12 +31,3 @@ def csv_text(rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
     csv.writer(text).writerows(rows)
     return text.getvalue()
-
-
-def json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """A list of rows as JSON, a line each."""
-    before = "["
-    for row in rows:
-        yield f"{before}\n {json.dumps({name: plain(value) for name, value in row.items()})}"
-        before = ","
-    yield "[]\n" if before == "[" else "\n]\n"

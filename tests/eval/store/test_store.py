@@ -171,45 +171,6 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
     assert targets["confidence"].dtype == float
 
 
-def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0, targets=1)])
-        write_exports(store)
-        full = [list(pd.read_csv(tmp_path / name)) for name in ("results.csv", "targets.csv")]
-    with Store(tmp_path / "empty", create=True) as store:
-        write_exports(store)
-        for name, columns in zip(("results.csv", "targets.csv"), full, strict=True):
-            table = pd.read_csv(tmp_path / "empty" / name)
-            assert list(table) == columns
-            assert len(table) == 0
-
-
-@pytest.mark.parametrize("name", ["results.csv", "targets.csv"])
-def test_export_that_fails_keeps_the_file_of_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    """A disk that is full when the file takes the place of the former one."""
-    replaced = Path.replace
-
-    def full(path: Path, target: Path) -> Path:
-        if target.name == name:
-            raise OSError(28, "No space left on device")
-        return replaced(path, target)
-
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0)])
-        write_exports(store)
-        before = (tmp_path / name).read_bytes()
-        store.add([result(1)])
-        monkeypatch.setattr(Path, "replace", full)
-        with pytest.raises(OSError, match="No space left"):
-            write_exports(store)
-        monkeypatch.undo()
-    assert (tmp_path / name).read_bytes() == before
-    files = {path.name for path in tmp_path.iterdir()}
-    assert files == {RUN_FILE, "results.csv", "targets.csv"}
-
-
 def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([result(0, model="b"), result(0, model="a"), result(1, model="a")])

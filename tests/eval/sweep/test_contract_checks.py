@@ -271,21 +271,6 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     assert not any(source.startswith("chosen") for source in found.contract.sources.values())
 
 
-def test_scores_that_are_all_0_are_no_doubt_where_the_chosen_contract_has_others(
-    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
-) -> None:
-    model = onnx.load(behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx"))
-    offsets = next(each for each in model.graph.initializer if each.name == "offsets")
-    values = numpy_helper.to_array(offsets).copy()
-    values[5] = 0  # the score where nothing is red
-    offsets.CopyFrom(numpy_helper.from_array(values, "offsets"))
-    onnx.save(model, tmp_path / "m.onnx")
-    detector = assumed(tmp_path / "m.onnx", own)
-    assert "every score is exactly 0" in output_problems(detector, pictures[0][0])[0]
-    found = compared(detector, pictures)
-    assert (found.contract.value_range, found.doubts) == ("0-255", ())
-
-
 def photographs(places: Sequence[int]) -> list[Known]:
     paths = sorted((SHARED / "photos").glob("*.jpg"))
     images = [cv2.imread(str(paths[place])) for place in places]

@@ -352,14 +352,10 @@ def test_an_address_where_nobody_listens_is_told_at_once(pictures: PictureSet) -
             list(RayEngine(1, address).map(Work((), CAMERA), [Block(pictures.pictures[0], ())]))
 
 
-KINDS = (
-    *("coco", "yolo", "bdd", "text", "folder"),
-    *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("rendered signs", "rendered texts")),
-)
-
-
-def labelled(kind: str, folder: Path) -> PictureSet:
-    """Two pictures, the first with a sign, as a set of this kind."""
+def pictures_of(kind: str, folder: Path) -> PictureSet:
+    """Two pictures, the first with a sign."""
+    if kind == "rendered":
+        return datasets.rendered_signs()
     for name, value in (("a.png", 50), ("b.png", 90)):
         datasets.write_picture(folder / name, np.full((20, 30, 3), value, np.uint8))
     instances = {
@@ -367,33 +363,15 @@ def labelled(kind: str, folder: Path) -> PictureSet:
         "categories": [{"id": 1, "name": "sign"}],
         "annotations": [{"id": 7, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4], "note": ["kept"]}],
     }
-    box = {"x1": 1, "y1": 2, "x2": 4, "y2": 6}
-    frames = [{"name": "a.png", "labels": [{"category": "sign", "box2d": box}]}, {"name": "b.png"}]
-    contents = {
-        "coco.json": json.dumps(instances),
-        "bdd.json": json.dumps(frames),
-        "text.txt": "a.png\tSTOP\nb.png\tYIELD\n",
-        "classes.txt": "sign\n",
-        "a.txt": "0 0.5 0.5 0.5 0.5",
-    }
-    for name, content in contents.items():
-        (folder / name).write_text(content)
-    return {
-        "coco": lambda: datasets.coco(folder / "coco.json"),
-        "bdd": lambda: datasets.bdd(folder / "bdd.json"),
-        "text": lambda: datasets.texts(folder / "text.txt"),
-        "yolo": lambda: datasets.yolo(folder),
-        "folder": lambda: datasets.image_folder(folder),
-        "rendered signs": datasets.rendered_signs,
-        "rendered texts": datasets.rendered_texts,
-    }[kind]()
+    (folder / "coco.json").write_text(json.dumps(instances))
+    return datasets.coco(folder / "coco.json") if kind == "coco" else datasets.image_folder(folder)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["coco", "folder", "rendered"])
 def test_work_and_blocks_of_every_kind_of_pictures_travel(
     kind: str, tmp_path: Path, detector: Detector
 ) -> None:
-    shown = labelled(kind, tmp_path)
+    shown = pictures_of(kind, tmp_path)
     plan = swept((0.01,), (50.0,))
     work = Work((detector,), CAMERA)
     sent, copies = pickle.loads(pickle.dumps((work, list(blocks(shown, plan)))))

@@ -13,15 +13,13 @@ import pandas as pd
 import pytest
 from band_readers import band_reader
 from blurnoise_eval import Detector, Evaluation, datasets, evaluate
-from blurnoise_eval.datasets import Picture, PictureSet
+from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
-from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.page import TABLES
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.exposing import Scene, frames
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
@@ -124,36 +122,6 @@ def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: 
         evaluate(model, pictures, "imx250", replace(PLAN, seed=1), output=done.folder)
     with pytest.raises(StoreError, match="holds no"):
         Evaluation(done.folder / "nowhere")
-
-
-def test_photographs_of_another_exposure_give_the_same_cells_when_anchored(
-    model: Path, tmp_path: Path
-) -> None:
-    """16-bit codes of one scene, 1 and 2 EV apart: the same pictures, but for a code of 8 bits here and there."""
-    light = charts.stop_sign(24, height_px=64, width_px=64)
-    codes = [
-        (srgb_from_linear(light / 2**stops)[0].permute(1, 2, 0).numpy() * 65535).round().astype(np.uint16)
-        for stops in range(3)
-    ]
-    camera = Camera.preset("imx250")
-    cell = Cell("a", 0, Conditions(exposure_s=0.01, illuminance_lux=20.0, velocity_x_px_s=300.0), 7)
-    anchored, plain = (
-        [next(frames(Scene(each, anchor), [cell], camera)).image.astype(int) for each in codes]
-        for anchor in ("mean", None)
-    )
-    for darker in (1, 2):
-        assert (
-            np.abs(anchored[darker] - anchored[0]).max() <= 2
-        )  # a digital number in deep shadow is two codes
-        assert (anchored[darker] != anchored[0]).mean() < 0.02
-        assert np.abs(plain[darker] - plain[0]).mean() > 5
-    assert anchored[0].mean() > 10
-    black = Picture("black.png", (), lambda: np.zeros((40, 50, 3), np.uint8), "black")
-    both = PictureSet("folder", "here", (black, Picture("a", (), lambda: codes[0], "a")))
-    found = evaluate(model, both, plan=replace(PLAN, grey_anchor="mean"), output=tmp_path)
-    assert [row["reason"] for row in found.skipped] == [
-        "black.png: grey_anchor = mean: is black here; must have some light to be 18 % grey"
-    ]
 
 
 def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -92,18 +92,6 @@ def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.slow
-def test_merged_run_goes_on(runs: Path, tmp_path: Path) -> None:
-    """The command of the whole resumes it; one part alone is a part, and says what it lacks."""
-    merge([runs / "1", runs / "2"], tmp_path / "run")
-    again = evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "run", threads=1, refine=False)
-    assert again.outcome is not None
-    assert (again.outcome.computed, again.outcome.resumed) == (0, 30)
-    merge([runs / "1"], tmp_path / "part")
-    with pytest.raises(StoreError, match="another part"):
-        evaluate(pictures=signs(), plan=PLAN, output=tmp_path / "part", threads=1, refine=False)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changes", "named"),
     [

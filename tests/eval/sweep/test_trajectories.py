@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
-from blurnoise_eval.datasets import segmentation
-from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
@@ -21,10 +19,9 @@ from blurnoise_eval.sweep.exposing import Scene, frames
 from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 
-from blurnoise import Exposure, simulate
+from blurnoise import simulate
 from blurnoise.motion import trajectory as paths
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import cutting
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
 LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"
@@ -60,30 +57,6 @@ def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
         grown = first.sweep_boxes(box, np.array([[53.0, 41.0]]))[0] - box[0]
         expected = shake.seen(exposure_s, (200.0, 0.0)).box
         np.testing.assert_allclose(grown, expected, atol=1e-6)
-
-
-def test_targets_move_beside_the_shake_and_before_it() -> None:
-    """What moves for itself is shaken with all the rest, as simulate's layers are."""
-    light = torch.nn.functional.avg_pool2d(
-        torch.rand(1, 3, 46, 63, generator=torch.Generator().manual_seed(2)), 5, 1, 2
-    )
-    cut = cutting.cut_out(light, [segmentation.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
-    path = paths.shake(5, 9.0, 0.02)
-    taken = Exposure(CAMERA, 0.02, 100.0, (600.0, 0.0), seed=7, trajectory=path, moves="targets")
-    (frame,) = CutScene(cut).frames([taken])
-    dn = simulate(
-        cut.background,
-        CAMERA,
-        exposure_s=0.02,
-        illuminance_lux=100.0,
-        trajectory=path,
-        encoding="linear",
-        layers=[replace(layer, velocity_px_s=(600.0, 0.0)) for layer in cut.layers],
-        generator=[7],
-    )
-    np.testing.assert_array_equal(frame.picture, develop_8bit(dn, CAMERA)[0].permute(1, 2, 0).numpy())
-    (still,) = CutScene(cut).frames([replace(taken, trajectory=None)])
-    assert np.abs(frame.picture.astype(int) - still.picture)[30:].mean() > 2
 
 
 @pytest.mark.slow

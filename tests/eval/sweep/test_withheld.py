@@ -68,15 +68,3 @@ def test_a_run_of_such_a_detector_gives_the_reason_and_no_exposure(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert list(summary["withheld_models"]) == ["m"]
     assert summary["answers"] == []
-
-
-def test_without_labels_the_targets_are_named_and_p_is_none(
-    folder: Path, tmp_path: Path, capsys: Output
-) -> None:
-    assert main(swept(folder, tmp_path / "run", "--images", str(folder))) == 0
-    out = capsys.readouterr().out
-    assert "m: 2 targets, as found in the original pictures: stop sign 2" in out
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["targets_found"] == {"m": {"stop sign": 2}}
-    assert summary["models"][0]["p"] is None
-    assert summary["models"][0]["mpc"] is not None

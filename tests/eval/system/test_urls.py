@@ -34,12 +34,6 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     found.fs.store.clear()
 
 
-@pytest.mark.parametrize("text", ["a/b", "/a", "s3:/a", "~/a", "C:/a"])
-def test_paths_stay_paths(text: str) -> None:
-    assert location(text) == Path(text)
-    assert location(Path(text)) == Path(text)
-
-
 def test_files_by_url_are_paths(tmp_path: Path) -> None:
     strange = tmp_path / "with space %20 größe"
     assert location(strange.as_uri()) == strange
@@ -128,12 +122,6 @@ def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
     assert error.value.filename == f"{URL}/sub/none"
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.*")) == ["a.bin", "a.bin"]
     assert local_file(tmp_path) == tmp_path
-
-
-def test_a_file_with_its_company(bucket: Any) -> None:
-    """What stands beside it, in one folder; what is missing is left out, and what leads elsewhere."""
-    found = local_file(bucket / "a.bin", ["sub/none", "c.bin", "../x.bin"])
-    assert {each.name for each in found.parent.rglob("*") if each.is_file()} == {"a.bin", "none"}
 
 
 def test_what_is_fetched_ahead_is_not_asked_for_again(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
