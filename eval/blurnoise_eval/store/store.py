@@ -75,8 +75,9 @@ class Store:
             self.read_only = not (create or (_writable(folder) and _writable(path)))
             if self.read_only:  # SQLite writes beside the file, even in order to read
                 copies = Path(opened.enter_context(TemporaryDirectory()))
-                for file in folder.glob(f"{RUN_FILE}*"):  # with the journal of a killed run
-                    shutil.copyfile(file, copies / file.name)
+                for file in (path, path.with_name(f"{RUN_FILE}-wal")):  # the journal of a killed run
+                    if file.is_file():
+                        shutil.copyfile(file, copies / file.name)
                 path = copies / RUN_FILE
             self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             if not shared:

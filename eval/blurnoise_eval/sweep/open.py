@@ -93,7 +93,7 @@ class Run:
             return SweepPlan(**{**held, "trajectory": self.trajectory})
         held["auto_exposure"] = AutoExposure(**held["auto_exposure"]) if "auto_exposure" in held else USUAL
         held["objects"] = Objects(**held["objects"]) if "objects" in held else USUAL_OBJECTS
-        held["direction"] = tuple(held["direction"])
+        held["direction"] = tuple(self.planned["direction"])
         return NodePlan(**held, nodes=tuple(at for batch in self.asked for at in batch.conditions))
 
     def missing_cells(self) -> int:

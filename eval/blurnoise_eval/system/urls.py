@@ -200,7 +200,8 @@ def local_file(file: Location, beside: Sequence[str] = (), known: str | None = N
     if isinstance(file, Path):
         return file
     wanted = {file.name: known or version(file)}
-    wanted |= versions(file.parent, [name for name in beside if _is_below(name)]) if beside else {}
+    with suppress(PermissionError):  # S3's word for what is missing where it must not be listed
+        wanted |= versions(file.parent, [name for name in beside if _is_below(name)])
     key = hashlib.blake2b(f"{file.parent} {sorted(wanted.items())}".encode(), digest_size=20)
     folder = cache_folder() / "objects" / key.hexdigest()
     for name, of_it in wanted.items():

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from blurnoise_eval.system import urls
 from blurnoise_eval.system.urls import (
     explained,
     fetch_ahead,
@@ -149,3 +150,16 @@ def test_what_a_storage_denies_by_a_status_is_denied(status: int) -> None:
     error.status = status  # type: ignore[attr-defined]
     with pytest.raises(PermissionError, match="denied"), explained("gs://bucket/a"):
         raise error
+
+
+def test_company_that_is_denied_is_missing(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As S3 denies what is not there in a bucket that must not be listed."""
+    known = urls.version
+
+    def denied(file: Any) -> str:
+        if file.name != "a.bin":
+            raise PermissionError(13, "denied", str(file))
+        return known(file)
+
+    monkeypatch.setattr(urls, "version", denied)
+    assert local_file(bucket / "a.bin", ["b.bin"]).read_bytes() == b"a.bin"
