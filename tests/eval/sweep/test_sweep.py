@@ -23,6 +23,7 @@ from blurnoise_eval.sweep import work
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
 from coco_oracle import target_confidence
+from made_up import Pedestal, Shift, Veil
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import (
@@ -41,10 +42,12 @@ from signs_in_memory import (
 )
 
 from blurnoise import Camera, simulate
+from blurnoise.light import effects
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene import scene
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor import stages
 
 EVERY_EFFECT = replace(
     CAMERA,
@@ -273,3 +276,28 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
             with pytest.raises(StoreError, match=named):
                 results.open_run(store, *changed, facts)
         assert store.about("manifest")["threads"] == 1
+
+
+def test_new_entries_of_the_chains_tables_are_in_every_picture(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An effect, a stage, and an effect that moves the picture, with which the targets move."""
+
+    def targets(name: str) -> list[dict[str, Any]]:
+        plan = swept((0.01,), (100.0,), (0.0, 300.0))
+        _, rows, *_ = rows_of(tmp_path / name, [detector], CAMERA, picture_set(picture("p")), plan)
+        return [row for row in rows if not row["clean"]]
+
+    plain, found = targets("plain"), {}
+    for name, effect in (("veiled", Veil(0.4)), ("moved", Shift((9, 6)))):
+        with monkeypatch.context() as patch:
+            patch.setattr(effects, "EFFECTS", (*effects.EFFECTS, effect))
+            found[name] = targets(name)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(5000.0), *stages.STAGES[6:]))
+    for other in (found["veiled"], targets("lifted")):
+        assert len(other) == len(plain) == 2
+        assert all(a["confidence"] != b["confidence"] for a, b in zip(plain, other, strict=True))
+    for before, after in zip(plain, found["moved"], strict=True):
+        by = [after[edge] - before[edge] for edge in ("x0", "y0", "x1", "y1")]
+        assert by == pytest.approx([9, 6, 9, 6])
+        assert after["confidence"] == pytest.approx(before["confidence"], abs=0.1)
