@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import Store
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set
@@ -52,15 +51,6 @@ def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detecto
     assert plain[2] == stated[2]  # detections, to the bit
     for one, other in zip(plain[0] + plain[1], stated[0] + stated[1], strict=True):
         assert {**one, "cell_id": None, "example": None} == {**other, "cell_id": None, "example": None}
-
-
-def test_a_run_is_of_its_objects(tmp_path: Path, detector: Detector) -> None:
-    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.5}))
-    assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))) == plan
-    run(tmp_path, detector, plan, labelled())
-    for other in (Objects(), Objects(speeds={"stop sign": 0.25}), Objects(boxes="swept")):
-        with pytest.raises(StoreError, match="another plan"):
-            run(tmp_path, detector, SweepPlan(plan.grid, objects=other), labelled())
 
 
 def test_what_stands_is_seen_as_at_rest(tmp_path: Path, detector: Detector) -> None:

@@ -122,22 +122,6 @@ def test_every_end_lies_in_its_interval(refined: Evaluation) -> None:
     assert seen == 8
 
 
-def test_without_it_ends_are_as_wide_as_the_grid(detector: Detector, tmp_path: Path) -> None:
-    engine = ClosedForm()
-    plain = swept(tmp_path, detector, engine, refine=False)
-    assert engine.cells == 24 * (1 + 5 * 4)
-    for answer in plain.answers:
-        assert answer["exposures_s"] == EXPOSURES_S
-        for bounds, exact in zip(
-            (answer["windows_low_s"][0], answer["windows_high_s"][0]),
-            ends_of(answer["illuminance_lux"], answer["velocity_x_px_s"]),
-            strict=True,
-        ):
-            low, high = bounds
-            assert low <= exact <= high
-            assert {low, high} <= set(EXPOSURES_S)
-
-
 def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) -> None:
     """Less than half of a grid of quarter stops, 27 exposures for each of four lines."""
     with Store(refined.folder) as store:

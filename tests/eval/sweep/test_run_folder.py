@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import commands
 import numpy as np
 import onnx
 import pytest
@@ -35,9 +31,6 @@ from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 PLAN = swept((0.002, 0.01, 0.02), (50.0,), (0.0, 400.0), repeats=2)
-OPTIONS = ["--exposure-ms", "2,10,20", "--lux", "50", "--dx", "0,400", "--repeats", "2", "--threads", "1"]
-PER_PICTURE = 1 + 2 * 6
-Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
@@ -87,51 +80,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory, model: Path) -> Path:
 @pytest.fixture
 def run(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "run")
-
-
-# --- what is missing ---
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
-def test_killed_run_says_how_many_cells_are_missing(model: Path, tmp_path: Path, capsys: Output) -> None:
-    pictures, folder = photos(tmp_path / "photos", "a.png", "b.png"), tmp_path / "run"
-    (pictures / "c.png").write_bytes(b"")
-    command = ["sweep", "--model", str(model), "--images", str(pictures), *OPTIONS]
-    command += ["--no-refine", "-o", str(folder)]
-    command = ["sweep", *commands.in_a_file("sweep", command[1:])]
-    dies = """
-import os, sys
-
-from blurnoise_eval.cli import main
-from blurnoise_eval.store.store import Store
-add, added = Store.add, []
-def add_and_die(self, results, *arguments):
-    add(self, results, *arguments)
-    added.append(results)
-    if len(added) == 4:
-        os.kill(os.getpid(), 9)
-Store.add = add_and_die
-main(sys.argv[1:])
-"""
-    killed = subprocess.run([sys.executable, "-c", dies, *command], capture_output=True, check=False)
-    assert killed.returncode == -signal.SIGKILL, killed.stderr
-    assert commands.main(["report", str(folder)]) == 0
-    told = capsys.readouterr().out
-    summary = json.loads((folder / "summary.json").read_text())
-    # the picture that cannot be read is skipped if the sweep came to it, or else missing with the others
-    there = (3 - len(summary["skipped"])) * PER_PICTURE
-    assert 0 < summary["cells"] < there
-    assert summary["missing_cells"] == there - summary["cells"]
-    says = f"{summary['missing_cells']} cells missing"
-    assert says in " ".join(told.split())
-    assert says in (folder / "report.html").read_text()
-
-    assert commands.main(command) == 0
-    assert "missing" not in capsys.readouterr().out
-    summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["cells"], summary["missing_cells"]) == (2 * PER_PICTURE, 0)
-    assert "cells missing" not in (folder / "report.html").read_text()
 
 
 # --- what every sweep learnt ---

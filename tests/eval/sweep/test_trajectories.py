@@ -13,7 +13,6 @@ from blurnoise_eval import evaluate
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
 from blurnoise_eval.sweep.exposing import Scene, frames
 from plans import plan as swept
@@ -57,25 +56,6 @@ def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
         grown = first.sweep_boxes(box, np.array([[53.0, 41.0]]))[0] - box[0]
         expected = shake.seen(exposure_s, (200.0, 0.0)).box
         np.testing.assert_allclose(grown, expected, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_run_is_along_one_trajectory_and_says_so(detector: Detector, tmp_path: Path) -> None:
-    shaken = replace(PLAN, trajectory="shake:6")
-    first = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
-    again = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
-    assert again.outcome is not None
-    assert again.outcome.computed == 0
-    for other in (PLAN, replace(PLAN, trajectory="shake:7"), replace(PLAN, trajectory="sine:6,80")):
-        with pytest.raises(StoreError, match="another plan"):
-            evaluate(detector, TWO, CAMERA, other, tmp_path)
-    assert "trajectory" not in PLAN.to_dict()  # runs from before there was any go on
-    assert shaken.to_dict() == PLAN.to_dict() | {"trajectory": "shake:6"}
-    with Store(tmp_path) as store:
-        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
-    assert first.summary["missing_cells"] == 0
-    page = first.report().read_text()
-    assert "shake:6, another in every picture, so far in 20 ms; blur and speeds are of the uniform" in page
 
 
 @pytest.mark.slow
