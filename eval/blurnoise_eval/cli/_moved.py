@@ -34,7 +34,6 @@ _ELSEWHERE = {
         "speed": "--dx",
         "workers": "--threads",
         **dict.fromkeys(("yolo", "bdd", "text"), "--labels"),
-        "parquet": "'blurnoise report RUN --parquet'",
         "no_refine": "'refine: false' in --plan FILE.yaml",
         "cache_gb": "gone: the cache has no limit, and BLURNOISE_CACHE names its folder",
     },
