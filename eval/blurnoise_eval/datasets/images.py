@@ -100,29 +100,33 @@ def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
 
 def _stored(path: Location, max_megapixels: float, known: str | None = None) -> NDArray[Any] | None:
     """What the file holds, of any type; None where it cannot be decoded."""
-    try:
-        source = local_file(path, known=known)
-        check_regular(source)
-        header = _header(path, source)
-        if header:
-            _check_size(path, header.size_px, max_megapixels)
-        data = np.fromfile(source, np.uint8)
-    except OSError as error:
-        raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
-    if not data.size:
+    source, header = _header(path, known)
+    if header:
+        _check_size(path, header.size_px, max_megapixels)
+    data = source.read_bytes()
+    if not data:
         raise UnreadablePicture(f"{path}: is empty (0 bytes)")
     try:
         if header and header.multiplied:
-            with PIL.Image.open(BytesIO(data.tobytes())) as found:  # its mapped files it turns wrongly
+            with PIL.Image.open(BytesIO(data)) as found:  # its mapped files it turns wrongly
                 return np.asarray(PIL.ImageOps.exif_transpose(found).convert("RGB"))
-        decoded = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     except (cv2.error, OSError, SyntaxError):  # a header that promises too much
         return None
     return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
 
 
-def _header(path: Location, source: Path) -> _Header | None:
-    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than it opens."""
+def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
+    """The file on this machine, and what it says; None where Pillow does not know the format.
+
+    Raises :class:`UnreadablePicture` for one that is missing, or of more pixels than Pillow opens.
+    """
+    try:
+        source = local_file(path, known=known)
+        check_regular(source)
+        source.open("rb").close()
+    except OSError as error:
+        raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of many pixels, which are not read here
@@ -132,11 +136,11 @@ def _header(path: Location, source: Path) -> _Header | None:
                 width, height = header.size
                 size_px = (height, width) if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8) else (width, height)
                 depths = getattr(header, "tag_v2", {}).get(_BITS_PER_SAMPLE, ())
-                return _Header(size_px, header.format, header.mode == "RGBA" and 8 in depths)
+                return source, _Header(size_px, header.format, header.mode == "RGBA" and 8 in depths)
     except PIL.Image.DecompressionBombError:
         raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
-        return None
+        return source, None
 
 
 def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
@@ -144,11 +148,7 @@ def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    header = None
-    with suppress(OSError):  # said by decode
-        source = local_file(path, known=known)
-        check_regular(source)
-        header = _header(path, source)
+    _, header = _header(path, known)
     if header and header.format != "TIFF":  # some releases of OpenCV turn a TIFF's
         return header.size_px
     height, width = decode(path, known=known).shape[:2]

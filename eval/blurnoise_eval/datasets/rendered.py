@@ -52,33 +52,36 @@ def rendered_signs(
     """Squares of 320 px with a stop sign of each size (px across flats), before ``count`` backgrounds.
 
     Signs are within 5 % of their size and stand at random, to fractions of a pixel, one above the other, with room
-    for 90 px of motion along x. Sizes that do not fit beside each other have pictures of their own. Backgrounds
+    for 90 px of motion along x. Backgrounds
     are plain, graded, of 1/f texture and cluttered in turn, dark to bright. What picture i shows depends on sizes,
     ``seed`` and i alone. reads: targets are to be read, the word STOP, a third of the sign in height. Raises
-    ``TypeError`` or ``ValueError`` for a size that does not fit, a count that is no integer from 1 to 10000, a seed
+    ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no integer from 1 to 10000, a seed
     that is none from 0 on.
     """
     from blurnoise.charts import stop_sign_box
 
     for size in sizes_px:
         stop_sign_box(size, **_FRAME)
+    if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > RENDERED_SIZE_PX - _APART_PX * (
+        len(sizes_px) + 1
+    ):
+        raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)
-    pictures: list[Picture] = []
-    for sizes in _sharing(sizes_px):
-        listed = "-".join(f"{size:g}" for size in sizes)
-        for number in range(count):
-            signs = _placed(sizes, number, seed)
-            pictures.append(
-                Picture(
-                    f"stop-signs-{listed}px-{number + 1:02}",
-                    tuple(_target(sign, reads) for sign in signs),
-                    partial(_render, signs, number, seed),
-                    f"rendered {listed} px, {number} of seed {seed}",
-                    len(pictures) + 1,
-                    partial(_cut, signs, number, seed),
-                )
+    pictures = []
+    for number in range(count):
+        signs = _placed(sizes_px, number, seed)
+        listed = "-".join(f"{size:g}" for size in sizes_px)
+        pictures.append(
+            Picture(
+                f"stop-signs-{listed}px-{number + 1:02}",
+                tuple(_target(sign, reads) for sign in signs),
+                partial(_render, signs, number, seed),
+                f"rendered {listed} px, {number} of seed {seed}",
+                number + 1,
+                partial(_cut, signs, number, seed),
             )
+        )
     what = "texts of stop signs" if reads else "stop signs"
     source = f"{what} of {', '.join(f'{size:g}' for size in sizes_px)} px before {count} backgrounds"
     return PictureSet("rendered", source, tuple(pictures), {"text" if reads else "stop sign": 1})
@@ -96,19 +99,6 @@ def _target(sign: _Sign, reads: bool) -> Target:
         return Target("stop sign", f"stop sign {sign.group_px:g} px", box)
     box = stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
     return Target("text", f"STOP on a sign of {sign.group_px:g} px", box, text="STOP")
-
-
-def _sharing(sizes_px: Sequence[float]) -> list[list[float]]:
-    """The sizes in groups that fit into one picture, in their order."""
-    groups: list[list[float]] = []
-    for size in sizes_px:
-        last = groups[-1] if groups else []
-        height = sum([*last, size]) * (1 + SIZE_SPREAD)
-        if last and height + (len(last) + 2) * _APART_PX <= RENDERED_SIZE_PX:
-            last.append(size)
-        else:
-            groups.append([size])
-    return groups
 
 
 def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, ...]:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import an_instance, in_range, picture_size, shown
+from blurnoise._core.checks import in_range, picture_size, shown
 from blurnoise.scene.cutting import AROUND_PX, Matte
 
 LARGEST_PX = 1e6
@@ -41,7 +41,7 @@ def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
-    size, corners = picture_size("size", size), _corners(polygons)
+    corners = _corners(polygons)
     matte = np.zeros(size, np.float32)
     every = np.concatenate(corners)
     left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
@@ -141,7 +141,7 @@ def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
     """Of COCO's run lengths, column by column, compressed or not. Raises ``ValueError`` unless they fill (H, W)."""
     from faster_coco_eval.core import mask
 
-    runs: Any = {"size": list(picture_size("size", size)), "counts": counts}
+    runs: Any = {"size": [*size], "counts": counts}
     try:
         return np.asarray(
             mask.decode(runs if isinstance(counts, (str, bytes)) else mask.frPyObjects(runs, *size)),
@@ -159,7 +159,6 @@ def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte
 
     Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
     """
-    an_instance("annotation", annotation, Mapping)
     segmentation = annotation.get("segmentation")
     if annotation.get("iscrowd") or not segmentation:
         raise ValueError("segmentation: must be that of one object; there is none, or it is a crowd's")

@@ -164,11 +164,10 @@ class Detector(OnnxModel):
         return self.run(blob), placement
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns, and what tells boxes with their own scores of classes where another one leads.
+        """What :meth:`detect` returns, and a function to boxes with their scores of classes where another one leads.
 
-        That is asked with class ids and what the scores must exceed, one for each. It answers from ``OWN_SCORE`` on,
-        whatever the family's evaluator counts, suppressed within each class, at most ``MOST_OF_CLASS`` of each. None
-        where it has nothing to add: the graph tells one class a box, or has one.
+        It takes class ids and what the scores must exceed, one for each, and answers from ``OWN_SCORE`` on,
+        suppressed within each class. None where the graph has one score a box, or one class.
         """
         outputs, placement = self._answers(image)
         candidates = self._candidates(outputs, placement, MIN_SCORE)
