@@ -52,19 +52,17 @@ def rendered_signs(
     """Squares of 320 px with a stop sign of each size (px across flats), before ``count`` backgrounds.
 
     Signs are within 5 % of their size and stand at random, to fractions of a pixel, one above the other, with room
-    for 90 px of motion along x. Backgrounds
-    are plain, graded, of 1/f texture and cluttered in turn, dark to bright. What picture i shows depends on sizes,
-    ``seed`` and i alone. reads: targets are to be read, the word STOP, a third of the sign in height. Raises
-    ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no integer from 1 to 10000, a seed
-    that is none from 0 on.
+    for 90 px of motion along x. Backgrounds are plain, graded, of 1/f texture and cluttered in turn, dark to bright.
+    What picture i shows depends on sizes, ``seed`` and i alone. reads: targets are to be read, the word STOP, a third
+    of the sign in height. Raises ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no
+    integer from 1 to 10000, a seed that is none from 0 on.
     """
     from blurnoise.charts import stop_sign_box
 
     for size in sizes_px:
         stop_sign_box(size, **_FRAME)
-    if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > RENDERED_SIZE_PX - _APART_PX * (
-        len(sizes_px) + 1
-    ):
+    room_px = RENDERED_SIZE_PX - _APART_PX * (len(sizes_px) + 1)
+    if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > room_px:
         raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)

@@ -139,15 +139,6 @@ def test_borders_and_other_objects_hide_what_is_behind(
     assert scene.invented(taken("targets", velocity=(2000.0, 0.0))) == pytest.approx(seen, abs=0.004)
 
 
-def test_boxes_of_targets_grow_by_what_they_move() -> None:
-    box = torch.tensor([[10.0, 20.0, 30.0, 50.0]])
-    grown = torch.tensor([[2.0, 17.5, 38.0, 52.5]])
-    assert torch.equal(taken("targets").sweep_boxes(box), grown)
-    assert torch.equal(taken("background").sweep_boxes(box), box)
-    assert torch.equal(taken("background").of_targets(0.0).sweep_boxes(box), grown)
-    assert torch.equal(taken("targets").of_targets(0.5).sweep_boxes(box), (box + grown) / 2)
-
-
 def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
     """With speed 0 it is what the object does against the background, whether that stands or moves."""
     still, own = (0.0, 0.0), VELOCITY

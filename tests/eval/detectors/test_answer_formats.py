@@ -22,8 +22,7 @@ BOXES_XYXY = np.array([[10.0, 5.0, 40.0, 25.0], [12.0, 6.0, 42.0, 26.0], [50.0, 
 CLASSES = np.array([2, 2, 0])
 SCORES = np.array([0.6, 0.5, 0.9])  # of a white picture; of a black one 0
 ANSWERING = ("yolov10", "yolov7", "mmdeploy", "rtdetr", "ppyoloe", "yolov6e2e", "tfod", "torchvision")
-GRIDS = ("yolov6", "yolov8", "nanodet", "nanodetplus")
-FAMILIES = (*ANSWERING, "rfdetr", "detr", *GRIDS)
+FAMILIES = (*ANSWERING, "rfdetr", "detr")
 AXES = {"tfod": "nhwc", "torchvision": "chw"}
 NAMES = ("first", "second", "third")
 EXTRAS = {
@@ -97,8 +96,6 @@ def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.floa
             "3125": (np.zeros(3), SCORES),
             "3130": (CLASSES.astype(np.int64), np.zeros(0)),
         }
-    if family in GRIDS:
-        return grid_tensors(family)
     centres = np.hstack([(boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]])
     shares = centres / np.array([SIZE_PX[1], SIZE_PX[0]] * 2)
     base, gain = np.full((1, 3, 4), -20.0), np.zeros((1, 3, 4))  # four wide, as the boxes
@@ -109,44 +106,6 @@ def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.floa
         odds[0, np.arange(3), CLASSES] = logit(SCORES) + 20
         return {"logits": (base, odds), "pred_boxes": (shares[None], np.zeros_like(shares)[None])}
     return {"labels": (base, gain), "dets": (shares[None], np.zeros_like(shares)[None])}
-
-
-def grid_tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """The boxes as the cells around their centres state them, class scores beside them."""
-    centres = (BOXES_XYXY[:, :2] + BOXES_XYXY[:, 2:]) / 2
-    onehot = np.zeros((3, 3))
-    onehot[np.arange(3), CLASSES] = SCORES
-    if family in ("yolov6", "yolov8"):
-        px = np.hstack([centres, BOXES_XYXY[:, 2:] - BOXES_XYXY[:, :2], np.ones((3, 1))])
-        base, gain = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3, 8)), np.zeros((1, 126, 8))
-        base[0, :, 4] = 1
-        base[0, [7, 100, 125], :5], gain[0, [7, 100, 125], 5:] = px, onehot
-        if family == "yolov6":
-            return {"outputs": (base, gain)}
-        return {"output0": (np.delete(base, 4, axis=2), np.delete(gain, 4, axis=2))}  # turned
-    parts, found = [], {}
-    for stride in (8, 16, 32, 64) if family == "nanodetplus" else (8, 16, 32):
-        width, height = -(-SIZE_PX[1] // stride), -(-SIZE_PX[0] // stride)
-        scores, gains, sides = (np.zeros((height * width, n)) for n in (3, 3, 32))
-        if stride == 8:
-            columns, rows = (centres // 8).astype(int).T
-            middle = np.stack([columns, rows], axis=1) * 8 + (3.5 if family == "nanodet" else 0)
-            distances = np.hstack([middle - BOXES_XYXY[:, :2], BOXES_XYXY[:, 2:] - middle]) / 8
-            gains[rows * width + columns], sides[rows * width + columns] = onehot, bins(distances)
-        parts.append((np.hstack([scores, sides]), np.hstack([gains, 0 * sides])))
-        # The names are swapped, as in some releases; widths tell.
-        found[f"dis_pred_stride_{stride}"] = (scores[None], gains[None])
-        found[f"cls_pred_stride_{stride}"] = (sides[None], 0 * sides[None])
-    if family == "nanodet":
-        return found
-    base, gain = (np.vstack(halves)[None] for halves in zip(*parts, strict=True))
-    return {"output": (base, gain)}
-
-
-def bins(distances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Logits over 0 to 7 strides whose softmax has the mean ``distances`` (N, 4), as (N, 32)."""
-    shares = np.clip(1 - np.abs(np.arange(8) - distances[..., None]), 1e-9, None)
-    return np.log(shares).reshape(-1, 32)
 
 
 def graph(
@@ -259,12 +218,6 @@ def test_where_nothing_tells_deim_from_torchvision_both_are_named(tmp_path: Path
         found = Detector(path, contract=family).detect(np.full((*SIZE_PX, 3), 255, np.uint8))
         assert found.class_ids.tolist() == [0, 2, 2]
         np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], rtol=1e-5)
-
-
-def test_a_real_probe_tells_yolov6(tmp_path: Path) -> None:
-    contract = Detector(graph(tmp_path / "m.onnx", "yolov6", metadata={"names": str(list(NAMES))})).contract
-    assert (contract.family, contract.classes) == ("yolov6", NAMES)
-    assert "objectness is 1 everywhere" in contract.sources["family"]
 
 
 @pytest.mark.parametrize("family", ["tfod", "torchvision"])

@@ -151,6 +151,17 @@ def test_text_that_runs_downwards_is_straightened_too(angle_deg: float) -> None:
     assert [crop[5, -5].tolist(), crop[-5, 5].tolist()] == [[0, 255, 0], [255, 0, 0]]
 
 
+@pytest.mark.parametrize(
+    ("size", "shape"), [((20, 80), (20, 80, 3)), ((40, 61), (40, 61, 3)), ((60, 80), (80, 60, 3))]
+)
+def test_a_high_region_is_laid_on_its_side(size: tuple[int, int], shape: tuple[int, ...]) -> None:
+    image = np.zeros((100, 100, 3), np.uint8)
+    image[:50] = (255, 0, 0)
+    crop = straighten(image, corners_of((50, 50), size, 0).astype(np.float32))
+    assert crop.shape == shape
+    assert (crop[0 if shape[0] < shape[1] else 5, 5] == (255, 0, 0)).all()  # what was above is on the left
+
+
 # --- spotting ---
 
 
