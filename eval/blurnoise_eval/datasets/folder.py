@@ -11,6 +11,8 @@ from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, 
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.urls import Location, listing, versions
 
+MOST_TARGETS = 20_000
+"""Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
 Entry = tuple[str, tuple[Target, ...] | None, int | None, tuple[float, float] | None]
 """A picture's name in its folder, targets, id (None: its place, from 1 on), and the size (width, height) that its
 labels are for."""
@@ -62,12 +64,14 @@ def from_files(
     """The pictures of these names in the folder; they need not be there before they are loaded.
 
     known: their versions, where these have been looked up. One of another size than its labels are for, turned as
-    EXIF says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``OSError``
-    where the folder is a URL that nothing can be read from.
+    EXIF says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
+    more than ``MOST_TARGETS`` targets, ``OSError`` where the folder is a URL that nothing can be read from.
     """
     found = versions(folder, [name for name, *_ in entries]) if known is None else known
     pictures = []
     for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):
+        if targets and len(targets) > MOST_TARGETS:
+            raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
         printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
         version = found.get(name)
         load = partial(
@@ -84,6 +88,8 @@ def _load(
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
     picture = read_picture(path, max_megapixels, known)
     height, width = picture.shape[:2]
+    if height * width == 1:
+        raise UnreadablePicture(f"{path}: a single pixel, in which nothing can be found")
     if size_px and size_px != (width, height):
         raise UnreadablePicture(
             f"{path}: {width} x {height} px as EXIF turns it, but its labels are for {size_px[0]:g} x {size_px[1]:g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
@@ -27,7 +28,7 @@ from blurnoise_eval.datasets.labels import (
 )
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import inside
-from blurnoise_eval.system.urls import Location, explained, fetch_ahead, versions
+from blurnoise_eval.system.urls import Location, explained, fetch_ahead, location, versions
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
@@ -119,16 +120,30 @@ def _sources(root: Location, described: _DataYaml, split: str | None) -> list[Lo
     entries = found if isinstance(found, list) else [found]
     if not entries or not all(isinstance(entry, str) for entry in entries):
         raise ValueError(f"split {split!r} = {shown(found)}: must name folders or lists (.txt)")
-    return [_existing(root / (described.path or ""), str(entry)) for entry in entries]
+    return [_existing(root, root / (described.path or ""), str(entry)) for entry in entries]
 
 
-def _existing(folder: Location, entry: str) -> Location:
+def _existing(root: Location, folder: Location, entry: str) -> Location:
     """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
-    for place in (folder / entry.removeprefix("../"), folder / entry):
-        with explained(place):
-            if place.exists():
-                return place
-    raise ValueError(f"{str(folder / entry)!r}: no such folder or list of pictures; --images names another")
+    named = (folder / entry, folder / entry.removeprefix("../"))
+    own = [found for place in named if (found := _below(root, place)) is not None]
+    if not own:
+        must = "name that of the pictures (--images)"
+        raise ValueError(f"{str(named[0])!r} leaves the folder {str(root)!r}; {must}")
+    for found in own:
+        with explained(found):
+            if found.exists():
+                return found
+    raise ValueError(f"{str(own[0])!r}: no such folder or list of pictures")
+
+
+def _below(root: Location, place: Location) -> Location | None:
+    """The place without detours; None outside of ``root``."""
+    if not isinstance(place, Path):
+        place = location(str(place))
+        return place if place.parts[: len(root.parts)] == root.parts else None
+    below = Path(os.path.relpath(str(place), str(root)))
+    return None if below.parts[:1] == (os.pardir,) else root / below
 
 
 def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
