@@ -273,7 +273,7 @@ def bad(tmp_path: Path) -> Path:
         ("inspect text.onnx", "text file"),
         ("inspect pointer.onnx", "git lfs pull"),
         ("inspect empty.onnx", "empty"),
-        ("inspect no_pictures", "folder"),
+        ("inspect no_pictures", "directory"),
         ("sweep --model missing.onnx -o run", "no such file"),
         ("sweep --model text.onnx -o run", "text file"),
         ("sweep --model pointer.onnx -o run", "git lfs pull"),

@@ -264,7 +264,7 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     image = np.zeros((40, 60, 3), np.uint8)
     (problem,) = output_problems(detector, image)
     assert words in problem
-    assert detector.non_finite_values == 0  # the caller's pictures are counted, not these
+    assert detector.non_finite_values_here == 0  # the caller's pictures are counted, not these
     found = compared(assumed(detector.path, detector.contract), [(image, None)] * 3)
     assert words in found.doubts[0]
     assert found.doubts[0].startswith("3 of 3 pictures: ")
