@@ -88,7 +88,8 @@ def select(
     found = found if strong.all() else found[np.flatnonzero(strong)]
     if not corners:
         centres, half = found.boxes_xyxy[:, :2], found.boxes_xyxy[:, 2:] / 2
-        found = replace(found, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1))
+        with np.errstate(invalid="ignore"):  # boxes that are not finite are left out below
+            found = replace(found, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1))
     finite = all_finite(found.boxes_xyxy)
     return found if finite else found[np.flatnonzero(np.isfinite(found.boxes_xyxy).all(axis=1))]
 
