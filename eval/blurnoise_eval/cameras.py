@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from blurnoise.optics import camera_files
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise.optics.colour import FilterCurves
 from blurnoise.optics.lens import Lens
+from blurnoise.optics.radiometry import filter_electrons
 from blurnoise.optics.spectra import Curve
 
 if TYPE_CHECKING:
@@ -27,6 +29,14 @@ def find(name_or_file: str) -> Camera:
     raise ValueError(
         f"camera = {name_or_file!r}: neither a preset nor a file; presets are {', '.join(sorted(PRESETS))}"
     )
+
+
+def behind_one_filter(camera: Camera) -> Camera:
+    """The camera as if the strongest filter of its mosaic, under D55, were before every pixel; itself without any."""
+    curves, electrons = camera.quantum_efficiency, filter_electrons(camera)
+    if isinstance(curves, FilterCurves):
+        curves = curves.of(max(electrons, key=lambda letter: electrons[letter]))
+    return replace(camera, cfa="none", quantum_efficiency=curves, white_balance="auto", ccm=None)
 
 
 def derived(camera: Camera) -> dict[str, float]:

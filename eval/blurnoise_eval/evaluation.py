@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
-from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.answers.criterion import stated
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
@@ -27,32 +27,27 @@ from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.checked import check_rows
-from blurnoise_eval.store.exports import write_exports, write_parquet
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.asked import Batch, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.contract_choice import contracts_chosen
+from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.default_camera import default_for
-from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.plan_checks import check_plan
-from blurnoise_eval.sweep.refining import Refinement, left_to_refine
+from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.machine import usable_cores
-from blurnoise_eval.system.progress import Advance, ProgressBar
+from blurnoise_eval.system.progress import Advance, progress_bar, tell_of
 from blurnoise_eval.system.tables import plain
-from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 Rows = list[dict[str, Any]]
-T = TypeVar("T")
 
 
 def evaluate(
@@ -97,43 +92,41 @@ def evaluate(
     """
     folder = working_folder(output)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
-    stated_camera = None if camera is None else _camera(camera)  # before anything is opened
+    named = find(camera) if isinstance(camera, str) else camera  # before anything is opened
     opened = _opened(models)
-    shown = usual_pictures(opened) if pictures is None else _of_kind("pictures", pictures, PictureSet)
-    seen_by = default_for(opened, shown) if stated_camera is None else stated_camera
-    check_cluster(cluster, (picture.name for picture in shown))
-    whole, own = shown, None if part is None else Part.parse(part)
+    for name, value, kind in (
+        ("pictures", pictures, PictureSet),
+        ("camera", named, Camera),
+        ("plan", plan, SweepPlan),
+    ):
+        if value is not None and not isinstance(value, kind):
+            raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
+    whole = usual_pictures(opened) if pictures is None else pictures
+    seen_by = default_for(opened, whole) if named is None else named
+    check_cluster(cluster, (picture.name for picture in whole))
+    shown, own = whole, None if part is None else Part.parse(part)
     if own is not None:
         shown = replace(whole, pictures=tuple(picture for picture in whole if own.has(picture.name)))
         if not shown:
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
-    plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
+    plan = usual_plan() if plan is None else plan
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
     stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
-    facts = {"command": command, **engine_facts(engine, threads)}
     check_plan(plan, seen_by, shown)
+    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with (
         begun_or_gone(folder.path),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
         opened, comparisons = contracts_chosen(opened, whole, say=progress)
+        facts = {"command": command, **engine_facts(engine, threads)}
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
-        enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
         store.set_about(ENOUGH, enough)
 
         def compute(plan: SweepPlan, advance: Advance) -> Outcome:
-            return sweep.run(
-                opened,
-                seen_by,
-                shown,
-                plan,
-                store,
-                engine=engine_kept,
-                progress=advance,
-                resumed=advance.already,
-                died=tell_of(advance),
-            )
+            how: dict[str, Any] = {"resumed": advance.already, "died": tell_of(advance)}
+            return sweep.run(opened, seen_by, shown, plan, store, engine=engine_kept, progress=advance, **how)
 
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = compute(plan, advance)
@@ -141,51 +134,9 @@ def evaluate(
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
             wanted = criterion_of(store, **enough)
-            _refine(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
+            refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
-
-
-def _refine(
-    store: Store,
-    plan: SweepPlan,
-    criterion: Criterion,
-    cluster: str | None,
-    n_pictures: int,
-    compute: Callable[[SweepPlan, Advance], Outcome],
-    outcome: Outcome,
-    progress: bool | None,
-) -> None:
-    """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
-    before = tuple(at for batch in asked(store) for at in batch.conditions)
-    left = (
-        Refinement(before, 0, len(before), 1) if before else left_to_refine(store, plan, criterion, cluster)
-    )
-    if not left.conditions:
-        return
-    cells = n_pictures * plan.repeats * left.at_most
-    if progress and not before:
-        grid = n_pictures * plan.repeats * len(plan.conditions())
-        say(
-            f"refine: up to {cells} cells {left.about}, beside the {grid} of the grid "
-            "(refine: false in a plan: none)",
-            error=True,
-        )
-    if not before:
-        ask(store, Batch(n_pictures, (), left.conditions))
-    with progress_bar("refine", cells + n_pictures * left.rounds, progress) as advance:
-        more = left.conditions
-        while more:
-            outcome.add(compute(replace(plan, only=more, examples=False), advance))
-            noted = {at for batch in asked(store) for at in batch.conditions}
-            left = left_to_refine(store, plan, criterion, cluster)
-            more = tuple(at for at in left.conditions if at not in noted)
-            if more:
-                ask(store, Batch(n_pictures, (), more))
-
-
-def _as_measured(store: Store, measured: Tables) -> Tables:
-    return measured
 
 
 class Evaluation:
@@ -202,7 +153,7 @@ class Evaluation:
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
-    _on_lines = staticmethod(_as_measured)
+    _on_lines: Callable[[Store, Tables], Tables] = staticmethod(lambda store, measured: measured)
 
     def __init__(
         self,
@@ -223,7 +174,6 @@ class Evaluation:
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder, shared=True) as store:
-            check_rows(store)
             check_cluster(cluster, store.pictures())
             self.criterion = criterion_of(store, threshold, keep, score)
         self.threshold = self.criterion.level
@@ -261,13 +211,6 @@ class Evaluation:
         return [named(row) for row in self.data.answers]
 
     @property
-    def figures(self) -> list[Path]:
-        """The figures' files, drawn if they are not there yet."""
-        if not (self.output / "report.html").is_file():
-            self.report()
-        return sorted((self.output / "figures").glob("*.png"))
-
-    @property
     def skipped(self) -> Rows:
         """Pictures that could not be read, with the reason."""
         return self.data.skipped
@@ -275,35 +218,27 @@ class Evaluation:
     @property
     def summary(self) -> dict[str, Any]:
         """What summary.json holds."""
+        about = self.data.manifest
         summary: dict[str, Any] = {
             "run": self._run.told(self.folder),
             "report": self._written.told(self.output / "report.html"),
-            "cells": self.data.manifest["n_cells"],
-            "missing_cells": self.data.manifest["missing_cells"],
-            "refined": self.data.manifest["refined"],
+            "cells": about["n_cells"],
+            **{name: about[name] for name in ("missing_cells", "refined")},
             "skipped": self.skipped,
             "criterion": self.criterion.row(),
             "threshold": self.threshold,
-            "withheld": self.data.manifest["withheld"],
-            "withheld_models": self.data.manifest["withheld_models"],
-            "targets_found": self.data.manifest.get("targets_found", {}),
+            **{name: about[name] for name in ("withheld", "withheld_models")},
+            "targets_found": about.get("targets_found", {}),
             "reflectance": reflectance(self.data),
             "cluster": self.cluster,
-            "software": self.data.manifest["software"],
+            "software": about["software"],
             "models": self.models,
             "answers": [{name: plain(value) for name, value in row.items()} for row in self.answers],
         }
         if self.outcome is not None:
-            done = self.outcome
-            summary |= {"computed": done.computed, "resumed": done.resumed, "wall_s": done.wall_s}
-            summary |= {"workers_died": done.workers_died}
+            names = ("computed", "resumed", "wall_s", "workers_died")
+            summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
-
-    def parquet(self) -> list[Path]:
-        """Write the rows of cells and targets as Parquet, see :func:`~blurnoise_eval.store.exports.write_parquet`."""
-        self.output.mkdir(parents=True, exist_ok=True)
-        with Store(self.folder, shared=True) as store:
-            return write_parquet(store, self.output)
 
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
@@ -334,13 +269,6 @@ class Evaluation:
             )
 
 
-def usual_detector() -> Detector:
-    """The built-in one, of stop signs."""
-    from blurnoise_models.detector import STOP_SIGN
-
-    return Detector(STOP_SIGN)
-
-
 def usual_pictures(models: Sequence[Model]) -> PictureSet:
     """Rendered stop signs for detectors; for readers, the word on them."""
     return datasets.rendered_signs() if isinstance(models[0], Detector) else datasets.rendered_texts()
@@ -349,10 +277,6 @@ def usual_pictures(models: Sequence[Model]) -> PictureSet:
 def usual_plan() -> SweepPlan:
     """The conditions that a sweep tests if not told, with a noise field for each picture."""
     return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
-
-
-def _camera(camera: str | Camera) -> Camera:
-    return find(camera) if isinstance(camera, str) else _of_kind("camera", camera, Camera)
 
 
 def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
@@ -372,26 +296,3 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
     if len({isinstance(model, Detector) for model in found}) > 1:
         raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
     return found
-
-
-def _of_kind(name: str, value: object, kind: type[T]) -> T:
-    if not isinstance(value, kind):
-        raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
-    return value
-
-
-def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
-    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
-    return ProgressBar(label, total) if progress else nullcontext(Advance())
-
-
-def tell_of(advance: Advance) -> Callable[[int], None]:
-    """Takes how many workers died to the bar's line."""
-    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
-
-
-def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
-    """What a run notes of who computed it."""
-    if not isinstance(engine, str):
-        return {"engine": repr(engine)}
-    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 import yaml
-from blurnoise_eval.sweep.three_sensors import behind_generic_filters, behind_one_filter
+from blurnoise_eval.cameras import behind_one_filter
+from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, Curve, photoelectrons
 from blurnoise.optics.camera import PRESETS

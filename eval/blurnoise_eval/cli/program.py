@@ -42,7 +42,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         speed_shares,
         target_shares,
     )
-    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
@@ -60,7 +59,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
-        check_rows(store)
         inputs = inputs_of(
             store, criterion_of(store, given.threshold, given.keep, given.score), given.cluster, given.model
         )

@@ -32,13 +32,6 @@ def report(
         Location | None,
         Option("-o", "--output", parser=new_place, metavar="DIR", help="where to write them (default: RUN)"),
     ] = None,
-    parquet: Annotated[
-        bool,
-        Option(
-            "--parquet",
-            help="results.csv and targets.csv as Parquet, too: folders by model and shard (needs pyarrow)",
-        ),
-    ] = False,
     coco: Annotated[
         bool,
         Option(
@@ -59,18 +52,13 @@ def report(
     The sweep itself is not repeated.
     """
     from blurnoise_eval.deciding.decision import Decision
-    from blurnoise_eval.store.exports import check_parquet
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    if parquet:
-        check_parquet()
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     if output is None and isinstance(run, Path) and run.is_dir():
         new_place(run)
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
-        if parquet:
-            done.parquet()
         if coco:
             _write_coco(done)
         tell(done, as_json=as_json)

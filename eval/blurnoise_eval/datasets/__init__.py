@@ -4,21 +4,10 @@ A picture is read when it is needed and not before, so a set of any size streams
 strictly: what cannot be meant is a ``ValueError`` of one line that names the file and the place in it.
 """
 
-from blurnoise_eval.datasets.bdd100k import bdd
-from blurnoise_eval.datasets.coco_instances import coco
-from blurnoise_eval.datasets.cut_outs import (
-    CutOut,
-    check_cut,
-    cut_out,
-    source_content,
-    source_identity,
-)
+from blurnoise_eval.datasets.cut_outs import check_cut, cut_out, source_content, source_identity
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
-    MAX_MEGAPIXELS,
     MOST_MEGAPIXELS,
-    SUFFIXES,
-    content,
     decode,
     decode_linear,
     eight_bit,
@@ -28,17 +17,14 @@ from blurnoise_eval.datasets.images import (
     size_px,
     write_picture,
 )
+from blurnoise_eval.datasets.label_files import bdd, coco, texts
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture, size_group
 from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, rendered_texts
-from blurnoise_eval.datasets.text import texts
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "MAX_MEGAPIXELS",
     "MOST_MEGAPIXELS",
     "RENDERED_SIZE_PX",
-    "SUFFIXES",
-    "CutOut",
     "Image",
     "Picture",
     "PictureSet",
@@ -47,7 +33,6 @@ __all__ = [
     "bdd",
     "check_cut",
     "coco",
-    "content",
     "cut_out",
     "decode",
     "decode_linear",

@@ -7,7 +7,6 @@ was rendered, the user's where there is a plate, else invented from around it (:
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Hashable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -27,8 +26,6 @@ from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_pictur
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.system.urls import Location, location, versions
-
-_NAMED = 5  # pictures with broken segmentations
 
 
 class CutOut(NamedTuple):
@@ -51,34 +48,14 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
         if unknown := sorted({*stated} - known):
             raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
     if objects.mattes == "segmentation":
-        _check_segmentations(pictures)
+        cut = [target for each in pictures if each.cut is None for target in each.targets or ()]
+        if lacking := sum(not target.crowd and not target.annotation.get("segmentation") for target in cut):
+            must = "must be auto, grabcut or box"
+            raise ValueError(f"mattes = 'segmentation': {lacking} targets have none; {must}")
     if objects.plates is not None:
-        names = [picture.name for picture in pictures]
-        held = versions(location(objects.plates), names)
-        if lacking_plates := [name for name in names if name not in held]:
-            raise ValueError(f"plates = {objects.plates!r}: holds no {lacking_plates[0]!r}")
-
-
-def _check_segmentations(pictures: PictureSet) -> None:
-    """Raise ``ValueError`` with the number of segmentations that are missing or broken, and the pictures' names."""
-    wanted = [
-        (picture.name, target.annotation)
-        for picture in pictures
-        if picture.cut is None
-        for target in picture.targets or ()
-        if not target.crowd
-    ]
-    if lacking := sum(not annotation.get("segmentation") for _, annotation in wanted):
-        raise ValueError(
-            f"mattes = 'segmentation': {lacking} targets have none; must be auto, grabcut or box"
-        )
-    broken = Counter(name for name, annotation in wanted if not segmentation.is_sound(annotation))
-    if broken:
-        names = ", ".join([*list(broken)[:_NAMED], *(["..."] if len(broken) > _NAMED else [])])
-        raise ValueError(
-            f"mattes = 'segmentation': {broken.total()} targets of {len(broken)} pictures have broken ones: {names}; "
-            "must be auto, grabcut or box"
-        )
+        held = versions(location(objects.plates), [picture.name for picture in pictures])
+        if missing := [picture.name for picture in pictures if picture.name not in held]:
+            raise ValueError(f"plates = {objects.plates!r}: holds no {missing[0]!r}")
 
 
 def source_identity(picture: Picture, objects: Objects) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -13,8 +13,9 @@ from blurnoise_eval.system.urls import Location, listing, versions
 
 MOST_TARGETS = 20_000
 """Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
-Entry = tuple[str, tuple[Target, ...] | None, int, tuple[float, float] | None]
-"""A picture's name in its folder, targets, id, and the size (width, height) that its labels are for."""
+Entry = tuple[str, tuple[Target, ...] | None, int | None, tuple[float, float] | None]
+"""A picture's name in its folder, targets, id (None: its place, from 1 on), and the size (width, height) that its
+labels are for."""
 
 
 def image_folder(folder: Location, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
@@ -24,8 +25,7 @@ def image_folder(folder: Location, *, max_megapixels: float = MAX_MEGAPIXELS) ->
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
     found = pictures_below(folder)
-    entries = (((name, None, number, None), found[name]) for number, name in enumerate(found, start=1))
-    pictures = tuple(_picture(folder, entry, version, max_megapixels) for entry, version in entries)
+    pictures = from_files(folder, [(name, None, None, None) for name in found], max_megapixels, found)
     return PictureSet("folder", str(folder), pictures)
 
 
@@ -55,26 +55,31 @@ def pictures_below(folder: Location) -> dict[str, str]:
     return taken
 
 
-def from_files(folder: Location, entries: Iterable[Entry], max_megapixels: float) -> tuple[Picture, ...]:
+def from_files(
+    folder: Location,
+    entries: Sequence[Entry],
+    max_megapixels: float,
+    known: Mapping[str, str] | None = None,
+) -> tuple[Picture, ...]:
     """The pictures of these names in the folder; they need not be there before they are loaded.
 
-    One of another size than its labels are for, turned as EXIF says, or of more than ``max_megapixels``, is an
-    :class:`UnreadablePicture` then. Raises ``ValueError`` for more than ``MOST_TARGETS`` targets, ``OSError`` where
-    the folder is a URL that nothing can be read from.
+    known: their versions, where these have been looked up. One of another size than its labels are for, turned as
+    EXIF says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
+    more than ``MOST_TARGETS`` targets, ``OSError`` where the folder is a URL that nothing can be read from.
     """
-    entries = list(entries)
-    found = versions(folder, [name for name, *_ in entries])
-    return tuple(_picture(folder, entry, found.get(entry[0]), max_megapixels) for entry in entries)
-
-
-def _picture(folder: Location, entry: Entry, version: str | None, max_megapixels: float) -> Picture:
-    name, targets, image_id, size_px = entry
-    if targets and len(targets) > MOST_TARGETS:
-        raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
-    printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
-    known = None if isinstance(folder, Path) else version
-    load = partial(_load, folder, name, size_px, max_megapixels, known)
-    return Picture(printed, targets, load, f"{printed} {version or 'missing'}", image_id)
+    found = versions(folder, [name for name, *_ in entries]) if known is None else known
+    pictures = []
+    for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):
+        if targets and len(targets) > MOST_TARGETS:
+            raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
+        printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
+        version = found.get(name)
+        load = partial(
+            _load, folder, name, size_px, max_megapixels, None if isinstance(folder, Path) else version
+        )
+        identity = f"{printed} {version or 'missing'}"
+        pictures.append(Picture(printed, targets, load, identity, place if image_id is None else image_id))
+    return tuple(pictures)
 
 
 def _load(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import struct
 import warnings
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import PIL.Image
+import PIL.ImageOps
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
@@ -24,16 +25,16 @@ MAX_MEGAPIXELS = 100.0
 MOST_MEGAPIXELS = 178.0
 """Of any picture: of a larger one the reader of headers, Pillow, does not say the size."""
 _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height
-_EXTRA_SAMPLES = 338  # TIFF's tag
+_BITS_PER_SAMPLE = 258  # TIFF's tag
 
 
 class _Header(NamedTuple):
-    """What a picture's first bytes say. size_px: (width, height) as stored, before it is turned."""
+    """What a picture's first bytes say. size_px: (width, height), turned; multiplied: whether OpenCV would multiply
+    the colours by the transparency, as it does for TIFFs of 8 bits."""
 
     size_px: tuple[int, int]
-    orientation: int
     format: str | None
-    alpha: str | None  # how a TIFF's colours hold it: "straight" or "multiplied"
+    multiplied: bool
 
 
 def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
@@ -69,11 +70,9 @@ def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArra
 
 def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float) -> None:
     width, height = size_px
-    if width * height > 1e6 * max_megapixels:
-        raise UnreadablePicture(
-            f"{path}: {width} x {height} px, {width * height / 1e6:.0f} megapixels; "
-            f"must be at most {max_megapixels:g}"
-        )
+    if (megapixels := width * height / 1e6) > max_megapixels:
+        seen = f"{width} x {height} px, {megapixels:.0f} megapixels"
+        raise UnreadablePicture(f"{path}: {seen}; must be at most {max_megapixels:g}")
 
 
 def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
@@ -87,91 +86,61 @@ def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
         _check_size(path, (width, height), max_megapixels)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
+        names = ("R", "G", "B") if {"R", "G", "B"} <= channels.keys() else ("Y",)
+        planes = [np.asarray(channels[name], np.float32) for name in names]
+        return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
     except ImportError:
-        raise UnreadablePicture(
-            f"{path}: needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
-        ) from None
+        why = "needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
+    except KeyError:
+        why = f"has channels {', '.join(channels)}: must have R, G, B or Y"
     except RuntimeError as error:
-        raise UnreadablePicture(f"{path}: {error}") from None
-    names = ("R", "G", "B") if {"R", "G", "B"} <= channels.keys() else ("Y",)
-    if not channels.keys() >= set(names):
-        raise UnreadablePicture(f"{path}: has channels {', '.join(channels)}: must have R, G, B or Y")
-    planes = [np.asarray(channels[name], np.float32) for name in names]
-    if len({plane.shape for plane in planes}) > 1:
-        raise UnreadablePicture(f"{path}: has channels of several sizes: must be of one")
-    return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
+        why = str(error)
+    raise UnreadablePicture(f"{path}: {why}")
 
 
 def _stored(path: Location, max_megapixels: float, known: str | None = None) -> NDArray[Any] | None:
-    """What the file holds, of any type; None where OpenCV cannot decode it."""
-    try:
-        source = local_file(path, known=known)
-        check_regular(source)
-        header = _header(source)
-        if header:
-            _check_size(path, header.size_px, max_megapixels)
-        data = np.fromfile(source, np.uint8)
-    except OSError as error:
-        raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
-    if not data.size:
+    """What the file holds, of any type; None where it cannot be decoded."""
+    source, header = _header(path, known)
+    if header:
+        _check_size(path, header.size_px, max_megapixels)
+    data = source.read_bytes()
+    if not data:
         raise UnreadablePicture(f"{path}: is empty (0 bytes)")
-    if header and header.alpha == "multiplied":
-        raise UnreadablePicture(f"{path}: its colours are multiplied by its transparency, which hides some")
-    return _decoded(_unmultiplied(data) if header and header.alpha else data)
-
-
-def _decoded(data: NDArray[np.uint8]) -> NDArray[Any] | None:
     try:
-        decoded = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-    except cv2.error:  # a header that promises too many pixels
+        if header and header.multiplied:
+            with PIL.Image.open(BytesIO(data)) as found:  # its mapped files it turns wrongly
+                return np.asarray(PIL.ImageOps.exif_transpose(found).convert("RGB"))
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    except (cv2.error, OSError, SyntaxError):  # a header that promises too much
         return None
     return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
 
 
-def _unmultiplied(data: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A TIFF whose fourth sample is not called alpha, by which its colours would be multiplied on reading."""
-    order = {b"II": "<", b"MM": ">"}.get(data[:2].tobytes())
-    found = data.copy()
+def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
+    """The file on this machine, and what it says; None where Pillow does not know the format.
+
+    Raises :class:`UnreadablePicture` for one that is missing, or of more pixels than Pillow opens.
+    """
     try:
-        (first,) = struct.unpack_from(f"{order}I", found.data, 4)
-        (entries,) = struct.unpack_from(f"{order}H", found.data, first)
-        for place in range(first + 2, first + 2 + 12 * entries, 12):
-            tag, _, count = struct.unpack_from(f"{order}HHI", found.data, place)
-            if tag == _EXTRA_SAMPLES and count == 1:
-                struct.pack_into(f"{order}H", found.data, place + 8, 0)  # 0: of no stated kind
-    except struct.error:  # cut short, or no classic TIFF
-        pass
-    return found
-
-
-def _header(path: Path) -> _Header | None:
-    """None where Pillow does not know the format. Raises :class:`UnreadablePicture` for more than can be told."""
+        source = local_file(path, known=known)
+        check_regular(source)
+        source.open("rb").close()
+    except OSError as error:
+        raise UnreadablePicture(f"{path}: {error.strerror or error}") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of many pixels, which are not read here
-            with PIL.Image.open(path) as header:
+            with PIL.Image.open(source) as header:
                 exif = PIL.Image.Exif()
                 exif.load(header.info.get("exif", b""))
-                tags = getattr(header, "tag_v2", {})
-                extra = tags.get(_EXTRA_SAMPLES, ()) if header.mode == "RGBA" else ()
-                alpha = "multiplied" if 1 in extra else "straight" if 2 in extra else None
-                return _Header(header.size, exif.get(_ORIENTATION, 1), header.format, alpha)
+                width, height = header.size
+                size_px = (height, width) if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8) else (width, height)
+                depths = getattr(header, "tag_v2", {}).get(_BITS_PER_SAMPLE, ())
+                return source, _Header(size_px, header.format, header.mode == "RGBA" and 8 in depths)
     except PIL.Image.DecompressionBombError:
-        return _Header(_size_of_larger(path), 1, None, None)
+        raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
-        return None
-
-
-def _size_of_larger(path: Path) -> tuple[int, int]:
-    """Of a picture that Pillow finds too large to open: (width, height), as its reader of the format has them."""
-    with path.open("rb") as file:
-        start = file.read(16)
-        for reader, accepts in PIL.Image.OPEN.values():
-            if accepts and accepts(start) is True:
-                file.seek(0)
-                with suppress(Exception), reader(file, "") as found:
-                    return found.size
-    raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels")
+        return source, None
 
 
 def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
@@ -179,14 +148,9 @@ def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    header = None
-    with suppress(OSError):  # told by decode
-        source = local_file(path, known=known)
-        check_regular(source)
-        header = _header(source)
-    if header and header.format != "TIFF":  # some releases turn a TIFF's
-        width, height = header.size_px
-        return (height, width) if header.orientation in (5, 6, 7, 8) else (width, height)
+    _, header = _header(path, known)
+    if header and header.format != "TIFF":  # some releases of OpenCV turn a TIFF's
+        return header.size_px
     height, width = decode(path, known=known).shape[:2]
     return width, height
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,81 +43,60 @@ class _Sign(NamedTuple):
 
 
 def rendered_signs(
-    sizes_px: Sequence[float] = _SIGNS_PX, *, count: int = RENDERED_PICTURES, seed: int = 0
+    sizes_px: Sequence[float] = _SIGNS_PX,
+    *,
+    count: int = RENDERED_PICTURES,
+    seed: int = 0,
+    reads: bool = False,
 ) -> PictureSet:
     """Squares of 320 px with a stop sign of each size (px across flats), before ``count`` backgrounds.
 
     Signs are within 5 % of their size and stand at random, to fractions of a pixel, one above the other, with room
-    for 90 px of motion along x. Sizes that do not fit beside each other have pictures of their own. Backgrounds
-    are plain, graded, of 1/f texture and cluttered in turn, dark to bright. What picture i shows depends on sizes,
-    ``seed`` and i alone. Raises ``TypeError`` or ``ValueError`` for a size that does not fit, a count that is no
+    for 90 px of motion along x. Backgrounds are plain, graded, of 1/f texture and cluttered in turn, dark to bright.
+    What picture i shows depends on sizes, ``seed`` and i alone. reads: targets are to be read, the word STOP, a third
+    of the sign in height. Raises ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no
     integer from 1 to 10000, a seed that is none from 0 on.
     """
     from blurnoise.charts import stop_sign_box
 
-    def target(sign: _Sign) -> Target:
-        box = stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
-        return Target("stop sign", f"stop sign {sign.group_px:g} px", box)
-
-    return _pictures("stop signs", target, sizes_px, count, seed)
-
-
-def rendered_texts(
-    sizes_px: Sequence[float] = _SIGNS_PX, *, count: int = RENDERED_PICTURES, seed: int = 0
-) -> PictureSet:
-    """The pictures of :func:`rendered_signs`; to be read is the word STOP, a third of the sign in height."""
-    from blurnoise.charts import stop_sign_text_box
-
-    def target(sign: _Sign) -> Target:
-        box = stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
-        return Target("text", f"STOP on a sign of {sign.group_px:g} px", box, text="STOP")
-
-    return _pictures("texts of stop signs", target, sizes_px, count, seed)
-
-
-def _pictures(
-    what: str, target: Callable[[_Sign], Target], sizes_px: Sequence[float], count: int, seed: int
-) -> PictureSet:
-    from blurnoise.charts import stop_sign_box
-
     for size in sizes_px:
         stop_sign_box(size, **_FRAME)
+    room_px = RENDERED_SIZE_PX - _APART_PX * (len(sizes_px) + 1)
+    if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > room_px:
+        raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)
-    pictures: list[Picture] = []
-    for sizes in _sharing(sizes_px):
-        listed = "-".join(f"{size:g}" for size in sizes)
-        for number in range(count):
-            signs = _placed(sizes, number, seed)
-            pictures.append(
-                Picture(
-                    f"stop-signs-{listed}px-{number + 1:02}",
-                    tuple(map(target, signs)),
-                    partial(_render, signs, number, seed),
-                    f"rendered {listed} px, {number} of seed {seed}",
-                    len(pictures) + 1,
-                    partial(_cut, signs, number, seed),
-                )
+    pictures = []
+    for number in range(count):
+        signs = _placed(sizes_px, number, seed)
+        listed = "-".join(f"{size:g}" for size in sizes_px)
+        pictures.append(
+            Picture(
+                f"stop-signs-{listed}px-{number + 1:02}",
+                tuple(_target(sign, reads) for sign in signs),
+                partial(_render, signs, number, seed),
+                f"rendered {listed} px, {number} of seed {seed}",
+                number + 1,
+                partial(_cut, signs, number, seed),
             )
+        )
+    what = "texts of stop signs" if reads else "stop signs"
     source = f"{what} of {', '.join(f'{size:g}' for size in sizes_px)} px before {count} backgrounds"
-    return PictureSet("rendered", source, tuple(pictures), {each.label: 1 for each in _targets(pictures)})
+    return PictureSet("rendered", source, tuple(pictures), {"text" if reads else "stop sign": 1})
 
 
-def _targets(pictures: Sequence[Picture]) -> Iterator[Target]:
-    return (target for picture in pictures for target in picture.targets or ())
+rendered_texts = partial(rendered_signs, reads=True)
+"""The pictures of :func:`rendered_signs`, to be read."""
 
 
-def _sharing(sizes_px: Sequence[float]) -> list[list[float]]:
-    """The sizes in groups that fit into one picture, in their order."""
-    groups: list[list[float]] = []
-    for size in sizes_px:
-        last = groups[-1] if groups else []
-        height = sum([*last, size]) * (1 + SIZE_SPREAD)
-        if last and height + (len(last) + 2) * _APART_PX <= RENDERED_SIZE_PX:
-            last.append(size)
-        else:
-            groups.append([size])
-    return groups
+def _target(sign: _Sign, reads: bool) -> Target:
+    from blurnoise.charts import stop_sign_box, stop_sign_text_box
+
+    if not reads:
+        box = stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+        return Target("stop sign", f"stop sign {sign.group_px:g} px", box)
+    box = stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+    return Target("text", f"STOP on a sign of {sign.group_px:g} px", box, text="STOP")
 
 
 def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, ...]:
@@ -175,15 +154,11 @@ def _layer(sign: _Sign) -> Layer:
     from blurnoise import charts
     from blurnoise.blur.layers import Layer
 
-    box = charts.stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
-    left, top, right, bottom = (
-        *(math.floor(edge) for edge in box[:2]),
-        *(math.ceil(edge) for edge in box[2:]),
-    )
+    where: Any = {"centre_px": sign.centre_px, **_FRAME}
+    x0, y0, x1, y1 = charts.stop_sign_box(sign.size_px, **where)
+    left, top, right, bottom = math.floor(x0), math.floor(y0), math.ceil(x1), math.ceil(y1)
     black, white = (
-        charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=level, **_FRAME)[
-            0, :, top:bottom, left:right
-        ]
+        charts.stop_sign(sign.size_px, background=level, **where)[0, :, top:bottom, left:right]
         for level in (0.0, 1.0)
     )
     alpha = (1 - (white - black).mean(0)).clamp(0, 1)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.checks import an_instance, in_range, integer, picture_size, shown
+from blurnoise._core.checks import in_range, picture_size, shown
 from blurnoise.scene.cutting import AROUND_PX, Matte
 
 LARGEST_PX = 1e6
@@ -41,7 +41,7 @@ def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
-    size, corners = picture_size("size", size), _corners(polygons)
+    corners = _corners(polygons)
     matte = np.zeros(size, np.float32)
     every = np.concatenate(corners)
     left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
@@ -65,14 +65,13 @@ def _corners(polygons: Sequence[Sequence[float]]) -> list[NDArray[np.float64]]:
     corners = []
     for polygon in polygons:
         try:
-            flat = np.asarray(polygon, np.float64)
-        except (TypeError, ValueError, OverflowError):  # lists in it, text, an integer beyond 1e308
-            flat = np.zeros(0)
-        if flat.ndim != 1 or len(flat) < 6 or len(flat) % 2 or not np.isfinite(flat).all():
-            raise ValueError(
-                f"segmentation: polygon {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more"
-            )
-        corners.append(flat.reshape(-1, 2).clip(-LARGEST_PX, LARGEST_PX))
+            flat = np.asarray(polygon, np.float64).reshape(-1, 2)
+        except (TypeError, ValueError, OverflowError):  # an odd number; text, an integer beyond 1e308
+            flat = np.zeros((0, 2))
+        if len(flat) < 3 or not np.isfinite(flat).all():
+            must = "must be x0, y0, x1, y1, ... of 3 corners or more"
+            raise ValueError(f"segmentation: polygon {shown(polygon)}: {must}")
+        corners.append(flat.clip(-LARGEST_PX, LARGEST_PX))
     return corners
 
 
@@ -139,44 +138,20 @@ def _share_of_hull(own: NDArray[np.uint8], box: NDArray[np.bool_]) -> float:
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
-    """Of COCO's run lengths, column by column, beginning with what is not the object; compressed or not.
+    """Of COCO's run lengths, column by column, compressed or not. Raises ``ValueError`` unless they fill (H, W)."""
+    from faster_coco_eval.core import mask
 
-    Compressed, every number takes 5 bits a character, the sixth says that more follow, and from the third on it is
-    the difference to the last but one (pycocotools, maskApi.c). Raises ``ValueError`` where they do not fill (H, W).
-    """
-    size = picture_size("size", size)
-    runs = (
-        _runs(counts)
-        if isinstance(counts, (str, bytes))
-        else [integer("counts", n, 0, 1 << 40) for n in counts]
-    )
-    pixels = size[0] * size[1]
-    if sum(runs) != pixels or min(runs, default=0) < 0:
-        raise ValueError(f"segmentation: run lengths make {sum(runs)} pixels; must be {size[0]} x {size[1]}")
-    values = np.arange(len(runs)) % 2
-    flat: Matte = np.repeat(values.astype(np.float32), runs)
-    return np.ascontiguousarray(flat.reshape(size[1], size[0]).T)
-
-
-def _runs(text: str | bytes) -> list[int]:
-    data = text.encode(errors="surrogatepass") if isinstance(text, str) else text
-    runs: list[int] = []
-    number, shift = 0, 0
-    for byte in data:
-        five = byte - 48
-        if not 0 <= five < 64 or shift > 60:
-            raise ValueError(f"segmentation: counts = {shown(text)}: not COCO's compressed run lengths")
-        number |= (five & 31) << shift
-        shift += 5
-        if five & 32:
-            continue
-        if five & 16:
-            number -= 1 << shift
-        runs.append(number + (runs[-2] if len(runs) > 2 else 0))
-        number, shift = 0, 0
-    if shift:
-        raise ValueError(f"segmentation: counts = {shown(text)}: end in the middle of a number")
-    return runs
+    runs: Any = {"size": [*size], "counts": counts}
+    try:
+        return np.asarray(
+            mask.decode(runs if isinstance(counts, (str, bytes)) else mask.frPyObjects(runs, *size)),
+            np.float32,
+        )
+    except Exception as error:  # of C++, of several kinds
+        reason = " ".join(str(error).split())[:100]
+        raise ValueError(
+            f"segmentation: counts = {shown(counts)}: not run lengths of {size} ({reason})"
+        ) from None
 
 
 def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte:
@@ -184,30 +159,12 @@ def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte
 
     Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
     """
-    an_instance("annotation", annotation, Mapping)
     segmentation = annotation.get("segmentation")
-    if annotation.get("iscrowd"):
-        raise ValueError("segmentation: of a crowd, which is not one object")
-    if isinstance(segmentation, Mapping):
-        stated, counts = segmentation.get("size"), segmentation.get("counts")
-        if list(stated or ()) != list(size) or not isinstance(counts, (str, bytes, list, tuple)):
-            raise ValueError(
-                f"segmentation: size = {shown(stated)}: must be the picture's, {list(size)}, and have counts"
-            )
-        return of_rle(counts, size)
-    if not segmentation:
-        raise ValueError("segmentation: there is none")
-    return of_polygons(segmentation, size)
-
-
-def is_sound(annotation: Mapping[str, Any]) -> bool:
-    """Whether :func:`of_annotation` takes it in a picture of its size; polygons are not drawn for that."""
-    segmentation = annotation.get("segmentation")
-    try:
-        if isinstance(segmentation, Mapping):
-            of_annotation(annotation, picture_size("size", segmentation.get("size")))
-        else:
-            _corners(segmentation or ())
-    except (TypeError, ValueError):
-        return False
-    return True
+    if annotation.get("iscrowd") or not segmentation:
+        raise ValueError("segmentation: must be that of one object; there is none, or it is a crowd's")
+    if not isinstance(segmentation, Mapping):
+        return of_polygons(segmentation, size)
+    if segmentation.get("size") != [*size]:
+        must = f"must be the picture's, {[*size]}"
+        raise ValueError(f"segmentation: size = {shown(segmentation.get('size'))}: {must}")
+    return of_rle(segmentation.get("counts", ""), size)

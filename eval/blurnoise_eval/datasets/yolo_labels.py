@@ -8,14 +8,15 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, MinLen
-from pydantic import BaseModel, BeforeValidator, Strict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict
 
 from blurnoise._core.checks import Characters, shown
-from blurnoise_eval.datasets.folder import from_files, pictures_below
+from blurnoise._core.files import yaml_of
+from blurnoise_eval.datasets.folder import pictures_below
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
 from blurnoise_eval.datasets.labels import (
     LARGEST_SET_BYTES,
@@ -24,7 +25,6 @@ from blurnoise_eval.datasets.labels import (
     each_line,
     faults_of,
     read_text,
-    read_yaml,
 )
 from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import inside
@@ -35,18 +35,26 @@ _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a shar
 
 Object = tuple[str, tuple[float, float, float, float]]
 """A class, and a box as shares (x0, y0, x1, y1) of the picture's sides."""
-ClassNumber = Annotated[int, Strict(), Ge(0)]
-ClassName = Annotated[
-    Characters, Strict(), BeforeValidator(lambda name: str(name) if type(name) is int else name)
-]
 
 
-class _Classes(BaseModel):
+def _by_number(names: object) -> object:
+    names = dict(enumerate(names)) if isinstance(names, list) else names
+    if not isinstance(names, dict):
+        return names
+    return {number: str(name) if type(name) is int else name for number, name in names.items()}
+
+
+class _DataYaml(BaseModel):
+    """The classes and folder of a data set; each split, in ``model_extra``, names folders or lists of pictures."""
+
+    model_config = ConfigDict(extra="allow")
     names: Annotated[
-        dict[ClassNumber, ClassName],
-        BeforeValidator(lambda names: dict(enumerate(names)) if isinstance(names, list) else names),
+        dict[Annotated[int, Strict(), Ge(0)], Annotated[Characters, Strict()]],
+        BeforeValidator(_by_number),
         MinLen(1),
+        "must be names, as a list or by their numbers",
     ]
+    path: str | None = None
 
 
 def yolo(
@@ -68,73 +76,60 @@ def yolo(
     """
     selection = Selection(labels, keep_empty)
     with faults_of("yolo", path):
-        root, described = _description(path)
-        classes = checked(_Classes, described).names
-        if images and split:
-            raise ValueError(f"split {split!r}: must not go with images, which are all taken")
+        root, described = _described(path)
         folder, names = _pictures([images] if images else _sources(root, described, split))
-        objects = _objects(folder, names, classes)
+        objects = _objects(folder, names, described.names)
         if not objects:
             raise ValueError(f"no label file for any of {len(names)} pictures in {str(folder)!r}")
-        unlabelled = len(names) - len(objects)
         known = versions(folder, [name for name in names if objects.get(name)])
         fetch_ahead(folder, known)  # their sizes are wanted
-        found = (
-            (name, _targets(folder / name, objects.get(name, ()), known.get(name), selection))
+        entries = (
+            (name, _targets(folder / name, objects.get(name, ()), known.get(name), selection), None, None)
             for name in names
         )
-        taken = [(name, targets) for name, targets in found if selection.takes(targets)]
-        entries = (
-            (name, tuple(targets), place, None) for place, (name, targets) in enumerate(taken, start=1)
-        )
-        pictures = from_files(folder, entries, max_megapixels)
-        selection.check(classes.values(), pictures)
-    categories = {name: class_id + 1 for class_id, name in classes.items()}
-    notes = selection.notes()
-    if unlabelled:
-        notes += (f"without a label file, and so without an object: {unlabelled} of the pictures",)
-    return PictureSet("yolo", str(path), pictures, categories, notes, selection.chosen)
+        categories = {name: class_id + 1 for class_id, name in described.names.items()}
+        notes = []
+        if unlabelled := len(names) - len(objects):
+            notes = [f"without a label file, and so without an object: {unlabelled} of the pictures"]
+        return selection.picture_set("yolo", path, entries, categories, folder, max_megapixels, notes)
 
 
-def _description(path: Location) -> tuple[Location, dict[Any, Any]]:
+def _described(path: Location) -> tuple[Location, _DataYaml]:
     """The set's folder, and what its data.yaml or, without one, its classes.txt says."""
-    if not path.is_dir():
-        described = read_yaml(path)
-        if "kpt_shape" in described:
-            raise ValueError("describes poses (kpt_shape), whose lines would pass for polygons")
-        return path.parent, described
-    if (path / "data.yaml").is_file():
-        return path, _description(path / "data.yaml")[1]
-    for file in (path / "classes.txt", path / "labels" / "classes.txt"):
-        if file.is_file():
-            return path, {"names": [line.strip() for line in read_text(file).split("\n") if line.strip()]}
-    raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
+    if path.is_dir() and not (path / "data.yaml").is_file():
+        for file in (path / "classes.txt", path / "labels" / "classes.txt"):
+            if file.is_file():
+                lines = read_text(file).split("\n")
+                names = [line.strip() for line in lines if line.strip()]
+                return path, checked(_DataYaml, {"names": names})
+        raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
+    file = path / "data.yaml" if path.is_dir() else path
+    described = checked(_DataYaml, yaml_of(read_text(file)))
+    if "kpt_shape" in (described.model_extra or {}):
+        raise ValueError("describes poses (kpt_shape), whose lines would pass for polygons")
+    return file.parent, described
 
 
-def _sources(root: Location, described: Mapping[Any, Any], split: str | None) -> list[Location]:
+def _sources(root: Location, described: _DataYaml, split: str | None) -> list[Location]:
     """Folders of pictures, and lists of them (.txt)."""
+    stated = described.model_extra or {}
+    split = split or next((key for key in _SPLITS if stated.get(key)), None)
     if split is None:
-        split = next((key for key in _SPLITS if described.get(key)), None)
-        if split is None:
-            return [root / "images" if (root / "images").is_dir() else root]
-    entries = described.get(split)
-    entries = entries if isinstance(entries, list) else [entries]
-    base = described.get("path") or ""
-    if not entries or not all(isinstance(entry, str) for entry in (base, *entries)):
-        raise ValueError(
-            f"split {split!r} = {shown(described.get(split))}: must name folders or lists (.txt)"
-        )
-    return [_existing(root, base, entry) for entry in entries]
+        return [root / "images" if (root / "images").is_dir() else root]
+    found = stated.get(split)
+    entries = found if isinstance(found, list) else [found]
+    if not entries or not all(isinstance(entry, str) for entry in entries):
+        raise ValueError(f"split {split!r} = {shown(found)}: must name folders or lists (.txt)")
+    return [_existing(root, root / (described.path or ""), str(entry)) for entry in entries]
 
 
-def _existing(root: Location, base: str, entry: str) -> Location:
+def _existing(root: Location, folder: Location, entry: str) -> Location:
     """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
-    named = [root / base / name for name in dict.fromkeys((entry, entry.removeprefix("../")))]
+    named = (folder / entry, folder / entry.removeprefix("../"))
     own = [found for place in named if (found := _below(root, place)) is not None]
     if not own:
-        raise ValueError(
-            f"{str(named[0])!r} leaves the folder {str(root)!r}; name that of the pictures (--images)"
-        )
+        must = "name that of the pictures (--images)"
+        raise ValueError(f"{str(named[0])!r} leaves the folder {str(root)!r}; {must}")
     for found in own:
         with explained(found):
             if found.exists():
@@ -148,7 +143,7 @@ def _below(root: Location, place: Location) -> Location | None:
         place = location(str(place))
         return place if place.parts[: len(root.parts)] == root.parts else None
     below = Path(os.path.relpath(str(place), str(root)))
-    return None if below.parts[:1] == (os.pardir,) else root / str(below)
+    return None if below.parts[:1] == (os.pardir,) else root / below
 
 
 def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
@@ -161,36 +156,20 @@ def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
                 listed.append((source.parent, list(lines)))
         else:
             listed.append((source, list(pictures_below(source))))
-    folder = _common([source for source, _ in listed])
+    folder = listed[0][0]
+    while any(source.parts[: len(folder.parts)] != folder.parts for source, _ in listed):
+        folder = folder.parent
     below = len(folder.parts)
     names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
-    if not names:
-        raise ValueError("lists no pictures")
     return folder, names
-
-
-def _common(folders: list[Location]) -> Location:
-    """The folder that holds them all."""
-    found = folders[0]
-    if isinstance(found, Path):
-        return Path(os.path.commonpath([str(folder) for folder in folders]))
-    while any(folder.parts[: len(found.parts)] != found.parts for folder in folders):
-        found = found.parent
-    return found
 
 
 def _label_folder(folder: Location) -> Location:
     """Where the labels of a folder of pictures are: its labels/ for the last images/, else the folder."""
-    parts = folder.parts
-    if "images" in parts:
-        last = len(parts) - 1 - parts[::-1].index("images")
-        beside = folder
-        for _ in parts[last:]:
-            beside = beside.parent
-        for part in ("labels", *parts[last + 1 :]):
-            beside /= part
-        if beside.is_dir():
-            return beside
+    for above in (folder, *folder.parents):
+        if above.name == "images":
+            beside: Location = above.parent.joinpath("labels", *folder.parts[len(above.parts) :])
+            return beside if beside.is_dir() else folder
     return folder
 
 
@@ -215,17 +194,17 @@ def _objects(folder: Location, names: Sequence[str], classes: Mapping[int, str])
 
 def _targets(
     picture: Location, objects: Sequence[Object], known: str | None, selection: Selection
-) -> list[Target]:
-    """The picture's objects, in pixels."""
+) -> tuple[Target, ...]:
+    """The picture's objects, in pixels; none of one that cannot be read, which loading it says."""
     if not objects:
-        return []
+        return ()
     try:
         width, height = size_px(picture, known)
-    except UnreadablePicture:  # told when it is loaded
-        return []
+    except UnreadablePicture:
+        return ()
     sides = np.array([width, height, width, height])
-    boxes = [(label, (sides * shares).tolist()) for label, shares in objects]
-    return [target for label, box in boxes for target in selection.target(label, tuple(box), (width, height))]
+    found = [selection.target(name, tuple((sides * box).tolist()), (width, height)) for name, box in objects]
+    return tuple(target for each in found for target in each)
 
 
 def _object(line: str, *, classes: Mapping[int, str]) -> Object:

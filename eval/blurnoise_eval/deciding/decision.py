@@ -27,7 +27,7 @@ from blurnoise_eval.deciding.question import Question, conditions_at, direction_
 from blurnoise_eval.deciding.search import CHECKED, MOST_NODES, Search
 from blurnoise_eval.deciding.surface import Trend, predicted_table
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.evaluation import Evaluation, engine_facts, evaluate, progress_bar, tell_of
+from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.report.run import RunData, Tables
@@ -38,13 +38,14 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.asked import Batch, Place, ask, asked
 from blurnoise_eval.sweep.beginning import begun_or_gone
 from blurnoise_eval.sweep.blocks import count_cells
-from blurnoise_eval.sweep.contract_choice import contracts_chosen
-from blurnoise_eval.sweep.engines import Engine, engine_of, staying
+from blurnoise_eval.sweep.contract_checks import contracts_chosen
+from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
+from blurnoise_eval.system.progress import progress_bar, tell_of
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 

@@ -1,7 +1,4 @@
-"""Limits baked into a graph that drops answers itself, measured from those it gives: what nobody can see of it.
-
-Domain: scores in [0, 1], overlaps as intersection over union, of boxes as the graph gives them.
-"""
+"""Limits baked into a graph that drops answers itself, measured from those it gives: what nobody can see of it."""
 
 from __future__ import annotations
 
@@ -21,12 +18,11 @@ UNSEEN_SCORE = 0.005
 
 
 class Baked(TypedDict):
-    """Of ``pictures``: the lowest score, the largest number of boxes, the greatest overlap of two of one class."""
+    """Of ``pictures``: the lowest score and the largest number of boxes."""
 
     pictures: int
     lowest_score: float | None
     most_boxes: int
-    greatest_iou: float | None
 
 
 def baked(detector: Detector, images: Iterable[NDArray[np.uint8]]) -> Baked | None:
@@ -37,25 +33,13 @@ def baked(detector: Detector, images: Iterable[NDArray[np.uint8]]) -> Baked | No
     """
     if detector.contract.nms_iou is not None:
         return None
-    lowest, overlaps, most, count = [], [], 0, 0
+    scores: list[NDArray[np.float32]] = []
     for image in images:
         with suppress(ModelError):
-            blob, placement = detector.prepare(image)
-            outputs = detector.run(blob)
-            found = detector.decode(
-                outputs, placement, min_score=_ANY_SCORE, max_detections=_ANY_NUMBER
-            ).leading
-            count, most = count + 1, max(most, len(found))
-            if len(found):
-                lowest.append(float(found.scores.min()))
-            for class_id in np.unique(found.class_ids):
-                overlaps.append(_greatest_iou(found.boxes_xyxy[found.class_ids == class_id].astype(float)))
-    return Baked(
-        pictures=count,
-        lowest_score=min(lowest, default=None),
-        most_boxes=most,
-        greatest_iou=max((each for each in overlaps if each is not None), default=None),
-    )
+            found = detector.detect(image, min_score=_ANY_SCORE, max_detections=_ANY_NUMBER)
+            scores.append(found.leading.scores)
+    lowest = min((float(each.min()) for each in scores if len(each)), default=None)
+    return Baked(pictures=len(scores), lowest_score=lowest, most_boxes=max(map(len, scores), default=0))
 
 
 def baked_text(limits: Baked) -> str:
@@ -63,20 +47,4 @@ def baked_text(limits: Baked) -> str:
     if limits["lowest_score"] is None:
         return f"no answers in {limits['pictures']} pictures"
     text = f"in {limits['pictures']} pictures no score below {limits['lowest_score']:.3g}, "
-    text += f"at most {limits['most_boxes']} boxes"
-    if limits["greatest_iou"] is not None:
-        text += f", those of one class overlap by at most {limits['greatest_iou']:.2f} (IoU)"
-    return f"{text}: what is weaker, more or closer never leaves the graph"
-
-
-def _greatest_iou(boxes_xyxy: NDArray[np.float64]) -> float | None:
-    """Of two of the boxes (N, 4); None of fewer."""
-    if len(boxes_xyxy) < 2:
-        return None
-    low = np.maximum(boxes_xyxy[:, None, :2], boxes_xyxy[None, :, :2])
-    high = np.minimum(boxes_xyxy[:, None, 2:], boxes_xyxy[None, :, 2:])
-    shared = np.clip(high - low, 0, None).prod(axis=-1)
-    areas = (boxes_xyxy[:, 2:] - boxes_xyxy[:, :2]).prod(axis=-1)
-    ious = shared / np.maximum(areas[:, None] + areas[None] - shared, 1e-12)
-    np.fill_diagonal(ious, 0)
-    return float(ious.max())
+    return f"{text}at most {limits['most_boxes']} boxes: what is weaker or more never leaves the graph"

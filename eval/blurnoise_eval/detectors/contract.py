@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
 from blurnoise._core.checks import Characters, check_fields, shown
-from blurnoise_eval.detectors.anchor_head import AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 
 METADATA_KEY = "blurnoise.contract"
@@ -33,6 +33,63 @@ class ModelError(ValueError):
     """A model or its contract cannot be used; the message says what it is and what to do."""
 
 
+def _pairs(value: object) -> object:
+    """Widths and heights in turn, as darknet's and YOLOv5's files list them, or in pairs already."""
+    try:
+        levels = [np.asarray(level, float).reshape(-1, 2).tolist() for level in value]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return value
+    return tuple(tuple(map(tuple, level)) for level in levels)
+
+
+_Px = Annotated[float, Ge(1e-3), Le(1e5)]
+_Level = Annotated[tuple[tuple[_Px, _Px], ...], Len(1)]
+_Scale = Annotated[float, Ge(1), Le(4)]
+_Stride = Annotated[int, Ge(1), Le(1024)]
+
+
+@dataclass(frozen=True)
+class AnchorHead:
+    """How a head with anchors states its boxes: by level, cell and anchor.
+
+    strides: of the levels, px, in the order in which one output holds them; levels with an output of their own are
+    told by their sizes. anchors: for each stride as many (width, height), px. boxes: "yolov3": centre = sigmoid +
+    cell, size = exp · anchor; "yolov4": the same with the centre stretched about the cell's middle by ``xy_scales``;
+    "yolov5" (and YOLOv7, YOLO-FastestV2): centre = 2 sigmoid - 0.5 + cell, size = (2 sigmoid)² · anchor. activated:
+    whether the graph has applied the sigmoids (and softmax) itself. order: of rows that hold one box each, "anchor"
+    (a level's first anchor over all cells, then the next, as YOLOv5) or "cell" (a cell's anchors, then the next
+    cell's). Raises ``TypeError`` or ``ValueError`` naming field, value and what is allowed.
+    """
+
+    strides: Annotated[tuple[_Stride, ...], Len(1), "must be a list of integers, 1 to 1024"]
+    anchors: Annotated[
+        tuple[_Level, ...], BeforeValidator(_pairs), "must be widths and heights in turn, px > 0"
+    ]
+    boxes: Literal["yolov3", "yolov4", "yolov5"] = "yolov5"
+    activated: bool = False
+    order: Literal["anchor", "cell"] = "anchor"
+    xy_scales: Annotated[tuple[_Scale, ...] | None, "must be a number from 1 to 4 for each stride"] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        numbers = {len(level) for level in self.anchors}
+        if not len(self.anchors) == len(self.strides) == len(self.scales) or len(numbers) != 1:
+            must = "must be equally many anchors, and one of xy_scales, for each stride"
+            raise ValueError(f"anchors = {shown(self.anchors)}, strides = {list(self.strides)}: {must}")
+        if self.boxes == "yolov4" and self.xy_scales is None:
+            raise ValueError("xy_scales: must be given with yolov4's boxes, as 1.2, 1.1, 1.05")
+
+    @property
+    def per_cell(self) -> int:
+        """Anchors of one cell."""
+        return len(self.anchors[0])
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """By how much the centre is stretched about the cell's middle, for each stride."""
+        return self.xy_scales or (2.0 if self.boxes == "yolov5" else 1.0,) * len(self.strides)
+
+
 def _listed(value: object) -> object:
     """Names in order: of COCO, or by id."""
     if value in ("coco80", "coco91"):
@@ -43,8 +100,7 @@ def _listed(value: object) -> object:
         by_id = {int(class_id): name for class_id, name in value.items()}
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"classes: ids must be integers, got {shown(list(value))}") from None
-    if sorted(by_id) == list(range(1, len(by_id) + 1)):  # counted from 1, as TensorFlow does
-        by_id[0] = "unused 0"
+    by_id.setdefault(0, "unused 0")  # counted from 1, as TensorFlow does
     if sorted(by_id) != list(range(len(by_id))):
         raise ValueError(f"classes: ids must be 0 to {len(value) - 1}, got {shown(list(value))}")
     return tuple(by_id[class_id] for class_id in sorted(by_id))
@@ -56,41 +112,23 @@ def _square(value: object) -> object:
 
 def _head(value: object) -> object:
     """A head as a file states it."""
-    if not isinstance(value, Mapping):
-        return value
-    if missing := [name for name in ("strides", "anchors") if name not in value]:
-        raise ValueError(f"head: missing key {', '.join(map(repr, missing))}")
-    if unknown := [name for name in value if name not in AnchorHead.__dataclass_fields__]:
-        known = ", ".join(AnchorHead.__dataclass_fields__)
-        raise ValueError(f"head: unknown key {shown(unknown)[1:-1]}; known are {known}")
     try:
-        return AnchorHead(**value)
+        return AnchorHead(**value) if isinstance(value, Mapping) else value
     except (TypeError, ValueError) as error:
-        raise ValueError(f"head: {error}") from None
+        raise ValueError(f"head: {str(error).removeprefix('AnchorHead.__init__() ')}") from None
 
 
 Colour = Literal["rgb", "bgr"]
-_Mean = Annotated[float, Ge(-1e6), Le(1e6)]
-PerChannel = Annotated[
-    tuple[_Mean, _Mean, _Mean] | None, "must be three numbers, one per channel, within 1e6 of 0"
-]
-_Deviation = Annotated[float, Ge(1e-6), Le(1e6)]
+_Deviation = Annotated[float, Ge(1e-6)]
+PerChannel = Annotated[tuple[float, float, float] | None, "must be three numbers, one per channel"]
 Spread = Annotated[
-    tuple[_Deviation, _Deviation, _Deviation] | None,
-    "must be > 0, three numbers, one per channel, from 1e-6 to 1e6",
+    tuple[_Deviation, _Deviation, _Deviation] | None, "must be three numbers > 0, one per channel"
 ]
 _Side = Annotated[int, Ge(1), Le(1 << 16)]
-_Size = Annotated[
-    tuple[_Side, _Side] | None,
-    BeforeValidator(_square),
-    "must be (height, width), two integers > 0 and <= 65536",
-]
-_Names = Annotated[
-    tuple[Characters, ...],
-    Len(1),
-    BeforeValidator(_listed),
-    "must be a list of names, names by id, 'coco80' or 'coco91'",
-]
+_TWO_SIDES = "must be (height, width), two integers > 0 and <= 65536"
+_Size = Annotated[tuple[_Side, _Side] | None, BeforeValidator(_square), _TWO_SIDES]
+_NAMES = "must be a list of names, names by id, 'coco80' or 'coco91'"
+_Names = Annotated[tuple[Characters, ...], Len(1), BeforeValidator(_listed), _NAMES]
 
 
 @dataclass(frozen=True)
@@ -98,7 +136,6 @@ class Sourced:
     """A contract whose fields each carry, in ``sources``, where they came from."""
 
     EXAMPLE: ClassVar[str]
-    TYPED: ClassVar[str]
 
     sources: Mapping[str, str] = field(default_factory=dict, compare=False, kw_only=True)
 
@@ -146,8 +183,6 @@ class Contract(Sourced):
         '{"family": "yolox", "classes": ["stop sign", "yield"], "colour": "bgr", "value_range": "0-255", '
         '"resize": "letterbox-top-left"}'
     )
-    TYPED = "yolox,colour=rgb,value_range=0-1,mean=0.485/0.456/0.406,std=0.229/0.224/0.225,resize=stretch,pad_value=0"
-
     family: str
     classes: _Names
     colour: Colour = "rgb"
@@ -158,18 +193,15 @@ class Contract(Sourced):
     pad_value: Annotated[int, Ge(0), Le(255)] = 114
     input_size_px: _Size = None
     nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65
-    head: Annotated[
-        AnchorHead | None, BeforeValidator(_head), "must be a mapping with strides and anchors"
-    ] = None
+    head: Annotated[AnchorHead | None, BeforeValidator(_head), "must map strides and anchors"] = None
 
 
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Mean and standard deviation of red, green, blue, 0-1."""
 IMAGENET_255 = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
 """The same of 0-255."""
-INPUT_VALUES: dict[
-    str, tuple[Literal["0-1", "0-255"], tuple[float, float, float] | None, tuple[float, float, float] | None]
-] = {
+_Three = tuple[float, float, float]
+INPUT_VALUES: dict[str, tuple[Literal["0-1", "0-255"], _Three | None, _Three | None]] = {
     "0-1": ("0-1", None, None),
     "0-255": ("0-255", None, None),
     "0-1 with ImageNet's mean and std": ("0-1", *IMAGENET),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.candidates import Candidates, best, suppress
+from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
 from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
 from blurnoise_eval.detectors.formats.signature import extra_feeds, read_signature
-from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, NonFinite, OnnxModel, PictureModel
+from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray
 from blurnoise_eval.system.urls import Location
@@ -28,21 +27,15 @@ OwnScores = Callable[[ArrayLike, FloatArray], Detections]
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
 
-class Detector(PictureModel):
-    """An ONNX detector with its contract. One instance serves any number of threads.
+class Detector(OnnxModel):
+    """An ONNX detector with its contract; what holds of every :class:`OnnxModel` holds of it.
 
-    It pickles as what opened it: in another process the file is opened again.
+    ``contract``: a :class:`Contract`, a mapping, a contract file or the name of a preset; None looks beside the model
+    and into its metadata, then recognises the family from the graph (see ``contract.assumptions``). Raises
+    :class:`ModelError` for a graph of no known family, or a contract that does not fit it.
 
-    ``path``: a file, here or at a URL, or a model that is open. ``contract``: a :class:`Contract`, a mapping, a
-    contract file or the name of a preset; None looks beside the model and into its metadata, then recognises the
-    family from the graph (see ``contract.assumptions``). ``threads``: cores that one inference may use.
-    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
-    model, a graph of no known family, or a contract that does not fit it, ``TimeoutError``.
-
-    Attributes: ``name`` (file name without suffix), ``path``, ``sha256`` of its files, ``contract``,
-    ``input_size_px`` (height, width; for "resize" none only what dynamic shapes were measured at), ``why`` it is
-    this family, ``takes_bytes``: whether the input is uint8, ``non_finite_values``: NaN and infinite output
-    values seen so far, ``session``: onnxruntime's.
+    Attributes: ``contract``, ``family``, ``input_size_px`` (height, width; for "resize" none only what dynamic shapes
+    were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8.
     """
 
     contract: Contract
@@ -52,34 +45,28 @@ class Detector(PictureModel):
         path: str | Location | OnnxModel,
         *,
         contract: Contract | Given | None = None,
-        threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        model = path if isinstance(path, OnnxModel) else OnnxModel(path, threads, timeout_s)
-        further: Any = {"threads": model.threads, "timeout_s": model.timeout_s}
-        super().__init__(model, partial(Detector, model.source, contract=contract, **further))
-        self.session = model.session
-        stated = stated_contract(PRESETS, self.path, model.metadata, contract)
-        size_px = stated.input_size_px if stated else exported_fields(model.metadata).get("input_size_px")
-        signature = read_signature(model, size_px or _PROBE_SIZE_PX)
-        self.family, self.contract, layout = resolve(self.path, signature, stated)
+        super().__init__(path, timeout_s)
+        self._opened_again = partial(Detector, self.source, contract=contract, timeout_s=self.timeout_s)
+        stated = stated_contract(PRESETS, self.path, self.metadata, contract)
+        size_px = stated.input_size_px if stated else exported_fields(self.metadata).get("input_size_px")
+        signature = read_signature(self, size_px or _PROBE_SIZE_PX)
+        self.family, self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            signature = read_signature(model, self.input_size_px)
-            layout = resolve(self.path, signature, self.contract)[2]
-        self._outputs = list(layout.outputs)
-        self.why = layout.why
-        self.takes_bytes = DTYPES[model.inputs[0].type] is np.uint8
-        self._extras = extra_feeds(model.inputs[1:], self.input_size_px, model.batch) or {}
+            layout = resolve(read_signature(self, self.input_size_px), self.contract)[2]
+        self._decoded, self.why = list(layout.outputs), layout.why
+        self.takes_bytes = DTYPES[self.inputs[0].type] is np.uint8
+        self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()
 
     def with_contract(self, contract: Contract) -> Detector:
         """The same session read by another contract of the same family and input size."""
-        other = object.__new__(Detector)
-        other.__dict__.update(self.__dict__)
-        other.contract = contract
+        other = object.__new__(Detector)  # a copy would open the file again
+        other.__dict__.update(self.__dict__, contract=contract)
         other._opened_again = partial(self._opened_again, contract=contract)  # type: ignore[call-arg]  # of Detector
-        other._non_finite, other._buffers = NonFinite(self.path.name), threading.local()
+        other._non_finite, other._buffers = threading.local(), threading.local()
         return other
 
     def prepare(
@@ -94,15 +81,14 @@ class Detector(PictureModel):
         """
         dtype = np.uint8 if self.takes_bytes else np.float32
         contract = contract or self.contract
-        axes = self._model.axes or "nchw"
-        return lay_in(image, contract, self.input_size_px, out, axes=axes, dtype=dtype)
+        return lay_in(image, contract, self.input_size_px, out, axes=self.axes or "nchw", dtype=dtype)
 
     def run(self, blob: Blob) -> list[FloatArray]:
         """Return the outputs that the family decodes, float32, for one input as :meth:`prepare` makes it.
 
         A graph with a fixed larger batch gets the picture repeated; its first answer counts.
         """
-        outputs = self._model.run(blob, self._outputs, self._extras)
+        outputs = self.infer(blob, self._decoded, self._extras)
         alone = (output if output.ndim < 3 else output[:1] for output in outputs)
         return [output.astype(np.float32, copy=False) for output in alone]
 
@@ -117,7 +103,7 @@ class Detector(PictureModel):
         """Return detections in the picture's own px, clipped to it, after suppression within each class.
 
         Where the family's own evaluator counts a box with several classes, so do these; ``leading`` has the first of
-        each. Candidates with NaN are dropped, counted in ``non_finite_values`` and warned of once. Raises
+        each. Candidates with NaN are dropped, counted in ``non_finite_values_here`` and warned of once. Raises
         :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
         """
         candidates = self._candidates(outputs, placement, min_score)
@@ -126,7 +112,7 @@ class Detector(PictureModel):
     def _candidates(
         self, outputs: Sequence[FloatArray], placement: Placement, min_score: float
     ) -> Candidates:
-        self._non_finite.count(outputs)
+        self._count_non_finite(outputs)
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
         candidates = self.family.decode(outputs, size_px, min_score)
@@ -149,8 +135,7 @@ class Detector(PictureModel):
     def _kept(
         self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
     ) -> Detections:
-        iou = self.contract.nms_iou
-        kept = best(candidates, most) if iou is None else suppress(candidates, iou, most, per_class=per_class)
+        kept = suppress(candidates, self.contract.nms_iou, most, per_class=per_class)
         boxes = placement.to_picture(kept.boxes_xyxy)
         found = Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
         inside = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)  # not wholly in the padding
@@ -179,11 +164,10 @@ class Detector(PictureModel):
         return self.run(blob), placement
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns, and what tells boxes with their own scores of classes where another one leads.
+        """What :meth:`detect` returns, and a function to boxes with their scores of classes where another one leads.
 
-        That is asked with class ids and what the scores must exceed, one for each. It answers from ``OWN_SCORE`` on,
-        whatever the family's evaluator counts, suppressed within each class, at most ``MOST_OF_CLASS`` of each. None
-        where it has nothing to add: the graph tells one class a box, or has one.
+        It takes class ids and what the scores must exceed, one for each, and answers from ``OWN_SCORE`` on,
+        suppressed within each class. None where the graph has one score a box, or one class.
         """
         outputs, placement = self._answers(image)
         candidates = self._candidates(outputs, placement, MIN_SCORE)

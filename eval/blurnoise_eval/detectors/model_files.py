@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import onnx
+from onnx import external_data_helper as external
 
-from blurnoise._core.files import read_document
+from blurnoise._core.files import check_regular, read_document
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.urls import Location, local_file, location, version
+
+_CONTRACTS = ("json", "yaml", "yml")
 
 
 def fetched(path: str | Location) -> Path:
@@ -20,17 +20,18 @@ def fetched(path: str | Location) -> Path:
 
     A file of this machine is what it is. Raises :class:`ModelError` for an object that cannot be fetched.
     """
-    found = location(path)
-    return found if isinstance(found, Path) else _with_company(found)
-
-
-def _with_company(model: Location) -> Path:
+    model = location(path)
+    if isinstance(model, Path):
+        return model
+    contracts = [f"{model.stem}.contract.{end}" for end in _CONTRACTS]
     try:
         known = version(model)
-        contracts = [f"{model.stem}.contract.{end}" for end in ("json", "yaml", "yml")]
-        with_contract = local_file(model, contracts, known)
-        beside = [*contracts, *external_files(with_contract), *_dictionary(with_contract)]
-        return local_file(model, beside, known) if len(beside) > len(contracts) else with_contract
+        copy = local_file(model, contracts, known)
+        stated = contract_file(copy)
+        values = None if stated is None else read_mapping(stated)
+        dictionary = values.get("dictionary") if isinstance(values, dict) else None
+        beside = [*external_files(copy), *([dictionary] if isinstance(dictionary, str) else [])]
+        return local_file(model, [*contracts, *beside], known) if beside else copy
     except OSError as error:
         raise ModelError(f"{error.filename}: {error.strerror}") from None
 
@@ -43,17 +44,6 @@ def fetched_file(path: str | Location) -> Path:
         raise ModelError(f"{error.filename}: {error.strerror}") from None
 
 
-@contextmanager
-def named_as(path: str | Location, local: Path) -> Iterator[None]:
-    """A :class:`ModelError` that names the fetched file names where it came from."""
-    try:
-        yield
-    except ModelError as error:
-        if str(local) == str(path):
-            raise
-        raise ModelError(str(error).replace(str(local), str(location(path)))) from None
-
-
 def external_files(path: Path) -> list[str]:
     """Names of the files, beside a model's own, that hold tensors of it, in branches and functions, too.
 
@@ -63,32 +53,13 @@ def external_files(path: Path) -> list[str]:
         model = onnx.load(str(path), load_external_data=False)
     except Exception:  # protobuf's DecodeError; a format of onnxruntime's own, which is a single file
         return []
-    found: set[str] = set()
-    nodes = [*model.graph.node, *(node for function in model.functions for node in function.node)]
-    tensors = list(model.graph.initializer)
-    for node in nodes:  # grows while it is read
-        for attribute in node.attribute:
-            tensors += [attribute.t, *attribute.tensors]
-            for graph in (attribute.g, *attribute.graphs):
-                nodes += graph.node
-                tensors += graph.initializer
-    for tensor in tensors:
-        found |= {entry.value for entry in tensor.external_data if entry.key == "location"}
-    return sorted(found)
+    tensors = filter(external.uses_external_data, external._get_all_tensors(model))
+    return sorted({external.ExternalDataInfo(tensor).location for tensor in tensors})
 
 
-def _dictionary(path: Path) -> list[str]:
-    stated = contract_file(path)
-    values = None if stated is None else read_mapping(stated)
-    name = values.get("dictionary") if isinstance(values, dict) else None
-    return [name] if isinstance(name, str) else []
-
-
-def contract_file(model_path: Path, contract: object = None) -> Path | None:
-    """Return the caller's file, else ``model.contract.json``, ``.yaml`` or ``.yml`` beside it, else None."""
-    if isinstance(contract, (str, Path)):
-        return stated if (stated := fetched_file(contract)).is_file() else None
-    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in ("json", "yaml", "yml"))
+def contract_file(model_path: Path) -> Path | None:
+    """Return ``model.contract.json``, ``.yaml`` or ``.yml`` beside the model, else None."""
+    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in _CONTRACTS)
     return next((path for path in beside if path.is_file()), None)
 
 
@@ -102,18 +73,14 @@ def read_mapping(path: Path) -> object:
 
 def model_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
-    own, beside = file_sha256(path), external_files(path)
+    own, beside = _file_sha256(path), external_files(path)
     if not beside:
         return own
-    parts = [own, *(f"{name} {file_sha256(path.parent / name)}" for name in beside)]
+    parts = [own, *(f"{name} {_file_sha256(path.parent / name)}" for name in beside)]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def file_sha256(path: Path) -> str:
-    """Hexadecimal SHA-256 of a file, read a block at a time. Raises ``OSError``."""
+def _file_sha256(path: Path) -> str:
     check_regular(path)
-    digest = hashlib.sha256()
     with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -7,7 +7,6 @@ from itertools import count
 
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
-from blurnoise_eval.detectors.model_files import named_as
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter, is_recogniser
 from blurnoise_eval.system.urls import Location
 
@@ -30,31 +29,26 @@ def open_models(
     targets differ; :class:`~blurnoise_eval.detectors.contract.ModelError`, ``TimeoutError``.
     """
     if len(contracts) not in (1, len(paths)):
-        raise ValueError(
-            f"contract: {len(contracts)} are given; must be one, or one for each of {len(paths)} models"
-        )
-    contracts = [*contracts] * len(paths) if len(contracts) == 1 else contracts
-    told = (
-        any(str(each).split(",")[0] == "ppocr" for each in contracts) or dictionary is not None
-    )  # the graph alone may not show it
+        must = f"must be one, or one for each of {len(paths)} models"
+        raise ValueError(f"contract: {len(contracts)} are given; {must}")
+    contracts = [*contracts] * (len(paths) if len(contracts) == 1 else 1)
+    # The graph alone may not show that it reads text.
+    stated = dictionary is not None or any(str(each).split(",")[0] == "ppocr" for each in contracts)
     models = [OnnxModel(path, timeout_s=timeout_s) for path in paths]
-    kinds = [told or is_recogniser(model) for model in models]
-    if len(set(kinds)) > 1:
-        raise ValueError(
-            "model: a sweep runs detectors or text recognisers, not both; give each a run of its own"
-        )
-    if (dictionary or text_detector) and not kinds[0]:
+    kinds = {stated or is_recogniser(model) for model in models}
+    reads = True in kinds
+    if len(kinds) > 1:
+        must = "give each a run of its own"
+        raise ValueError(f"model: a sweep runs detectors or text recognisers, not both; {must}")
+    if (dictionary or text_detector) and not reads:
         raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
     found: list[Opened] = []
     for model, contract in zip(models, contracts, strict=True):
-        with named_as(model.source, model.path):
-            if not kinds[0]:
-                found.append(Detector(model, contract=contract))
-                continue
-            recogniser = Recogniser(model, contract=contract, dictionary=dictionary)
-        found.append(
-            TextSpotter(text_detector, recogniser, timeout_s=timeout_s) if text_detector else recogniser
-        )
+        if reads:
+            reader = Recogniser(model, contract=contract, dictionary=dictionary)
+            found.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
+        else:
+            found.append(Detector(model, contract=contract))
     _tell_apart(found)
     return found
 
@@ -63,8 +57,8 @@ def _tell_apart(models: Sequence[Opened]) -> None:
     taken = {model.name for model in models}
     named: set[str] = set()
     for model in models:
+        numbered = (f"{model.name}-{number}" for number in count(2))
         if model.name in named:
-            numbered = (f"{model.name}-{number}" for number in count(2))
             model.name = next(name for name in numbered if name not in taken)
-            taken.add(model.name)
+        taken.add(model.name)
         named.add(model.name)

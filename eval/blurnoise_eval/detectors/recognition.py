@@ -5,18 +5,16 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
-from blurnoise_eval.detectors.contract_files import preset, stated_contract
+from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS, probe
 from blurnoise_eval.detectors.formats.anchors import with_head
 from blurnoise_eval.detectors.formats.end_to_end import YOLOV10
-from blurnoise_eval.detectors.formats.family import Family
-from blurnoise_eval.detectors.formats.grid_yolo import YOLOV5, YOLOV8
+from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8
 from blurnoise_eval.detectors.formats.placement import lay_in
-from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 
 _HEAD_EXAMPLE = (
     '"head": {"strides": [8, 16, 32], "anchors": [[10,13, 16,30, 33,23], [30,61, 62,45, 59,119], '
@@ -35,44 +33,49 @@ class _Found:
     sure: bool = True
 
 
-def resolve(
-    model_path: Path, signature: Signature, contract: Contract | str | Path | None = None
-) -> tuple[Family, Contract, Layout]:
+def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Family, Contract, Layout]:
     """Return the graph's family, its contract with the input size filled in, and how the graph is read.
 
-    The contract is the caller's, else that of the file beside the model, else the metadata's, else the preset
-    of the family that the graph shows, with every field that it cannot show marked as assumed.
-    Raises :class:`ModelError` if no family or several fit, or if contract and graph disagree.
+    The contract is what is stated, else the preset of the family that the graph shows, with every field that it
+    cannot show marked as assumed. Raises :class:`ModelError` if no family or several fit, or if contract and graph
+    disagree.
     """
-    stated = stated_contract(PRESETS, model_path, signature.metadata, contract)
     if stated is None:
         found = _recognise(signature)
-        return found.family, _fitted(_assumed(found, signature), found.family, signature), found.layout
-    family = next((family for family in FAMILIES if stated.family == family.name), None)
-    if family is None:
-        raise ModelError(f"family {stated.family!r}: must be one of {', '.join(PRESETS)}")
-    if stated.head is not None and not family.takes_head:
-        heads = ", ".join(sorted(each.name for each in FAMILIES if each.takes_head))
-        raise ModelError(f"head: goes with the families {heads}, not with {family.name}")
-    if family.takes_head:
-        if stated.head is None:
-            raise ModelError(
-                f"family {family.name!r} needs the head's anchors in its contract, for example {_HEAD_EXAMPLE}"
-            )
-        family = with_head(family, stated.head, len(stated.classes))
-    layout = family.describe(signature) if signature.outputs else None
-    if layout is None:
+        contract, family, layout = _assumed(found, signature), found.family, found.layout
+    else:
+        contract, family = stated, _with_head(stated)
+        reads = family.describe(signature)
+        if reads is None:
+            says = f"the contract ({stated.sources['family']}) says {stated.family}"
+            raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
+        layout = reads
+    if layout.classes not in (0, len(contract.classes)):
         raise ModelError(
-            f"the contract ({stated.sources['family']}) says {stated.family}, "
-            f"but the graph has no outputs of that shape:\n{signature.describe()}"
+            f"the graph ({contract.family}) has {layout.classes} classes but the contract names "
+            f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "
+            "under 'classes' in a contract"
         )
-    _check_class_count(stated, layout.classes)
-    return family, _fitted(stated, family, signature), layout
+    return family, _fitted(contract, family, signature), layout
+
+
+def _with_head(stated: Contract) -> Family:
+    """The family of a contract, with the anchors that it states."""
+    family = FAMILIES[preset(stated.family).family]
+    if stated.head is None and family.takes_head:
+        needs = f"family {family.name!r} needs the head's anchors in its contract"
+        raise ModelError(f"{needs}, for example {_HEAD_EXAMPLE}")
+    if stated.head is None:
+        return family
+    if not family.takes_head:
+        heads = ", ".join(sorted(each.name for each in FAMILIES.values() if each.takes_head))
+        raise ModelError(f"head: goes with the families {heads}, not with {family.name}")
+    return with_head(family, stated.head, len(stated.classes))
 
 
 def _recognise(signature: Signature) -> _Found:
     exporter, families = _by_metadata(signature)
-    groups = (*((family,) for family in families), *BY_EVIDENCE) if signature.outputs else ()
+    groups = (*((family,) for family in families), *BY_EVIDENCE)
     for order, group in enumerate(groups):
         fitting = [(each, layout) for each in group if (layout := each.describe(signature)) is not None]
         if len(fitting) > 1:
@@ -114,7 +117,7 @@ def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Foun
         whose = "the metadata names" if known else "COCO has"
         return _Found(family, layout, f"{layout.why}, as many as {whose}", sure=known is not None)
     by_name = {family.name: (family, layout) for family, layout in agreeing or fitting}
-    if signature.answer and signature.size_px and by_name.keys() == probe.TOLD_APART:
+    if signature.answer and by_name.keys() == probe.TOLD_APART:
         image = signature.inputs[0]
         blob, _ = lay_in(probe.picture(), PRESETS["yolox"], signature.size_px, axes=image.axes or "nchw")
         if told := probe.told_apart(signature.answer(blob)):
@@ -147,18 +150,7 @@ def _assumed(found: _Found, signature: Signature) -> Contract:
         shows = f"the graph has {count}" if count else "the graph does not show how many it has"
         sources["classes"] = f"assumed: COCO's {len(base.classes)} classes, because {shows}"
     sources.update(dict.fromkeys(known, "metadata"))
-    contract = replace(base, **known, sources=sources)
-    _check_class_count(contract, count)
-    return contract
-
-
-def _check_class_count(contract: Contract, count: int) -> None:
-    if count not in (0, len(contract.classes)):
-        raise ModelError(
-            f"the graph ({contract.family}) has {count} classes but the contract names "
-            f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "
-            "under 'classes' in a contract"
-        )
+    return replace(base, **known, sources=sources)
 
 
 def _fitted(contract: Contract, family: Family, signature: Signature) -> Contract:
@@ -170,21 +162,17 @@ def _fitted(contract: Contract, family: Family, signature: Signature) -> Contrac
     settled: dict[str, Any] = {}
     if image.type == "tensor(uint8)":
         settled |= {"value_range": "0-255", "mean": None, "std": None}
-    height, width = image.shape[1:3] if image.axes == "nhwc" else image.shape[-2:]
-    if isinstance(height, int) and isinstance(width, int):
-        settled["input_size_px"] = (height, width)
-        if contract.resize == "none":
-            settled["resize"] = family.fixed_resize
-    sources = {**contract.sources, **dict.fromkeys(settled, "graph")}
+    if all(isinstance(side, int) for side in image.size_px):
+        settled["input_size_px"] = image.size_px
     for name, value in settled.items():
         stated, source = getattr(contract, name), contract.sources[name]
-        if stated in (None, value) or source.startswith(("preset", "assumed")):
-            continue
-        takes = f"{image.type} {list(image.shape)}"
-        raise ModelError(
-            f"{name} = {stated} ({source}): the graph takes only {value or takes}, as its input is {takes}"
-        )
-    if "resize" in settled:
+        if stated not in (None, value) and not source.startswith(("preset", "assumed")):
+            takes = f"{image.type} {list(image.shape)}"
+            only = f"the graph takes only {value or takes}, as its input is {takes}"
+            raise ModelError(f"{name} = {stated} ({source}): {only}")
+    sources = {**contract.sources, **dict.fromkeys(settled, "graph")}
+    if "input_size_px" in settled and contract.resize == "none":
+        settled["resize"] = family.fixed_resize
         sources["resize"] = "assumed: the graph takes one size"
     return replace(contract, **settled, sources=sources)
 

@@ -41,23 +41,16 @@ class Detections:
         scores = np.array(self.scores, np.float32).reshape(-1)
         class_ids = np.array(self.class_ids, np.int64).reshape(-1)
         leads = None if self.leads is None else np.array(self.leads, bool).reshape(-1)
-        if not len(boxes) == len(scores) == len(class_ids) or (
-            leads is not None and len(leads) != len(boxes)
-        ):
-            raise ValueError(
-                f"detections: {len(boxes)} boxes, {len(scores)} scores and {len(class_ids)} classes; "
-                "must be equally many"
-            )
+        counts = [len(each) for each in (boxes, scores, class_ids, leads) if each is not None]
+        if len(set(counts)) != 1:
+            raise ValueError(f"detections: {counts} boxes, scores and classes; must be equally many")
         if not (np.isfinite(boxes).all() and np.isfinite(scores).all()):
             raise ValueError("detections: boxes and scores must be finite")
-        if (scores[1:] > scores[:-1]).any():
-            order = np.argsort(-scores, kind="stable")
-            boxes, scores, class_ids = boxes[order], scores[order], class_ids[order]
-            leads = None if leads is None else leads[order]
-        object.__setattr__(self, "boxes_xyxy", boxes)
-        object.__setattr__(self, "scores", scores)
-        object.__setattr__(self, "class_ids", class_ids)
-        object.__setattr__(self, "leads", leads)
+        order = np.argsort(-scores, kind="stable")
+        object.__setattr__(self, "boxes_xyxy", boxes[order])
+        object.__setattr__(self, "scores", scores[order])
+        object.__setattr__(self, "class_ids", class_ids[order])
+        object.__setattr__(self, "leads", None if leads is None else leads[order])
 
     @property
     def leading(self) -> Detections:

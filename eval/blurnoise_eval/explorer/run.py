@@ -28,7 +28,6 @@ from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, CORE, EXPOSURE, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.opening import opening
-from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
@@ -111,7 +110,7 @@ class Run:
         sums: dict[str, dict[Key, list[float]]] = {name: {} for name in self.models}
         with Store(self.folder, shared=True) as store:
             for model in self.models:
-                for row in queries.target_sums(store, model, FOUND_SCORE):
+                for row in queries.target_sums(store, model):
                     if not row["clean"]:
                         own = sums[model].setdefault(tuple(row[each.name] for each in AXES), [0.0, 0.0])
                         own[0] += row["target_confidence"]

@@ -34,13 +34,11 @@ def maps(
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
-    from blurnoise_eval.store.checked import check_rows
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     with read_run(run) as read, Store(read.path) as store:
-        check_rows(store)
         criterion = criterion_of(store, threshold, keep, score)
         nodes = nodes_of(store)
         with ProgressBar("maps", len(nodes)) as advance:

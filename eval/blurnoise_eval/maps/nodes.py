@@ -18,11 +18,11 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ORDER, ScoreTable
+from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import CORE, LIGHT, MOVES, SETTING
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.three_sensors import behind_one_filter
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]

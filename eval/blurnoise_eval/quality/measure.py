@@ -33,10 +33,10 @@ from blurnoise.metrics.patches import detection_probability, patch_contrast, pat
 from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
+from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.quality.metrics import Metric
-from blurnoise_eval.sweep.three_sensors import behind_one_filter
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.tables import finite
 from blurnoise_eval.system.threads import limited_threads

@@ -17,6 +17,7 @@ from blurnoise_eval.answers.clusters import repeated
 from blurnoise_eval.answers.criterion import CONFIDENCE, PRECISIONS, Criterion
 from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, flat, natural
+from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import curves, recommendations
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import (
@@ -36,7 +37,6 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.documents import Stated
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.met_conditions import met_conditions
-from blurnoise_eval.sweep.model_rows import model_rows
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.sweep.refining import exposures_of_grid
 from blurnoise_eval.sweep.run_scores import models_withheld, run_scores

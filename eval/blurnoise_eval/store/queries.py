@@ -15,24 +15,25 @@ from blurnoise_eval.store.store import Store, unpack, unpack_all
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
-_HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: untouched pictures have NULLs
-
-
-_ORDER = ", ".join(f"c.{name.strip()}" for name in ROWS.split(","))
+_HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: original pictures have NULLs
+_ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
 _IN_ORDER = {  # an index has the cells of a picture together: sorted picture by picture, in little memory
-    "cells": ("cells AS c", _ORDER),
+    "cells": ("cells", _ORDER),
     "targets": (
-        "cells AS c CROSS JOIN targets AS t ON t.cell_id = c.cell_id AND t.model = c.model",
-        f"{_ORDER}, t.target_id",
+        "cells CROSS JOIN targets ON targets.cell_id = cells.cell_id AND targets.model = cells.model",
+        f"{_ORDER}, targets.target_id",
     ),
 }
-OF = {"cells": "c", "targets": "t"}
-"""By what the columns of a table are called in questions to :func:`every_row`."""
 
 
 def _mean(column: str) -> str:
     """Of values that may all be the same; then that value, to the bit."""
     return f"CASE WHEN MIN({column}) = MAX({column}) THEN MIN({column}) ELSE AVG({column}) END AS {column}"
+
+
+def _values(store: Store, query: str, *values: object) -> list[Any]:
+    """The only column of all rows."""
+    return [row[0] for rows in store.tuples(query, *values) for row in rows]
 
 
 def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
@@ -48,8 +49,9 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 
 def condition_counts(store: Store, model: str) -> list[Row]:
-    """Per condition of a model, untouched first: numbers of pictures, errors and targets, mean gain, dB, signal to
-    noise, dB, brightness, saturated share of the pictures, and invented share of what is seen behind targets."""
+    """Per condition of a model, original pictures first: numbers of pictures, errors and targets, mean gain, dB,
+    signal to noise, dB, brightness, saturated share of the pictures, and invented share of what is seen behind
+    targets."""
     query = f"""
       SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
         AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
@@ -59,31 +61,20 @@ def condition_counts(store: Store, model: str) -> list[Row]:
     return list(store.rows(query, model))
 
 
-def target_sums(store: Store, model: str, found_score: float) -> Iterator[Row]:
-    """Per condition and picture of a model: sums over its targets and readings, and how many each is of.
-
-    Columns NAME and n_NAME, NULL and 0 where there is none. found_score: the confidence from which a target
-    counts as found.
-    """
-    of = {
-        "target_confidence": "confidence",
-        "detection_rate": f"confidence >= {found_score}",
-        "confidence_when_found": f"CASE WHEN confidence >= {found_score} THEN confidence END",
-        "target_confidence_swept": "confidence_swept",
-        "detection_rate_swept": f"confidence_swept >= {found_score}",
-        "read_confidence": "read_confidence",
-        "exact_match": "text = truth",
-        "character_error_rate": "character_error_rate",
-    }
-    sums = ", ".join(f"TOTAL({value}) AS {name}, COUNT({value}) AS n_{name}" for name, value in of.items())
-    return store.rows(
-        f"SELECT {_SHARED}, image, {sums} FROM targets WHERE model = ? GROUP BY {_SHARED}, image", model
-    )
+def target_sums(store: Store, model: str) -> Iterator[Row]:
+    """Per condition of a model: the sum of its targets' confidences, and how many these are."""
+    sums = "TOTAL(confidence) AS target_confidence, COUNT(confidence) AS n_target_confidence"
+    return store.rows(f"SELECT {_SHARED}, {sums} FROM targets WHERE model = ? GROUP BY {_SHARED}", model)
 
 
 def pictures_seen(store: Store) -> list[str]:
     """The pictures that any cell is of, by name."""
-    return [row["image"] for row in store.rows("SELECT DISTINCT image FROM cells ORDER BY image")]
+    return _values(store, "SELECT DISTINCT image FROM cells ORDER BY image")
+
+
+def models_seen(store: Store) -> list[str]:
+    """The models that any cell is of, by name."""
+    return _values(store, "SELECT DISTINCT model FROM cells ORDER BY model")
 
 
 def cells_with(store: Store, **columns: Any) -> Iterator[Row]:
@@ -98,44 +89,31 @@ def conditions(store: Store, model: str) -> list[Row]:
     return list(store.rows(f"SELECT DISTINCT {shared} FROM cells WHERE model = ? ORDER BY {shared}", model))
 
 
+def _packed_at(store: Store, model: str, at: Mapping[str, Any]) -> list[tuple[str, int, bytes]]:
+    """(picture, repeat, packed detections) of the cells under a condition, by repeat and picture."""
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
+    return sorted(found, key=lambda row: row[:2])
+
+
 def detections_at(
     store: Store, model: str, at: Mapping[str, Any], repeat: int | None = None
 ) -> Iterator[tuple[str, int, Detections]]:
     """(picture, repeat, detections) of the cells under the condition that the row ``at`` names; of one repeat."""
-    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
-    values = [at[name] for name in CONDITIONS]
-    if repeat is None:
-        rows = store.rows(query, model, *values)
-    else:
-        rows = store.rows(f"{query} AND repeat = ? ORDER BY image", model, *values, repeat)
-    for row in rows:
-        yield row["image"], row["repeat"], unpack(row["detections"])
+    for image, number, packed in _packed_at(store, model, at):
+        if repeat in (None, number):
+            yield image, number, unpack(packed)
 
 
 def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
     """All detections under the condition that the row ``at`` names, by repeat and picture."""
-    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
-    rows = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
-    rows.sort(key=lambda row: row[:2])
+    rows = _packed_at(store, model, at)
     names, repeats, packed = zip(*rows, strict=True) if rows else ((), (), ())
     return unpack_all(names, repeats, packed)
 
 
-def exposed_targets(store: Store) -> Iterator[Row]:
-    """Rows of targets in exposed pictures, with the ``saturated`` share of the picture's values and their mean, its
-    ``brightness``; those of a model, group and setting of further axes together."""
-    order = ", ".join(f"targets.{name}" for name in SETTING)
-    return as_set(
-        store,
-        store.rows(
-            "SELECT targets.*, cells.saturated, cells.brightness FROM targets JOIN cells USING (cell_id, model)"
-            f' WHERE targets.clean = 0 ORDER BY targets.model, "group", {order}'
-        ),
-    )
-
-
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
-    """Image, label and box of each target in a model's untouched pictures."""
+    """Image, label and box of each target in a model's original pictures."""
     query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
     return store.rows(query, model)
 
@@ -161,11 +139,6 @@ def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
     return found
 
 
-def models_seen(store: Store) -> list[str]:
-    """The models that any cell is of, by name."""
-    return [row["model"] for row in store.rows("SELECT DISTINCT model FROM cells ORDER BY model")]
-
-
 def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[tuple[Any, ...]]]:
     """What is ``asked`` of every row of "cells" or "targets", in the order of pictures and conditions."""
     tables, order = _IN_ORDER[table]
@@ -174,25 +147,24 @@ def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[t
 
 def count_rows(store: Store) -> int:
     """Rows of cells: one per cell and model."""
-    (counted,) = store.rows("SELECT COUNT(*) AS cells FROM cells")
-    return int(counted["cells"])
+    return int(_values(store, "SELECT COUNT(*) FROM cells")[0])
 
 
 def count_cells_of_read(store: Store) -> int:
     """Cells, each once for all models, of the pictures that are not skipped."""
-    skipped = "SELECT COUNT(DISTINCT cell_id) FROM cells WHERE image IN (SELECT image FROM skipped)"
-    (counted,) = store.rows(f"SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) - ({skipped}) AS cells")
-    return int(counted["cells"])
+    query = "SELECT COUNT(DISTINCT cell_id) FROM cells"
+    skipped = f"{query} WHERE image IN (SELECT image FROM skipped)"
+    return int(_values(store, f"SELECT ({query}) - ({skipped})")[0])
 
 
 def has_answers(store: Store) -> bool:
     """Whether any model has answered to any cell."""
-    return any(store.rows("SELECT 1 FROM cells WHERE error IS NULL LIMIT 1"))
+    return bool(_values(store, "SELECT 1 FROM cells WHERE error IS NULL LIMIT 1"))
 
 
 def has_begun(store: Store) -> bool:
     """Whether a cell is finished or a picture is skipped."""
-    return any(store.rows("SELECT 1 FROM cells UNION ALL SELECT 1 FROM skipped LIMIT 1"))
+    return bool(_values(store, "SELECT 1 FROM cells UNION ALL SELECT 1 FROM skipped LIMIT 1"))
 
 
 def counts(store: Store) -> Row:
@@ -205,7 +177,7 @@ def counts(store: Store) -> Row:
 
 
 def exposed_conditions(store: Store) -> list[Row]:
-    """Every condition but the untouched one, with the mean gain of its pictures, dB."""
+    """Every condition but that of original pictures, with the mean gain of its pictures, dB."""
     query = f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
     return list(as_set(store, store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}")))
 
@@ -213,14 +185,13 @@ def exposed_conditions(store: Store) -> list[Row]:
 def errors(store: Store) -> list[Row]:
     """What models failed on, and in how many cells, the most frequent first."""
     query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"
-    query += " GROUP BY model, error"
-    return list(store.rows(f"{query} ORDER BY cells DESC"))
+    return list(store.rows(f"{query} GROUP BY model, error ORDER BY cells DESC"))
 
 
 def median_simulate_ms(store: Store) -> float | None:
     """Of the exposed cells; None without any."""
     query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
-    found = sorted(row[0] for rows in store.tuples(query) for row in rows)
+    found = sorted(_values(store, query))
     return float(found[len(found) // 2]) if found else None
 
 
@@ -236,9 +207,7 @@ def saturated_shares(store: Store) -> dict[tuple[float, ...], float]:
 
 def example_files(store: Store) -> list[str]:
     """The pictures that were kept, by their paths in the run's folder."""
-    return [
-        row["example"] for row in store.rows("SELECT DISTINCT example FROM cells WHERE example IS NOT NULL")
-    ]
+    return _values(store, "SELECT DISTINCT example FROM cells WHERE example IS NOT NULL")
 
 
 def examples(store: Store) -> list[Row]:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import sqlite3
-from contextlib import closing
 
 from blurnoise_eval.grid.axes import NAMES
 
 CONDITIONS = ("clean", *NAMES)
-"""Columns that tell one condition from another; the untouched pictures have None on every axis."""
+"""Columns that tell one condition from another; the original pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
 """The axes in the order by which rows are sorted: the light, then as in the table of axes."""
 SORTED = ", ".join(("clean DESC", *LIGHT_FIRST))
@@ -19,6 +17,8 @@ _SHARED = (
     "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, "
     f"{', '.join(f'{name} REAL' for name in NAMES)}, blur_px REAL"
 )
+RUN_TABLES = ("cells", "targets", "pictures", "skipped", "software")
+"""All but ``about``."""
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
@@ -38,30 +38,3 @@ CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """
 VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
 """Of the tables: a number made of their columns."""
-_KNOWN = {"moves": "0", "ego_speed_m_s": "0", "invented_share": "0", "applied_exposure_s": "exposure_s"}
-"""What columns hold in exposed pictures of runs that were made before there were these columns; others are NULL."""
-
-
-def columns_of(db: sqlite3.Connection) -> dict[str, dict[str, str]]:
-    """The kind of every column of every table."""
-    tables = [name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
-    return {
-        table: {row[1]: row[2] for row in db.execute(f'PRAGMA table_info("{table}")')} for table in tables
-    }
-
-
-def completed(db: sqlite3.Connection) -> str | None:
-    """SQL that adds what the tables of another version lack; None where they hold what is not known here."""
-    with closing(sqlite3.connect(":memory:")) as made:
-        made.executescript(TABLES)
-        wanted = columns_of(made)
-    steps = []
-    for table, held in columns_of(db).items():
-        if not held.keys() <= wanted.get(table, {}).keys():
-            return None
-        for name, kind in wanted[table].items():
-            if name not in held:
-                steps.append(f'ALTER TABLE {table} ADD COLUMN "{name}" {kind};')
-                if name in _KNOWN:
-                    steps.append(f"UPDATE {table} SET {name} = {_KNOWN[name]} WHERE clean = 0;")
-    return f"{''.join(steps)} {TABLES} PRAGMA user_version = {VERSION};"

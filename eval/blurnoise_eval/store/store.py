@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -58,7 +57,7 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    ``read_only``: the folder, or the file in it, cannot be written; then so are the results. ``revision``: a number
+    ``read_only``: the folder, or the file in it, cannot be written; then a copy is read. ``revision``: a number
     that changes with the rows of cells and targets. shared: other processes may have it open so too, but none that
     sweeps.
     """
@@ -73,38 +72,37 @@ class Store:
         path = self.file(RUN_FILE)
         with self._explained(), ExitStack() as opened:
             folder.mkdir(parents=True, exist_ok=True)
-            self.read_only = not create and not (_writable(folder) and _writable(path))
-            if self.read_only:
-                self._db = opened.enter_context(closing(_connect_to_read(path, opened)))
-            else:
-                self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
-                if not shared:
-                    self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
-                self._db.execute("PRAGMA journal_mode = WAL")
-                self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
-                self._db.execute(f"PRAGMA wal_autocheckpoint = {JOURNAL_PAGES}")
+            self.read_only = not (create or (_writable(folder) and _writable(path)))
+            if self.read_only:  # SQLite writes beside the file, even in order to read
+                copies = Path(opened.enter_context(TemporaryDirectory()))
+                for file in (path, path.with_name(f"{RUN_FILE}-wal")):  # the journal of a killed run
+                    if file.is_file():
+                        shutil.copyfile(file, copies / file.name)
+                path = copies / RUN_FILE
+            self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
+            if not shared:
+                self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
+            self._db.execute(f"PRAGMA wal_autocheckpoint = {JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
-            self._check_tables()
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
+            if version not in (0, schema.VERSION):
+                raise StoreError(
+                    f"run = {str(folder)!r}: was made by another version of blurnoise, which reads it; choose "
+                    "another folder, or repeat its command there"
+                )
             if version != schema.VERSION:
-                if self.read_only:
-                    if not schema.columns_of(self._db):
-                        raise StoreError(f"run = {str(folder)!r}: no sweep has begun here")
-                    self._db = opened.enter_context(closing(_copied(self._db, opened)))
-                made = schema.completed(self._db)
-                if made is None:
-                    raise StoreError(
-                        f"run = {str(folder)!r}: was made by a later version of blurnoise, which reads it"
-                    )
-                self._db.executescript(f"BEGIN; {made} COMMIT")
+                self._db.executescript(
+                    f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
+                )
+            self._db.execute(f"PRAGMA query_only = {self.read_only}")
             self._opened = opened.pop_all()
 
     def __enter__(self) -> Store:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._opened.close()
 
     def file(self, name: str) -> Path:
@@ -120,27 +118,16 @@ class Store:
             f"run = {str(self.folder)!r}: {RUN_FILE} is damaged, or was made by other software ({field}: {what})"
         )
 
-    def _check_tables(self) -> None:
-        """Raise :class:`StoreError` where a name stands for a query, which need not end, or writing starts one."""
-        made = schema.TABLES.lower()
-        for name, kind, sql in self._db.execute("SELECT name, type, sql FROM sqlite_master"):
-            virtual = str(sql).lstrip()[:14].upper() == "CREATE VIRTUAL"
-            if kind == "trigger" or ((kind == "view" or virtual) and f"exists {name.lower()} (" in made):
-                raise self.damaged(name, f"is a {'virtual table' if virtual else kind}, which no run has")
-
     def set_about(self, key: str, value: Any) -> None:
         """Keep a JSON value under ``key``."""
         with self._transaction() as db:
             db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, json.dumps(value)))
 
     def about(self, key: str) -> Any:
-        """The JSON value under ``key``, None when there is none. Raises :class:`StoreError` for a value of another
-        form than runs have."""
-        rows = list(self.rows("SELECT value FROM about WHERE key = ?", key))
-        try:
-            return documents.read(key, rows[0]["value"]) if rows else None
-        except ValueError as error:
-            raise self.damaged(key, str(error)) from None
+        """The JSON value under ``key``, None when there is none."""
+        for row in self.rows("SELECT value FROM about WHERE key = ?", key):
+            return self._document(key, row["value"])
+        return None
 
     def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
         """Commit finished cells, all of them or none, with what they teach of the run and the seconds they took.
@@ -148,66 +135,51 @@ class Store:
         Their pictures have been read: they are skipped no more.
         """
         self.revision += 1
+        by = {"computed_by": self._software.get("computed_by")}
+        learnt = self.learnt()
+        counted = Counter[str](learnt["non_finite_values"])
+        for result in results:
+            counted[result.cell["model"]] += result.non_finite_values
+        learnt = {"wall_s": learnt["wall_s"] + wall_s, "non_finite_values": counted}
         with self._transaction() as db:
-            cells = [
-                {
-                    **result.cell,
-                    "computed_by": self._software.get("computed_by"),
-                    "detections": _pack(result.detections),
-                }
-                for result in results
-            ]
+            cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
             _insert(db, "cells", cells)
             _insert(db, "software", [self._software] * bool(cells and self._software))
             _insert(db, "targets", [target for result in results for target in result.targets])
             read = {(cell["image"],) for cell in cells}
             db.executemany("DELETE FROM skipped WHERE image = ?", read)
-            _insert(db, "about", [{"key": "learnt", "value": json.dumps(self._learnt_with(results, wall_s))}])
+            _insert(db, "about", [{"key": "learnt", "value": json.dumps(learnt)}])
 
     def learnt(self) -> dict[str, Any]:
         """What all sweeps of the run add up to: ``wall_s``, and ``non_finite_values`` by the model's name."""
         return {"wall_s": 0.0, "non_finite_values": {}, **(self.about("learnt") or {})}
 
-    def _learnt_with(self, results: Sequence[CellResult], wall_s: float) -> dict[str, Any]:
-        held = self.learnt()
-        counted = Counter[str](held["non_finite_values"])
-        for result in results:
-            counted[result.cell["model"]] += result.non_finite_values
-        return {"wall_s": held["wall_s"] + wall_s, "non_finite_values": counted}
-
     def computes_with(self, versions: Mapping[str, str]) -> None:
         """State the software that computes the cells added from now on; their ``computed_by`` is a digest of it."""
-        told = json.dumps(dict(versions), sort_keys=True)
-        self._software = {
-            "computed_by": hashlib.blake2b(told.encode(), digest_size=4).hexdigest(),
-            "versions": told,
-        }
+        text = json.dumps(dict(versions), sort_keys=True)
+        digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
+        self._software = {"computed_by": digest, "versions": text}
 
     def software(self) -> dict[str, dict[str, str]]:
-        """By ``computed_by`` of cells the versions of what computed them; cells of earlier runs state none."""
+        """By ``computed_by`` of cells the versions of what computed them."""
         every = self.rows("SELECT * FROM software ORDER BY computed_by")
-        try:
-            return {row["computed_by"]: documents.read("versions", row["versions"]) for row in every}
-        except ValueError as error:
-            raise self.damaged("software.versions", str(error)) from None
+        return {row["computed_by"]: self._document("versions", row["versions"]) for row in every}
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
         self.revision += 1
         with self._transaction() as db:
-            for table in ("cells", "targets", "pictures", "skipped", "software"):
-                names = [f'"{row["name"]}"' for row in db.execute(f"PRAGMA table_info({table})")]
-                columns, marks = ", ".join(names), ", ".join("?" * len(names))
-                into = f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({marks})"
-                for rows in other.tuples(f"SELECT {columns} FROM {table}"):
-                    db.executemany(into, rows)
+            for table in schema.RUN_TABLES:
+                for rows in other.tuples(f"SELECT * FROM {table}"):
+                    marks = ", ".join("?" * len(rows[0]))
+                    db.executemany(f"INSERT OR IGNORE INTO {table} VALUES ({marks})", rows)
             db.execute("DELETE FROM skipped WHERE image IN (SELECT image FROM cells)")
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
         self.revision += 1
         with self._transaction() as db:
-            for table in ("about", "cells", "targets", "pictures", "skipped", "software"):
+            for table in ("about", *schema.RUN_TABLES):
                 db.execute(f"DELETE FROM {table}")
 
     def skip(self, image: str, reason: str) -> None:
@@ -229,7 +201,7 @@ class Store:
         look: str | None = None,
     ) -> None:
         """Note what a picture's cells are computed from: of a picture that has cells the content stays the same, and
-        so does its size, which need not be stated again.
+        so does its size, which need not be given again.
 
         Raises :class:`StoreError` for another content: rows of two pictures would stand under one name.
         """
@@ -261,8 +233,7 @@ class Store:
         return {row["image"]: (row["width_px"], row["height_px"]) for row in rows}
 
     def looks(self) -> dict[str, str]:
-        """By picture the hash of what it looks like, see :func:`~blurnoise_eval.datasets.likeness.look`; those of
-        runs of earlier versions have none."""
+        """By picture the hash of what it looks like, see :func:`~blurnoise_eval.datasets.likeness.look`."""
         rows = self.rows("SELECT image, look FROM pictures WHERE look IS NOT NULL")
         return {row["image"]: row["look"] for row in rows}
 
@@ -314,6 +285,12 @@ class Store:
             found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
         return {row["name"]: row["type"] for row in found if row["name"] != "detections"}
 
+    def _document(self, field: str, text: str) -> Any:
+        try:
+            return documents.read(field, text)
+        except ValueError as error:
+            raise self.damaged(field, str(error)) from None
+
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
         with self._explained(), self._db:
@@ -337,29 +314,6 @@ class Store:
 
 def _writable(path: Path) -> bool:
     return os.access(path, os.W_OK)
-
-
-def _connect_to_read(path: Path, opened: ExitStack) -> sqlite3.Connection:
-    """A connection that writes nothing beside the file, as SQLite otherwise has to, even in order to read.
-
-    Where a killed run has left a journal, whose cells SQLite would not see so, the two are read from a copy.
-    """
-    journal = path.with_name(f"{path.name}-wal")
-    if journal.is_file() and journal.stat().st_size:
-        folder = Path(opened.enter_context(TemporaryDirectory()))
-        for file in (path, journal):
-            shutil.copyfile(file, folder / file.name)
-        return sqlite3.connect(folder / path.name)
-    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-
-
-def _copied(db: sqlite3.Connection, opened: ExitStack) -> sqlite3.Connection:
-    """A copy that can be written."""
-    folder = Path(opened.enter_context(TemporaryDirectory()))
-    copy = sqlite3.connect(folder / RUN_FILE)
-    db.backup(copy)
-    copy.row_factory = sqlite3.Row
-    return copy
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:
@@ -386,16 +340,6 @@ def unpack_all(names: Sequence[str], repeats: Sequence[int], packed: Sequence[by
     leads = found["class_id"] >= 0
     class_ids = np.where(leads, found["class_id"], ~found["class_id"]).astype(np.int64)
     return Answers(names, repeats, counts, found["box_xyxy"], found["score"], class_ids, leads)
-
-
-def extent(packed: Sequence[bytes]) -> int:
-    """The greatest class of detections as the column holds them. Raises ``ValueError`` where they are none."""
-    if any(len(each) % _DETECTION.itemsize for each in packed):
-        raise ValueError(f"must have {_DETECTION.itemsize} bytes each")
-    found = np.frombuffer(b"".join(packed), _DETECTION)
-    if not (np.isfinite(found["box_xyxy"]).all() and np.isfinite(found["score"]).all()):
-        raise ValueError("boxes and scores must be finite")
-    return int(np.maximum(found["class_id"], ~found["class_id"]).max())
 
 
 def unpack(packed: bytes) -> Detections:

@@ -6,7 +6,7 @@ ordered by condition, picture, repeat and target, so that what is added up does 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -18,14 +18,9 @@ from blurnoise_eval.store.store import Store
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int32]
-_OF_TARGET = ("confidence", "confidence_swept", "read_confidence", "character_error_rate")
 _OF_PICTURE = ("saturated", "brightness")
-_KEYS: tuple[Callable[[Any], Any], ...] = (
-    lambda at: tuple(-1.0 if value is None else value for value in at),
-    str,
-    str,
-)
-"""By what conditions, pictures and groups are sorted."""
+_EXACT = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
+_OF_TARGET = (_EXACT, "confidence", "confidence_swept", "read_confidence", "character_error_rate")
 _MOST_KEPT = 5_000_000
 """Rows of a store, of all models."""
 
@@ -58,104 +53,78 @@ class TargetColumns(NamedTuple):
         return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
 
 
-class _Held(NamedTuple):
-    """What was read of a model, at which revision of the store, up to which rowids of cells and targets."""
-
-    revision: int
-    rowids: tuple[int, int]
-    columns: TargetColumns
-
-
-_KEPT: WeakKeyDictionary[Store, dict[str, _Held]] = WeakKeyDictionary()
-"""By store and model."""
+_KEPT: WeakKeyDictionary[Store, dict[str, tuple[int, TargetColumns]]] = WeakKeyDictionary()
+"""By store and model what was read, and at which revision."""
 
 
 def target_columns(store: Store, model: str) -> TargetColumns:
-    """All targets of a model. They are kept, and of a store that has grown the new rows alone are read."""
+    """All targets of a model. They are kept until the store grows."""
     kept = _KEPT.setdefault(store, {})
-    held = kept.pop(model, None)
-    if held is None or held.revision != store.revision:
-        before = held
-        held = _read(store, model, before)
-        rows = store.tuples("SELECT COUNT(*) FROM targets WHERE model = ?", model)
-        if before is not None and next(rows) != [(len(held.columns.condition),)]:  # some were replaced
-            held = _read(store, model, None)
-    if sum(len(each.columns.condition) for each in (held, *kept.values())) <= _MOST_KEPT:
-        kept[model] = held
-    return held.columns
+    revision, columns = kept.pop(model, (-1, None))
+    if columns is None or revision != store.revision:
+        columns = _read(store, model)
+    if sum(len(each.condition) for each in (columns, *(held for _, held in kept.values()))) <= _MOST_KEPT:
+        kept[model] = store.revision, columns
+    return columns
 
 
-def _read(store: Store, model: str, before: _Held | None) -> _Held:
-    """What came after ``before``, with it; each table as it lies on the disk, in place of a join: that would look up
-    every cell on its own."""
-    last_cell, last_target = (0, 0) if before is None else before.rowids
-    conditions, pictures, groups = seen = dict[Any, int](), dict[Any, int](), dict[Any, int]()
-    place_of: dict[str, int] = {}
-    of_cells = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * len(_OF_PICTURE)]
-    asked = ", ".join(("rowid", "cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
-    query = f"SELECT {asked} FROM cells NOT INDEXED WHERE rowid > ? AND model = ? ORDER BY rowid"
-    for rows in store.tuples(query, last_cell, model):
-        (*_, last_cell), ids, images, repeats, *measured = list(zip(*rows, strict=True))[: -len(CONDITIONS)]
-        place_of.update(zip(ids, range(len(place_of), len(place_of) + len(ids)), strict=True))
-        codes = (
-            [conditions.setdefault(row[-len(CONDITIONS) :], len(conditions)) for row in rows],
-            [pictures.setdefault(name, len(pictures)) for name in images],
-            repeats,
-        )
-        of_cells.append([*_whole(*codes), *(np.array(each, float) for each in measured)])
-    condition, picture, repeat, *pictured = _joined(of_cells)
-    of_targets = [[np.zeros(0, np.int32)] * 3 + [np.zeros(0)] * (1 + len(_OF_TARGET))]
-    exact = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
-    asked = ", ".join(("rowid", "cell_id", '"group"', "target_id", exact, *_OF_TARGET))
-    query = f"SELECT {asked} FROM targets NOT INDEXED WHERE rowid > ? AND model = ? ORDER BY rowid"
-    for rows in store.tuples(query, last_target, model):
-        (*_, last_target), ids, named, target_ids, *numbers = zip(*rows, strict=True)
-        if missing := set(ids).difference(place_of):
+def _read(store: Store, model: str) -> TargetColumns:
+    """Each table as it lies on the disk, in place of a join: that would look up every cell on its own."""
+    conditions, pictures, groups = dict[Any, int](), dict[str, int](), dict[str, int]()
+    cell_of = dict[str, int]()
+    asked = ", ".join(("cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
+    of_cells = [_columns(3, len(_OF_PICTURE), ())]
+    for rows in store.tuples(f"SELECT {asked} FROM cells NOT INDEXED WHERE model = ?", model):
+        cell_of.update((row[0], place) for place, row in enumerate(rows, start=len(cell_of)))
+        start = 3 + len(_OF_PICTURE)
+        coded = [
+            (
+                conditions.setdefault(row[start:], len(conditions)),
+                pictures.setdefault(row[1], len(pictures)),
+                *row[2:start],
+            )
+            for row in rows
+        ]
+        of_cells.append(_columns(3, len(_OF_PICTURE), coded))
+    condition, picture, repeat, *of_picture = map(np.concatenate, zip(*of_cells, strict=True))
+    of_targets = [_columns(3, len(_OF_TARGET), ())]
+    asked = ", ".join(("cell_id", '"group"', "target_id", *_OF_TARGET))
+    for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
+        if missing := {row[0] for row in rows}.difference(cell_of):
             raise store.damaged("targets.cell_id", f"{min(missing)!r} is none of the cells")
-        codes = (
-            [place_of[each] for each in ids],
-            [groups.setdefault(name, len(groups)) for name in named],
-            target_ids,
-        )
-        of_targets.append([*_whole(*codes), *(np.array(each, float) for each in numbers)])
-    place_of.clear()
-    cell, group, target_id, *of_target = _joined(of_targets)
-    joined = [condition[cell], picture[cell], group, repeat[cell], target_id, *of_target]
-    joined += [column[cell] for column in pictured]
-    parts: list[Any] = [(list(map(list, seen)), joined)]
-    if before is not None:
-        parts.append((list(before.columns[:3]), list(before.columns[3:])))
-    return _Held(store.revision, (last_cell, last_target), _in_order(parts))
-
-
-def _in_order(parts: Sequence[tuple[Sequence[Sequence[Any]], Sequence[NDArray[Any]]]]) -> TargetColumns:
-    """The rows of all parts: of each the names, and columns of which the first three are places in them."""
-    columns: list[NDArray[Any]] = [
-        np.concatenate(each) for each in zip(*(own for _, own in parts), strict=True)
-    ]
-    names: list[Any] = []
-    for place in range(3):
-        used = [
-            [of[place][code] for code in np.unique(own[place])] for of, own in parts
-        ]  # some have no target
-        ordered = sorted({name for each in used for name in each}, key=_KEYS[place])
-        number = {name: rank for rank, name in enumerate(ordered)}
-        ranks = [np.array([number.get(name, -1) for name in of[place]], np.int32) for of, _ in parts]
-        columns[place] = np.concatenate(
-            [rank[own[place]] for rank, (_, own) in zip(ranks, parts, strict=True)]
-        ).astype(np.int32)
-        names.append(ordered)
+        coded = [(cell_of[row[0]], groups.setdefault(row[1], len(groups)), *row[2:]) for row in rows]
+        of_targets.append(_columns(3, len(_OF_TARGET), coded))
+    cell, group, target_id, *of_target = map(np.concatenate, zip(*of_targets, strict=True))
+    names, ranks = zip(
+        _sorted(conditions, condition[cell]),
+        _sorted(pictures, picture[cell]),
+        _sorted(groups, group),
+        strict=True,
+    )
+    columns = [*ranks, repeat[cell], target_id, *of_target, *(each[cell] for each in of_picture)]
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
     every: list[Any] = [*names, *(column[order] for column in columns)]
     return TargetColumns(*every)
 
 
-def _whole(*columns: Sequence[int]) -> list[NDArray[Any]]:
-    return [np.array(each, np.int32) for each in columns]
+def _columns(n_codes: int, n_values: int, rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
+    """Rows as columns: the first whole numbers, the others NaN where there is none."""
+    kinds = [np.int32] * n_codes + [np.float64] * n_values
+    columns = zip(*rows, strict=True) if rows else [()] * len(kinds)
+    return [np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)]
 
 
-def _joined(parts: list[list[NDArray[Any]]]) -> list[NDArray[Any]]:
-    """The columns of all parts, which are let go."""
-    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    parts.clear()
-    return joined
+def _sorted(codes: dict[Any, int], column: Places) -> tuple[list[Any], Places]:
+    """The names that a column of codes uses, sorted, and their places in that; conditions with None first."""
+
+    def key(name: Any) -> Any:
+        return name if isinstance(name, str) else tuple(-1.0 if value is None else value for value in name)
+
+    used = np.unique(column)
+    names = np.empty(len(codes), object)
+    names[:] = list(codes)
+    ordered = sorted((names[code] for code in used), key=key)
+    rank = np.zeros(len(codes), np.int32)
+    for place, name in enumerate(ordered):
+        rank[codes[name]] = place
+    return ordered, rank[column]

@@ -38,9 +38,5 @@ def asked(store: Store) -> tuple[Batch, ...]:
 
 def ask(store: Store, batch: Batch) -> None:
     """Note one batch more."""
-    noted = {
-        "n_pictures": batch.n_pictures,
-        "places": batch.places,
-        "conditions": [at.stated for at in batch.conditions],
-    }
+    noted = {**vars(batch), "conditions": [at.stated for at in batch.conditions]}
     store.set_about(_KEY, [*(store.about(_KEY) or ()), noted])

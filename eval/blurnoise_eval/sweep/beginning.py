@@ -11,9 +11,6 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 
-_WRITTEN = (*(RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")), *RUN_PICTURES, "coco")
-"""What a run's folder holds before the first cell is finished."""
-
 
 @contextmanager
 def begun_or_gone(folder: Path) -> Iterator[None]:
@@ -22,17 +19,16 @@ def begun_or_gone(folder: Path) -> Iterator[None]:
     Only what runs write is taken away: other files may have come to the folder meanwhile.
     """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    new = [folder / name for name in _WRITTEN if not (folder / name).exists()]
+    files = [RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")]
+    new = [folder / name for name in (*files, *RUN_PICTURES, "coco") if not (folder / name).exists()]
     try:
         yield
     except BaseException:
         if folder / RUN_FILE in new and not _has_begun(folder):
             for each in new:
-                if each.is_dir() and not each.is_symlink():
-                    shutil.rmtree(each, ignore_errors=True)
-                else:
-                    with suppress(OSError):  # not there, or the folder is a file
-                        each.unlink()
+                shutil.rmtree(each, ignore_errors=True)  # leaves a file and a link
+                with suppress(OSError):
+                    each.unlink()
             with suppress(OSError):  # not there, or somebody else's file is
                 for each in made:
                     each.rmdir()
@@ -40,10 +36,8 @@ def begun_or_gone(folder: Path) -> Iterator[None]:
 
 
 def _has_begun(folder: Path) -> bool:
-    if not (folder / RUN_FILE).is_file():
-        return False
     try:
         with Store(folder) as store:
             return queries.has_begun(store)
-    except StoreError:  # another process has it
-        return True
+    except StoreError:  # no file, or another process has it
+        return (folder / RUN_FILE).is_file()

@@ -47,27 +47,24 @@ def cells_per_picture(plan: Plan) -> int:
 def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
     """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
     shown = _example_pictures(pictures) if plan.examples else set()
-    kept = plan.example_conditions()
+    kept, together = (None, *plan.example_conditions()), _together(plan.conditions())
 
-    def block(picture: Picture, cells: Sequence[Cell]) -> Block:
-        own = (cell for cell in cells if picture.name in shown and _is_example(cell, kept))
-        return Block(picture, tuple(cells), frozenset(cell.cell_id for cell in own))
+    def block(picture: Picture, repeat: int, some: Iterable[Conditions | None]) -> Block:
+        seed = cell_seed(plan.seed, picture.name, repeat)
+        cells = tuple(Cell(picture.name, repeat, at, seed) for at in some)
+        if picture.name not in shown or repeat:
+            return Block(picture, cells)
+        return Block(picture, cells, frozenset(each.cell_id for each in cells if each.conditions in kept))
 
-    def of_conditions(picture: Picture) -> Iterator[Block]:
-        for repeat in range(plan.repeats):
-            seed = cell_seed(plan.seed, picture.name, repeat)
-            for some in together:
-                yield block(picture, [Cell(picture.name, repeat, at, seed) for at in some])
-
-    together = _together(plan.conditions())
-    waiting: Picture | None = None
-    for picture in pictures:
-        yield block(picture, [Cell(picture.name, 0, None, cell_seed(plan.seed, picture.name, 0))])
-        if waiting:
-            yield from of_conditions(waiting)
-        waiting = picture
-    if waiting:
-        yield from of_conditions(waiting)
+    before: list[Picture] = []
+    for picture in (*pictures, None):
+        if picture is not None:
+            yield block(picture, 0, [None])
+        for other in before:
+            for repeat in range(plan.repeats):
+                for some in together:
+                    yield block(other, repeat, some)
+        before = [] if picture is None else [picture]
 
 
 def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
@@ -78,10 +75,6 @@ def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
             found.append([])
         found[-1] += lights
     return found
-
-
-def _is_example(cell: Cell, kept: Collection[Conditions]) -> bool:
-    return cell.conditions is None or (cell.repeat == 0 and cell.conditions in kept)
 
 
 def _example_pictures(pictures: Iterable[Picture]) -> set[str]:

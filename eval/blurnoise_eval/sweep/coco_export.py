@@ -8,16 +8,16 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+from blurnoise._core.files import read_bytes
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
 from blurnoise_eval.scoring.judged import Truth, coco_results, moved
+from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.exposing import box_mover
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.system.files import path_within, read_within, write_whole
-from blurnoise_eval.system.tables import json_lines
+from blurnoise_eval.system.files import path_within, write_whole
 
 INSTANCES = Path("coco") / "instances.json"
 
@@ -37,10 +37,10 @@ def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None
             x0, y0, x1, y1 = target.box_xyxy
             area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
             new = {"id": next(fresh)} if "id" not in target.annotation else {}
-            stated = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
+            where = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
             box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
             if picture.name in own:
-                annotations.append({**target.annotation, **new, **stated, **box})
+                annotations.append({**target.annotation, **new, **where, **box})
     truth = {
         "images": [{"id": picture.image_id, "file_name": picture.name} for picture in pictures],
         "annotations": annotations,
@@ -51,50 +51,45 @@ def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None
     write_whole(file, json.dumps(truth).encode("utf-8", "backslashreplace"))
 
 
+def read_truth(store: Store) -> dict[str, Any]:
+    """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
+    try:
+        held = json.loads(read_bytes(path_within(store.folder, INSTANCES)))
+        return {name: list(held[name]) for name in ("images", "annotations", "categories")}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StoreError(
+            f"{store.folder / INSTANCES}: cannot be read ({error}); repeat the sweep's command to restore it"
+        ) from None
+
+
 def truths(store: Store) -> Callable[[str], Truth | None]:
-    """Each model's truth: the labels, or else what the model itself found in the untouched pictures.
+    """Each model's truth: the labels, or else what the model itself found in the original pictures.
 
     None for a reader of text. Raises :class:`StoreError` where the run's instances.json is missing or broken.
     """
-    path = store.folder / INSTANCES
-    try:
-        coco = json.loads(read_within(store.folder, INSTANCES))
-        image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
-        sizes_px = {
-            image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids
-        }
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise StoreError(
-            f"{path}: cannot be read ({error}); repeat the sweep's command to restore it"
-        ) from None
-    run = Run(store)
-    models = run.models
+    coco, run = read_truth(store), Run(store)
+    image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
+    sizes_px = {image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids}
 
     def truth_of(name: str) -> Truth | None:
-        if models[name]["kind"] != "detector":
+        if run.models[name]["kind"] != "detector":
             return None
-        classes = models[name]["contract"]["classes"]
+        classes = run.models[name]["contract"]["classes"]
         if run.labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
             return Truth(coco, image_ids, known, sizes_px)
-        own = {
-            "annotations": list(_own_annotations(store, name, image_ids, classes)),
-            "categories": [{"id": number, "name": label} for number, label in enumerate(classes, start=1)],
-        }
+        ids = {label: number for number, label in enumerate(classes, start=1)}
+        annotations = []
+        for number, row in enumerate(queries.found_when_clean(store, name), start=1):
+            box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
+            facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
+            annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
+        names = [{"id": number, "name": label} for label, number in ids.items()]
+        own = {"annotations": annotations, "categories": names}
         return Truth(own, image_ids, {index: index + 1 for index in range(len(classes))}, sizes_px)
 
     return truth_of
-
-
-def _own_annotations(
-    store: Store, model: str, image_ids: dict[str, int], classes: list[str]
-) -> Iterator[dict[str, Any]]:
-    numbers = {label: number for number, label in enumerate(classes, start=1)}
-    for number, row in enumerate(queries.found_when_clean(store, model), start=1):
-        box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
-        facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": numbers[row["label"]]}
-        yield {**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0}
 
 
 def write_detections(
@@ -107,10 +102,7 @@ def write_detections(
     ``folder``/MODEL/instances.json, or where the camera moves boxes CONDITION-instances.json. One condition is
     held at a time. Raises ``OSError`` where it cannot be written.
     """
-    written = []
-    truth_of = truths(store)
-    labels = json.loads(read_within(store.folder, INSTANCES))
-    run = Run(store)
+    written, truth_of, run, labels = [], truths(store), Run(store), read_truth(store)
     for model in run.models:
         truth = truth_of(model)
         if truth is None:
@@ -120,9 +112,14 @@ def write_detections(
         whole = {**labels, **truth.coco, "images": labels["images"]}
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
         for name, at in _named(queries.conditions(store, model), run.camera):
-            rows = _results(store, model, at, truth)
+            found = queries.detections_at(store, model, at, at["repeat"])
+            rows = [
+                row
+                for image, _, each in found
+                for row in coco_results(each, truth.image_ids[image], truth.category_of)
+            ]
             path = place / f"{name}.json"
-            write_whole(path, (line.encode("utf-8") for line in json_lines(rows)))
+            write_whole(path, json.dumps(rows).encode("utf-8"))
             written.append(path)
             mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
             if mover is not None:
@@ -130,11 +127,6 @@ def write_detections(
                 write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
             progress(1)
     return written
-
-
-def _results(store: Store, model: str, at: dict[str, Any], truth: Truth) -> Iterator[dict[str, Any]]:
-    for image, _, found in queries.detections_at(store, model, at, at["repeat"]):
-        yield from coco_results(found, truth.image_ids[image], truth.category_of)
 
 
 def _named(conditions: Iterable[dict[str, Any]], camera: Camera) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -146,8 +138,7 @@ def _named(conditions: Iterable[dict[str, Any]], camera: Camera) -> Iterator[tup
             continue
         name, values = condition_name(at, camera), tuple(at[axis] for axis in NAMES)
         alike = held.setdefault(name, [])
-        if values not in alike:
-            alike.append(values)
+        alike += [] if values in alike else [values]
         place = alike.index(values)
         yield f"{name}{f'-{place + 1}' if place else ''}-{at['repeat']}", at
 

@@ -1,83 +1,409 @@
-"""Comparison of a detector's contract with the other variants of its input: what is chosen, confirmed or doubted.
+"""Comparison of a detector's contract with other variants of its input: what is chosen, confirmed or doubted.
+
+Domain: 8-bit RGB pictures; colour order, value range with mean and standard deviation, and resize are varied.
+
+A network that is fed wrongly finds nothing, or much at random. So each picture is shown as it is and mirrored,
+cropped and thereby enlarged, and what is found in both counts: the same class, boxes that overlap by half. Labels,
+where there are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the
+sum of scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
+difference of their merits over the pictures, with Student's t.
 
 Of what nothing stated, a field is chosen where every variant that differs in it is surely worse; it stays assumed
 where the others make no difference that matters; else it is doubtful, and a doubt names the best of them.
+
+Measured with YOLOX-Nano and FastestDet behind ten inputs and 35 photographs: garbage that finds 4600 objects agrees
+to 91, the right variant finds 374 and agrees to 155. Of 100 others the right one is surely better than 98 from 24
+pictures on, 89 from 10, 60 from 4.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
 
-from blurnoise_eval.answers.uncertainty import interval_of
-from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
+from blurnoise_eval.datasets import PictureSet, sample
+from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import contract_option
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.estimates import left_out
-from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.sweep.input_variants import (
-    FACTORS,
-    Image,
-    Known,
-    Variant,
-    agreement,
-    input_text,
-    other_inputs,
-    part_text,
-    resized,
-)
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.scoring.boxes import iou
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.system.terminal import say_wrapped
 
+Image = NDArray[np.uint8]
+Known = tuple[Image, Detections | None]
+"""A picture and its labels, with scores of 1; None where it has none."""
+FACTORS: dict[str, tuple[str, ...]] = {
+    "colour": ("colour",),
+    "values": ("value_range", "mean", "std"),
+    "resize": ("resize",),
+}
+"""What is varied, to the fields of a contract."""
+_CUT = (0.04, 0.08, 0.08, 0.04)  # shares of a picture that its mirrored view lacks: left, top, right, bottom
 _ROUNDS = (2, 4, 8, 16, 32)  # pictures after which the variants that are surely worse are given up
 MOST_PICTURES = _ROUNDS[-1]
-_MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
-_SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
 _MOST_INFERENCES = 600  # a round that would lead beyond them is left out
 _NOTHING_FROM = 8  # pictures in which nothing is found again, after which no further ones are shown
-_LIKELY, _PROBABLE = 0.975, 0.84  # one-sided levels of Student's t
-_GARBAGE_SHARE = 0.15  # of what is found agrees less
-_GARBAGE_FOUND = 1.0  # though so much is found in a picture, in sum of scores
+_SURE, _LIKELY, _PROBABLE = 0.995, 0.975, 0.84  # one-sided levels of Student's t
+_FEWEST = 4  # pictures for Student's t to make a variant surely better
+_FAR_RATIO, _FAR_LEAST = 3.0, 2.0  # so many times as much agreement, at least so much, is always sure
+_MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
+_SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
+_GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of more than so much a picture
+
+
+@dataclass
+class Variant:
+    """A contract that is compared. agreed, found: sums of scores in each picture so far; seen: what was found."""
+
+    contract: Contract
+    agreed: list[float] = field(default_factory=list)
+    found: list[float] = field(default_factory=list)
+    seen: list[Detections] = field(default_factory=list)
+    given_up: bool = False
+
+    @property
+    def merits(self) -> NDArray[np.float64]:
+        """Of each picture."""
+        return np.sqrt(np.maximum(0.0, np.array(self.agreed) - 0.1 * np.array(self.found)))
+
+    @property
+    def merit(self) -> float:
+        """The mean over the pictures; 0 of none."""
+        return float(self.merits.mean()) if self.agreed else 0.0
+
+    def differs(self, other: Variant) -> list[str]:
+        """Those of ``FACTORS`` in which the contracts differ."""
+        one, two = self.contract, other.contract
+        return [f for f, names in FACTORS.items() if any(getattr(one, n) != getattr(two, n) for n in names)]
+
+    def show(self, detector: Detector, pictures: Sequence[Known]) -> int:
+        """Show it those of the pictures that it has not seen; returns how many inferences that took."""
+        new = pictures[len(self.agreed) :]
+        for image, labels in new:
+            found = _found(detector, self.contract, image)
+            view, seen = _view(image, found)
+            pairs = [(seen, _found(detector, self.contract, view))]
+            if labels is not None:
+                pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
+            self.seen.append(found)
+            self.agreed.append(sum(agreement(*pair) for pair in pairs) / len(pairs))
+            scores = sum(float(each.scores.sum()) for pair in pairs for each in pair)
+            self.found.append(scores / 2 / len(pairs))
+        return 2 * len(new)
+
+    def lead(self, other: Variant, level: float) -> float:
+        """How much its mean merit is above the other's at least, by the pictures that both have seen."""
+        count = min(len(self.agreed), len(other.agreed))
+        more = self.merits[:count] - other.merits[:count]
+        if not more.any():
+            return 0.0
+        if count < 2:
+            return -np.inf
+        return float(more.mean() - stdtrit(count - 1, level) * more.std(ddof=1) / np.sqrt(count))
+
+    def surely_beats(self, other: Variant) -> bool:
+        """Whether its merit is surely above the other's."""
+        count = min(len(self.agreed), len(other.agreed))
+        more, less = (float((each.merits[:count] ** 2).sum()) for each in (self, other))
+        far = more >= max(_FAR_LEAST, _FAR_RATIO * less)
+        return far or (count >= _FEWEST and self.lead(other, _SURE) > 0)
+
+    def same(self, other: Variant) -> float:
+        """The share of what both find in the pictures that is the same, by scores and overlaps."""
+        every = sum(float(each.scores.sum()) for variant in (self, other) for each in variant.seen) / 2
+        return sum(map(agreement, self.seen, other.seen)) / max(every, 1e-9)
+
+    def may_replace(self, final: Variant, *, stated: bool = False) -> bool:
+        """Whether it may be right instead of one that is not surely better, and it matters.
+
+        Other colours and values matter unless what is found is the same, another resize if it may gain much. stated:
+        in place of what somebody stated, which it probably has to beat.
+        """
+        if self.same(final) >= _SAME:
+            return False
+        gain = self.lead(final, _PROBABLE) if stated else -final.lead(self, _LIKELY)
+        return gain > (_MATTERS * final.merit if self.differs(final) == ["resize"] else 0)
 
 
 @dataclass(frozen=True)
 class Comparison:
     """Result of a comparison. contract: the detector's, with what was chosen and where from; doubts: sentences.
 
-    pictures, inferences, seconds: what it cost. variants: a row for each, the best first.
+    variants, pictures, inferences, seconds: what it cost.
     """
 
     contract: Contract
     doubts: tuple[str, ...] = ()
+    variants: int = 0
     pictures: int = 0
     inferences: int = 0
     seconds: float = 0.0
-    variants: tuple[dict[str, Any], ...] = ()
 
     @property
     def text(self) -> str:
         """What was chosen, or that nothing was, and the cost, in a sentence; nothing where nothing was compared."""
         if not self.variants:
             return ""
-        cost = f"{len(self.variants)} variants on {_pictures(self.pictures)}"
+        chosen, assumed = self.factors("chosen"), self.factors("assumed")
+        how = f"{', '.join(chosen)} chosen by comparing" if chosen else "compared"
+        cost = f"{self.variants} variants on {_pictures(self.pictures)}"
         cost += f" ({self.inferences} inferences, {self.seconds:.1f} s)"
-        chosen, open_ = (
-            ", ".join(
-                factor
-                for factor, names in FACTORS.items()
-                if any(self.contract.sources[name].startswith(status) for name in names)
-            )
-            for status in ("chosen", "assumed")
-        )
-        told = f"{chosen} chosen by comparing" if chosen else "compared"
-        untold = f", which do not tell {open_}" if open_ else ""
-        return f"input {input_text(self.contract)}; {told} {cost}{untold}"
+        untold = f", which do not tell {', '.join(assumed)}" if assumed else ""
+        return f"input {_text(self.contract)}; {how} {cost}{untold}"
 
-    def row(self) -> dict[str, Any]:
-        """As a run records it."""
-        return {name: value for name, value in asdict(self).items() if name not in ("contract", "doubts")}
+    def factors(self, status: str) -> list[str]:
+        """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
+        sources = self.contract.sources
+        return [f for f, names in FACTORS.items() if any(sources[n].startswith(status) for n in names)]
+
+
+def contracts_chosen(
+    models: Sequence[Model], pictures: PictureSet, *, say: bool | None = None
+) -> tuple[list[Model], dict[str, Comparison]]:
+    """The models with the contracts that the pictures chose, and by name the comparison of each detector.
+
+    pictures: of the whole run, so that each part of it chooses alike; rendered ones choose nothing. say: whether to
+    write what was chosen or doubted, and what it cost, to standard error.
+    """
+    found, comparisons = list(models), dict[str, Comparison]()
+    for place, model in enumerate(models):
+        if not isinstance(model, Detector) or pictures.kind == "rendered":
+            continue
+        comparison = comparisons[model.name] = compared(model, _known(model, pictures))
+        found[place] = model.with_contract(comparison.contract)
+        chosen = [comparison.text] if comparison.factors("chosen") or comparison.factors("assumed") else []
+        doubts = [f"doubtful contract: {doubt}" for doubt in comparison.doubts]
+        for line in filter(None, [*chosen, *doubts]) if say else ():
+            say_wrapped(f"{model.name}: {line}", hanging=2, error=True)
+    return found, comparisons
+
+
+def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
+    """At most 32 of the pictures, with those of their labels that the detector knows."""
+    ids = {name: number for number, name in enumerate(detector.contract.classes)}
+    for picture, image in sample(pictures, MOST_PICTURES):
+        known = [each for each in picture.targets or () if each.label in ids and not each.crowd]
+        boxes = np.array([each.box_xyxy for each in known], np.float32)
+        class_ids = np.array([ids[each.label] for each in known], np.int64)
+        yield image, Detections(boxes, np.ones(len(known), np.float32), class_ids) if known else None
+
+
+def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
+    """Compare a detector's contract with the other variants of its input, on up to 32 pictures.
+
+    Fields that nothing stated are chosen by it; others are never changed. Where a variant of what nothing stated is
+    not surely worse and its choice may matter, or where one of what is stated is probably better, that is a doubt.
+    What an exporter's code fixes, as its metadata say, is not questioned. The same pictures give the same choice.
+    Costs two inferences for each picture and variant that is still in question, 100 to 500.
+    """
+    began = time.perf_counter()
+    shown = list(pictures)[:MOST_PICTURES]
+    variants = [Variant(detector.contract)]
+    if not any(EXPORTER in detector.contract.sources[name] for name in ("colour", "value_range")):
+        variants += [Variant(other) for other in _other_inputs(detector)]
+    inferences, count = 0, 0
+    for upto in _ROUNDS if len(variants) > 1 else ():
+        left = [each for each in variants if not each.given_up]
+        cost = 2 * len(left) * (min(upto, len(shown)) - count)
+        if not cost or len(left) == 1 or inferences + cost > _MOST_INFERENCES:
+            break
+        count = min(upto, len(shown))
+        inferences += sum(each.show(detector, shown[:count]) for each in left)
+        best = _best_of_its_resize(variants[0], left)
+        if count >= _NOTHING_FROM and best.merit == 0:
+            break
+        for each in left[1:]:
+            each.given_up = each is not best and best.surely_beats(each)
+        if best.contract.resize != "none":  # that a letterbox is centred hardly matters: AP50 .410 and .407
+            resize: Any = "letterbox" if best.contract.resize == "stretch" else "stretch"
+            other = Variant(replace(best.contract, resize=resize))
+            if all(each.contract != other.contract for each in variants):
+                inferences += other.show(detector, shown[:count])
+                variants.append(other)
+    contract, doubts = _decided(variants, count) if count else (detector.contract, [])
+    n_variants, count = len(variants) if count else 0, count or len(shown)
+    if problems := _common_problems(detector.with_contract(contract), shown[:count]):
+        contract, doubts = detector.contract, problems
+    took_s = time.perf_counter() - began
+    return Comparison(contract, tuple(doubts), n_variants, count, inferences + count, took_s)
+
+
+def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
+    """Colours and values are compared with the contract's own resize: between two resizes there may be a tie."""
+    return max((each for each in among if "resize" not in each.differs(own)), key=lambda each: each.merit)
+
+
+def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[str]]:
+    """The contract with what so many pictures chose, and the doubts that they raise."""
+    own, left = variants[0], [each for each in variants if not each.given_up]
+    sources = dict(own.contract.sources)
+    assumed = [f for f, names in FACTORS.items() if any(sources[n].startswith("assumed") for n in names)]
+    free = [each for each in left if set(each.differs(own)) <= set(assumed)]
+    best = _best_of_its_resize(own, free)
+    final = best if best.lead(own, _PROBABLE) > 0 else own
+    resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
+    final = next(resized, final)
+    rivals = [
+        each
+        for each in left
+        if each is not final
+        and not final.surely_beats(each)
+        and each.may_replace(final, stated=each not in free)
+    ]
+    found, agreed = sum(final.found), sum(final.agreed)
+    something = any(each.merit for each in left)
+    doubts: list[str] = []
+    if something and rivals:
+        doubts = [_doubt(final, rivals, count)]
+    elif found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found:
+        doubts = [
+            f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored "
+            f"and cropped ({agreed / found:.0%} is): family, input or export are probably wrong"
+        ]
+    elif assumed and not something:
+        doubts = [
+            f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
+        ]
+    if not something:
+        return own.contract, doubts
+    for factor in assumed:
+        for name in FACTORS[factor]:
+            if sources[name].startswith("assumed"):
+                sources[name] = _source(sources[name], variants, final, factor, count)
+    return replace(final.contract, sources=sources), doubts
+
+
+def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
+    """Why a contract may be wrong, by the best of the variants that may be better."""
+    rival = max(rivals, key=lambda each: (round(each.merit, 6), -len(each.differs(final))))
+    differing = rival.differs(final)
+    whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
+    again = f"{'surely ' * rival.surely_beats(final)}more" if rival.merit > final.merit else "nearly as much"
+    parts = [
+        f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {_text(rival.contract)} instead of "
+        f"{_text(final.contract)}, {again} is found again where {_pictures(count)} are mirrored and cropped "
+        f"({sum(rival.agreed):.3g} of {sum(rival.found):.3g} in sum of scores, instead of {sum(final.agreed):.3g} of "
+        f"{sum(final.found):.3g})",
+        f"{rival.same(final):.0%} of what the two find is the same",
+        *([f"further variants that are open: {len(rivals) - 1}"] if len(rivals) > 1 else []),
+        "more pictures would tell" if count < MOST_PICTURES else "the pictures do not tell",
+    ]
+    option = contract_option(rival.contract)
+    return "; ".join([*parts, *([f"if the former is right: --contract {option}"] if option else [])])
+
+
+def _source(source: str, variants: Sequence[Variant], final: Variant, factor: str, count: int) -> str:
+    """Where a field comes from that nothing states."""
+    rivals = [each for each in variants if factor in each.differs(final)]
+    left = [each for each in rivals if not each.given_up and not final.surely_beats(each)]
+    compared = f"{len(variants)} variants on {_pictures(count)}"
+    if not left:
+        return f"chosen by comparing {compared}" if rivals else source
+    near = max(left, key=lambda each: (each.may_replace(final), each.merit))
+    other = _values_text(near.contract) if factor == "values" else repr(getattr(near.contract, factor))
+    untold = f"{compared} do not tell it from {other}"
+    if near.may_replace(final):
+        return f"assumed, doubtful: {untold}"
+    if (same := near.same(final)) >= _SAME:
+        return f"{source}; {untold}, by which {same:.0%} of what is found is the same"
+    return f"{source}; {untold}, whose merit is at most {_MATTERS:.0%} higher"
+
+
+def _pictures(count: int) -> str:
+    return f"{count} picture{'s' if count > 1 else ''}"
+
+
+def _text(contract: Contract) -> str:
+    """How a picture enters: "rgb, 0-1, mean and std of ImageNet, letterbox"."""
+    return f"{contract.colour}, {_values_text(contract)}, {contract.resize}"
+
+
+def _values_text(contract: Contract) -> str:
+    own = contract.value_range, contract.mean, contract.std
+    for name, (span, mean, std) in INPUT_VALUES.items():
+        if own == (span, _in(contract.colour, mean), _in(contract.colour, std)):
+            return name
+    stated = (("mean", contract.mean), ("std", contract.std))
+    return " ".join([contract.value_range, *(f"{name} {list(each)}" for name, each in stated if each)])
+
+
+def _in(colour: str, values: tuple[float, ...] | None) -> Any:
+    return values[::-1] if values and colour == "bgr" else values
+
+
+def _other_inputs(detector: Detector) -> list[Contract]:
+    """Contracts under which a picture enters otherwise, at the same size."""
+    own = detector.contract
+    every = list(INPUT_VALUES.values())
+    if own.mean or own.std:  # those of its own, with the other order
+        every.append((own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std)))
+    if detector.takes_bytes:
+        every = [(own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std))]
+    found = [own]
+    for colour in ("rgb", "bgr"):
+        for span, mean, std in every:
+            values = {"value_range": span, "mean": _in(colour, mean), "std": _in(colour, std)}
+            other = replace(own, colour=colour, **values)
+            found += [] if any(_enters_alike(other, each) for each in found) else [other]
+    return found[1:]
+
+
+def _enters_alike(one: Contract, other: Contract) -> bool:
+    """Whether a picture enters alike, to within a hundredth of its range."""
+    ends, others = (
+        np.outer((0.0, 255.0 if each.value_range == "0-255" else 1.0), (1, 1, 1)) - (each.mean or (0, 0, 0))
+        for each in (one, other)
+    )
+    ends, others = ends / (one.std or (1, 1, 1)), others / (other.std or (1, 1, 1))
+    near = np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
+    return one.colour == other.colour and near
+
+
+def _found(detector: Detector, contract: Contract, image: Image) -> Detections:
+    """What is found with a contract; nothing where it makes the outputs impossible."""
+    blob, placement = detector.prepare(image, contract=contract)
+    outputs = detector.run(blob)
+    try:
+        if all(np.isfinite(output).all() for output in outputs):
+            return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading
+    except ModelError:
+        pass
+    return Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))  # type: ignore[arg-type]
+
+
+def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
+    """The picture cropped and mirrored, and that of what was found in it of which this shows at least half."""
+    height, width = image.shape[:2]
+    left, top, right, bottom = (
+        round(cut * size) for cut, size in zip(_CUT, (width, height) * 2, strict=True)
+    )
+    right, bottom = width - right, height - bottom
+    boxes = np.clip(found.boxes_xyxy, (left, top) * 2, (right, bottom) * 2)
+    areas, own = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found.boxes_xyxy))
+    boxes[:, [1, 3]] -= top
+    boxes[:, [0, 2]] = right - boxes[:, [2, 0]]
+    seen = Detections(boxes, found.scores, found.class_ids)[2 * areas >= own]
+    return np.ascontiguousarray(image[top:bottom, left:right][:, ::-1]), seen
+
+
+def agreement(one: Detections, other: Detections) -> float:
+    """The sum over pairs of one class, the best first, of the lower score times the overlap, from a half on."""
+    overlap = iou(one.boxes_xyxy, other.boxes_xyxy)
+    overlap[(one.class_ids[:, None] != other.class_ids) | (overlap < MATCH_IOU)] = 0
+    total = 0.0
+    while overlap.size and overlap.max() > 0:
+        row, column = np.unravel_index(overlap.argmax(), overlap.shape)
+        total += float(min(one.scores[row], other.scores[column]) * overlap[row, column])
+        overlap[row], overlap[:, column] = 0, 0
+    return total
 
 
 def output_problems(detector: Detector, image: Image) -> list[str]:
@@ -99,186 +425,6 @@ def output_problems(detector: Detector, image: Image) -> list[str]:
     except ModelError as error:
         return [str(error)]
     return []
-
-
-def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
-    """Compare a detector's contract with the other variants of its input, on up to 32 pictures.
-
-    Fields that nothing stated are chosen by it; others are never changed. Where a variant of what nothing stated is
-    not surely worse and its choice may matter, or where one of what is stated is probably better, that is a doubt.
-    What an exporter's code fixes, as its metadata say, is not questioned. The same pictures give the same choice.
-    Costs two inferences for each picture and variant that is still in question, 100 to 500.
-    """
-    began = time.perf_counter()
-    shown = list(pictures)[:MOST_PICTURES]
-    own, variants = detector.contract, [Variant(detector.contract)]
-    if not any(EXPORTER in own.sources[name] for name in ("colour", "value_range")):
-        variants += [Variant(other) for other in other_inputs(detector)]
-    inferences, count = 0, 0
-    for upto in _ROUNDS if len(variants) > 1 else ():
-        left = [each for each in variants if not each.given_up]
-        cost = 2 * len(left) * (min(upto, len(shown)) - count)
-        if not cost or len(left) == 1 or inferences + cost > _MOST_INFERENCES:
-            break
-        count = min(upto, len(shown))
-        inferences += sum(each.show(detector, shown[:count]) for each in left)
-        best = _best_of_its_resize(variants[0], left)
-        if count >= _NOTHING_FROM and best.merit == 0:
-            break
-        for each in left[1:]:
-            each.given_up = each is not best and best.surely_beats(each)
-        added = resized(best, variants)
-        inferences += sum(each.show(detector, shown[:count]) for each in added)
-        variants += added
-    contract, doubts = _judged(variants, shown[:count]) if count else (own, [])
-    count = count or len(shown)
-    if problems := _common_problems(detector.with_contract(contract), shown[:count]):
-        contract, doubts = own, problems
-    rows = sorted((_row(each, shown) for each in variants if each.agreed), key=lambda row: -row["merit"])
-    seconds = time.perf_counter() - began
-    return Comparison(contract, tuple(doubts), count, inferences + count, seconds, tuple(rows))
-
-
-def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
-    """Colours and values are compared with the contract's own resize: between two resizes there may be a tie."""
-    return max((each for each in among if not each.differs(own, "resize")), key=lambda each: each.merit)
-
-
-def _surely_worse(rival: Variant, final: Variant, shown: Sequence[Known]) -> bool:
-    """Whether a variant is surely worse: by its AP50, where the pictures have labels, else by its merit."""
-    ap50, own_ap50 = rival.ap50(shown), final.ap50(shown)
-    if ap50 is not None and own_ap50 is not None:
-        high = interval_of(left_out(ap50 - own_ap50), None)[1]
-        if high is not None and high < 0:
-            return True
-    return final.surely_beats(rival)
-
-
-def _only_resized(one: Variant, other: Variant) -> bool:
-    return [factor for factor in FACTORS if one.differs(other, factor)] == ["resize"]
-
-
-def _is_open(rival: Variant, final: Variant, *, stated: bool = False) -> bool:
-    """Whether a variant may be right instead of one that is not surely better, and it matters.
-
-    Other colours and values matter unless what is found is the same, another resize if it may gain much. stated: in
-    place of what somebody stated, which it probably has to beat.
-    """
-    if _same(rival, final) >= _SAME:
-        return False
-    gain = rival.lead(final, _PROBABLE) if stated else -final.lead(rival, _LIKELY)
-    return gain > (_MATTERS * final.merit if _only_resized(rival, final) else 0)
-
-
-def _same(one: Variant, other: Variant) -> float:
-    """The share of what two variants find in the pictures that is the same, by scores and overlaps."""
-    same = sum(map(agreement, one.counted, other.counted))
-    every = sum(float(each.scores.sum()) for variant in (one, other) for each in variant.counted) / 2
-    return same / max(every, 1e-9)
-
-
-def _judged(variants: Sequence[Variant], shown: Sequence[Known]) -> tuple[Contract, list[str]]:
-    """The contract with what the pictures chose, and the doubts that they raise."""
-    own, left, count = variants[0], [each for each in variants if not each.given_up], len(shown)
-    sources = dict(own.contract.sources)
-    open_factors = [f for f, names in FACTORS.items() if any(sources[n].startswith("assumed") for n in names)]
-    free = [each for each in left if not any(each.differs(own, f) for f in FACTORS if f not in open_factors)]
-    best = _best_of_its_resize(own, free)
-    final = best if best.lead(own, _PROBABLE) > 0 else own
-    final = next((each for each in free if _only_resized(each, final) and each.surely_beats(final)), final)
-    rivals = [
-        each
-        for each in left
-        if each is not final
-        and not _surely_worse(each, final, shown)
-        and _is_open(each, final, stated=each not in free)
-    ]
-    found, agreed = sum(final.found), sum(final.agreed)
-    something = any(each.merit for each in left)
-    doubts: list[str] = []
-    if something and rivals:
-        doubts = [_doubt(final, rivals, shown)]
-    elif found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found:
-        doubts = [
-            f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored "
-            f"and cropped ({agreed / found:.0%} is): family, input or export are probably wrong"
-        ]
-    elif open_factors and not something:
-        doubts = [
-            f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
-        ]
-    if not something:
-        return own.contract, doubts
-    for factor in open_factors:
-        for name in FACTORS[factor]:
-            if sources[name].startswith("assumed"):
-                sources[name] = _source(sources[name], variants, final, factor, shown)
-    return replace(final.contract, sources=sources), doubts
-
-
-def _doubt(final: Variant, rivals: Sequence[Variant], shown: Sequence[Known]) -> str:
-    """Why a contract may be wrong, by the best of the variants that may be better."""
-    factors = {id(each): [factor for factor in FACTORS if each.differs(final, factor)] for each in rivals}
-    rival = max(rivals, key=lambda each: (round(each.merit, 6), -len(factors[id(each)])))
-    differing = factors[id(rival)]
-    whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
-    sure = "surely " * rival.surely_beats(final)
-    again = f"{sure}more" if rival.merit > final.merit else "nearly as much"
-    parts = [
-        f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {rival} instead of {final}, {again} "
-        f"is found again where "
-        f"{_pictures(len(shown))} are mirrored and cropped ({sum(rival.agreed):.3g} of {sum(rival.found):.3g} in sum "
-        f"of scores, instead of {sum(final.agreed):.3g} of {sum(final.found):.3g})",
-        f"{_same(rival, final):.0%} of what the two find is the same",
-    ]
-    ap50, own_ap50 = rival.ap50(shown), final.ap50(shown)
-    if ap50 is not None and own_ap50 is not None:
-        low, high = interval_of(left_out(ap50 - own_ap50), None)
-        span = "" if low is None or high is None else f", {low:+.3f} to {high:+.3f}"
-        parts.append(f"AP50 {ap50[0]:.3f} instead of {own_ap50[0]:.3f}{span}")
-    if len(rivals) > 1:
-        parts.append(f"further variants that are open: {len(rivals) - 1}")
-    parts.append("more pictures would tell" if len(shown) < MOST_PICTURES else "the pictures do not tell")
-    if option := contract_option(rival.contract):
-        parts.append(f"if the former is right: --contract {option}")
-    return "; ".join(parts)
-
-
-def _source(
-    source: str, variants: Sequence[Variant], final: Variant, factor: str, shown: Sequence[Known]
-) -> str:
-    """Where a field comes from that nothing states."""
-    rivals = [each for each in variants if each.differs(final, factor)]
-    open_ = [each for each in rivals if not each.given_up and not _surely_worse(each, final, shown)]
-    compared = f"{len(variants)} variants on {_pictures(len(shown))}"
-    if not rivals:
-        return source
-    if not open_:
-        return f"chosen by comparing {compared}"
-    near = max(open_, key=lambda each: (_is_open(each, final), each.merit))
-    untold = f"{compared} do not tell it from {part_text(near.contract, factor)}"
-    if _is_open(near, final):
-        return f"assumed, doubtful: {untold}"
-    if (same := _same(near, final)) >= _SAME:
-        return f"{source}; {untold}, by which {same:.0%} of what is found is the same"
-    return f"{source}; {untold}, whose merit is at most {_MATTERS:.0%} higher"
-
-
-def _pictures(count: int) -> str:
-    return f"{count} picture{'s' if count > 1 else ''}"
-
-
-def _row(variant: Variant, shown: Sequence[Known]) -> dict[str, Any]:
-    contract, ap50 = variant.contract.to_dict(), variant.ap50(shown)
-    return {
-        **{name: contract[name] for names in FACTORS.values() for name in names},
-        "pictures": len(variant.agreed),
-        "found": sum(variant.found),
-        "agreed": sum(variant.agreed),
-        "merit": variant.merit,
-        "classes": len({class_id for each in variant.counted for class_id in each.class_ids.tolist()}),
-        "ap50": None if ap50 is None else float(ap50[0]),
-    }
 
 
 def _common_problems(detector: Detector, shown: Sequence[Known]) -> list[str]:

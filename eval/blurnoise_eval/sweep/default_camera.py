@@ -17,11 +17,10 @@ from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 from blurnoise_eval.detectors.model_files import model_sha256
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.sweep.three_sensors import worth
 
 COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
 """Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""
-_DEFAULT, _BUILT_IN = "chosen: default, ", "the built-in detector knows no colour noise"
+_DEFAULT, _BUILT_IN = "chosen: default, ", "the built-in detector, which knows no colour noise"
 _SAMPLED = 8  # pictures that are looked at
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
 _MOST_PX = 256  # a side, of which colours are looked at
@@ -32,15 +31,11 @@ def default_camera(*, colour: bool, built_in: bool = False, cfa: Cfa | None = No
 
     built_in: whether the built-in detector is evaluated. ``sources["name"]`` says why it is this camera.
     """
+    name, reason = (COLOUR, "pictures in colour") if colour else (MONOCHROME, "grey pictures")
     if cfa is not None:
-        name = THREE_SENSORS if cfa in PLANES else COLOUR
-        reason = f"cfa = {cfa}"
+        name, reason = THREE_SENSORS if cfa in PLANES else COLOUR, f"cfa = {cfa}"
     elif built_in:
         name, reason = THREE_SENSORS, _BUILT_IN
-    elif colour:
-        name, reason = COLOUR, "pictures in colour"
-    else:
-        name, reason = MONOCHROME, "grey pictures"
     camera = Camera.preset(name)
     camera = camera if cfa is None else replace(camera, cfa=cfa)
     return replace(camera, sources={**camera.sources, "name": f"{_DEFAULT}{reason}"})
@@ -81,18 +76,12 @@ def is_grey_light(light: Tensor) -> bool:
 
 
 def camera_text(camera: Camera, *, colour: bool) -> str | None:
-    """A line on the camera of pictures in colour or grey: why it is the default, or what three sensors are worth.
+    """A line on the camera of pictures in colour or grey: why it is the default, or that it has three sensors.
 
     None for a camera that the user named, unless it has a sensor for each colour and the pictures are in colour.
     """
     source = camera.sources.get("name", "")
     reason = source.removeprefix(_DEFAULT) if source.startswith(_DEFAULT) else ""
-    if camera.cfa != "none" or not colour:
-        return f"camera: {camera.name}, the default for {reason}" if reason else None
-    if reason == _BUILT_IN:
-        return f"camera: {camera.name}, three sensors: {reason}"
-    dark, light = worth(camera)
-    return (
-        f"camera: {camera.name}, a sensor for each colour: worth {dark:.1f} (in the dark) to {light:.1f} stops "
-        "of light against one with filters (Bayer)"
-    )
+    if camera.cfa == "none" and colour and reason != _BUILT_IN:
+        return f"camera: {camera.name}, a sensor for each colour: sees far more light than one with filters (Bayer)"
+    return f"camera: {camera.name}, the default for {reason}" if reason else None

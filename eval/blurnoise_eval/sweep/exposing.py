@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import groupby
@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
@@ -32,9 +30,8 @@ from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within
-
-BoxesIn = Callable[[torch.Tensor, tuple[int, int] | None], torch.Tensor]
+from blurnoise_eval.scoring.boxes import MoveBoxes
+from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
 
 class Frame(NamedTuple):
@@ -78,7 +75,7 @@ class Scene:
         self.image8 = eight_bit(image)
         self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
-        self._crossing_px_s: dict[int, tuple[float, float]] | None = None
+        self._own_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
@@ -90,52 +87,59 @@ class Scene:
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
-        for apart, group in groupby(exposures, key=self._apart):
-            some = list(group)
-            if apart:
-                yield from self._cut_scene(some[0].camera)[0].frames(some)
-            else:
-                still = (each if each.moves == "all" else replace(each, moves="all") for each in some)
-                yield from self.light.frames(list(still))
+        for _, group in groupby(exposures, key=self._is_cut):
+            of = [self._exposed(each) for each in group]
+            yield from of[0][0].frames([each for _, each in of])
 
     def plan(self, taken: Exposure) -> Plan:
         """What the simulator keeps and leaves out of an exposure, and why."""
-        scene = self._cut_scene(taken.camera)[0] if self._apart(taken) else self.light
-        return scene.plan(taken if self._apart(taken) else replace(taken, moves="all"))
+        scene, exposure = self._exposed(taken)
+        return scene.plan(exposure)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
-        if not self._apart(taken):
+        if not self._is_cut(taken):
             return {}
         scene, targets = self._cut_scene(taken.camera)
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
-        if taken.moves == "all" or self._picture is None:
+        if taken.moves == "all":
             return {}
         return {
             place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
             for place, own in self._crossing(taken.camera).items()
         }
 
-    def _apart(self, taken: Exposure) -> bool:
+    def mean_light(self, camera: Camera) -> float:
+        """As the camera meters it: by luma, or by what its pixels make of the colours."""
+        if camera not in self._means:
+            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
+        return self._means[camera]
+
+    def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
 
+    def _exposed(self, taken: Exposure) -> tuple[ExposedScene | CutScene, Exposure]:
+        if self._is_cut(taken):
+            return self._cut_scene(taken.camera)[0], taken
+        return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
+
     def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
-        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s; told once.
+        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s.
 
         camera: of all exposures, but for figures of its lens that no speed needs.
         """
-        if self._crossing_px_s is None:
-            size, every = self.image8.shape[:2], self._picture.targets if self._picture else None
-            self._crossing_px_s = {
-                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (size[0], size[1]))
-                for place, target in enumerate(every or ())
+        if self._own_px_s is None:
+            height, width = self.image8.shape[:2]
+            self._own_px_s = {
+                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
+                for place, target in enumerate((self._picture and self._picture.targets) or ())
                 if self.objects.crosses(target.label)
             }
-        return self._crossing_px_s
+        return self._own_px_s
 
     def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
         """Cut out once, whoever needs it first; layers with the targets that they are."""
@@ -154,12 +158,6 @@ class Scene:
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
             return self._cut
 
-    def mean_light(self, camera: Camera) -> float:
-        """As the camera meters it: by luma, or by what its pixels make of the colours."""
-        if camera not in self._means:
-            self._means[camera] = float(mean_luma(self.light.light, camera)[0])
-        return self._means[camera]
-
 
 def frames(
     scene: Scene,
@@ -177,17 +175,17 @@ def frames(
     """
     yield from (Frame(cell, scene.image8, 0.0) for cell in cells if cell.conditions is None)
     exposed = [(cell, cell.conditions) for cell in cells if cell.conditions is not None]
+    mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(at, cell.seed, scene.mean_light(camera), camera, auto_exposure, ego)
+        exposure = _set(at, cell.seed, mean, camera, auto_exposure, ego)
         if path is not None:
             stated, longest_s = path
-            size = (scene.image8.shape[0], scene.image8.shape[1])
-            exposure = replace(exposure, trajectory=stated.of(camera, size, longest_s, cell.seed))
+            along = stated.of(camera, (height, width), longest_s, cell.seed)
+            exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
-    taken = zip(exposed, exposures, scene.frames(exposures), strict=True)
     before: Exposure | None = None
-    for (cell, _), exposure, frame in taken:
+    for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
         if before is None or _motion(before) != _motion(exposure):  # else the light alone is another
             boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
         before = exposure
@@ -198,7 +196,7 @@ def frames(
             exposure,
             *boxes,
             saturated=_saturated(frame.picture, brightest(exposure)),
-            snr_db=snr_db(exposure, scene.mean_light(camera)),
+            snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
@@ -258,74 +256,3 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
-
-
-def box_mover(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes | None:
-    """Takes a scene's boxes (N, 4) to the truth in the picture: where they are at mid-exposure, or what else
-    ``objects.boxes`` says; None: they stay."""
-    along_path = objects.boxes == "swept" and taken.trajectory is not None
-    crosses = taken.moves != "all" and objects.crosses()
-    if objects.boxes == "object" or not (any(taken.velocity_px_s) or taken.drives or along_path or crosses):
-        return _mover(lambda of: of.move_boxes, taken, objects) if effects.displace(taken.camera) else None
-    if objects.boxes == "swept":
-        return _mover(lambda of: of.sweep_boxes, taken, objects, within=True)
-    return _mover(_half, taken, objects)
-
-
-def box_sweeper(taken: Exposure, objects: Objects = USUAL_OBJECTS) -> MoveBoxes:
-    """Takes a scene's boxes (N, 4) to what they cover in the course of the exposure, beyond the picture too."""
-    return _mover(lambda of: of.sweep_boxes, taken, objects)
-
-
-def _half(taken: Exposure) -> BoxesIn:
-    """Where boxes are for half of the exposure or more: the objects' own, up to a motion of twice their size along
-    either axis. Of those that are nowhere so long the middle, no area."""
-
-    def boxes_in(boxes_xyxy: torch.Tensor, size: tuple[int, int] | None) -> torch.Tensor:
-        middle = (boxes_xyxy[:, :2] + boxes_xyxy[:, 2:]) / 2
-        moved_px = taken.displacements_px(middle, size).abs().to(boxes_xyxy)
-        own = taken.move_boxes(boxes_xyxy, size)
-        there = (moved_px <= 2 * (own[:, 2:] - own[:, :2])).all(1, keepdim=True)
-        return torch.where(there, own, middle.repeat(1, 2))
-
-    return boxes_in
-
-
-def _alike(kinds: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Places of equal rows, (N,) in all: of one picture's targets mostly one kind, which needs no order."""
-    if (kinds == kinds[:1]).all():
-        return [np.arange(len(kinds))] if len(kinds) else []
-    order = np.lexsort(kinds.T)
-    return np.split(order, np.flatnonzero(np.diff(kinds[order], axis=0).any(axis=1)) + 1)
-
-
-def _mover(
-    how: Callable[[Exposure], BoxesIn], taken: Exposure, objects: Objects, within: bool = False
-) -> MoveBoxes:
-    """within: not beyond the picture's border."""
-
-    def move(
-        boxes_xyxy: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str] = ()
-    ) -> NDArray[np.float64]:
-        moved = np.empty_like(boxes_xyxy)
-        speeds = {label: objects.speed_of(label) for label in set(labels)}
-        own = [speeds[label] for label in labels] or [1.0]
-        sizes = np.where(np.isnan(sizes_px), 0.0, sizes_px)
-        beside = np.zeros((len(boxes_xyxy), 2))
-        if taken.moves != "all" and objects.crosses():
-            for place, label in enumerate(labels):
-                width, height = sizes[place].tolist()
-                size = (int(height), int(width)) if width else taken.camera.field.size
-                beside[place] = objects.own_px_s(label, boxes_xyxy[place].tolist(), taken.camera, size)
-        kinds = np.column_stack([sizes, np.broadcast_to(own, len(boxes_xyxy)), beside])
-        for of in _alike(kinds):
-            width, height, speed, x_px_s, y_px_s = kinds[of[0]].tolist()
-            of_kind = how(taken.of_targets(speed, (x_px_s, y_px_s)))
-            moved[of] = of_kind(
-                torch.from_numpy(boxes_xyxy[of]), (int(height), int(width)) if width else None
-            ).numpy()
-        if within:
-            return swept_within(moved, boxes_xyxy, np.where(np.isnan(sizes_px), np.inf, sizes_px))
-        return moved
-
-    return move

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import Batch, ask
-from blurnoise_eval.sweep.coco_export import INSTANCES
+from blurnoise_eval.sweep.coco_export import INSTANCES, read_truth
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.sweep.run_folder import computed_by, other_software
-from blurnoise_eval.system.files import read_within, write_whole, written_whole
+from blurnoise_eval.sweep.run_folder import computed_by, differences, listed, other_software
+from blurnoise_eval.system.files import write_whole, written_whole
 
 
 class Merged(NamedTuple):
@@ -46,12 +46,18 @@ def merge(
         different = {run.resolve(): run for run in runs}  # one that is named twice counts once
         parts = [opened.enter_context(Run.open(run, shared=False)) for run in different.values()]
         identity = _identity(parts)
-        _check_pictures(parts)
-        truth = _truth(parts)
-        told = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
+        truths = [read_truth(run.store) for run in parts]
+        images = {image["file_name"]: image for truth in truths for image in truth["images"]}
+        boxes = {each["id"]: each for truth in truths for each in truth["annotations"]}
+        truth = {
+            "images": sorted(images.values(), key=lambda image: image["id"]),
+            "annotations": list(boxes.values()),
+            "categories": truths[0]["categories"],
+        }
+        origin = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
         try:
             with written_whole(output, over=False) as unfinished:
-                return _written(parts, identity, truth, unfinished, told, progress)
+                return _written(parts, identity, truth, unfinished, origin, progress)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
 
@@ -69,6 +75,13 @@ def _written(
     rows, learnt = 0, [part.store.learnt() for part in parts]
     with Store(folder, create=True) as joined:
         for part in parts:
+            held = joined.pictures()
+            for name, (_, content) in part.store.pictures().items():
+                if name in held and held[name][1] != content:
+                    raise StoreError(
+                        f"run = {str(part.folder)!r}: picture {name!r} is not what it is in the other runs; "
+                        "they cannot be merged"
+                    )
             joined.take(part.store)
             rows += queries.count_rows(part.store)
             for name in queries.example_files(part.store):
@@ -91,62 +104,21 @@ def _written(
 
 def _identity(parts: Sequence[Run]) -> dict[str, Any]:
     """What the joined run is: the whole sweep, or several of its parts. Raises ``StoreError`` for anything else."""
-    first, numbers, wholes = parts[0], set[int](), []
+    numbers, wholes = set[int](), []
     for run in parts:
         identity = dict(run.store.about("identity"))
         own, _, count = identity.pop("part", "1/1").rpartition("/")
         numbers |= {int(number) for number in own.split(",")}
-        plan = identity.pop("plan")
-        wholes.append({**identity, **plan, "number of parts": count})
-        differing = [
-            name for name in {**wholes[0], **wholes[-1]} if wholes[0].get(name) != wholes[-1].get(name)
-        ]
-        if software := other_software(computed_by(first.store), computed_by(run.store)):
-            differing.append(software)
+        wholes.append({**identity, "number of parts": int(count)})
+        differing = differences(wholes[0], wholes[-1])
+        differing += other_software(computed_by(parts[0].store), computed_by(run.store))
         if not run.grid:
             differing = ["that it is a search's, whose conditions are one whole"]
         if differing:
             raise StoreError(
-                f"run = {str(run.folder)!r}: differs from {str(first.folder)!r} in {' and '.join(differing)}; "
+                f"run = {str(run.folder)!r}: differs from {str(parts[0].folder)!r} in {listed(differing)}; "
                 "only parts of one sweep can be merged"
             )
-    joined: dict[str, Any] = dict(first.store.about("identity"))
-    joined.pop("part", None)
-    count = wholes[0]["number of parts"]
-    if len(numbers) < int(count):
-        joined["part"] = f"{','.join(map(str, sorted(numbers)))}/{count}"
-    return joined
-
-
-def _check_pictures(parts: Sequence[Run]) -> None:
-    """Raise ``StoreError`` where runs of the same part have seen different pictures under one name."""
-    seen: dict[str, tuple[str, Path]] = {}
-    for run in parts:
-        for name, (_, content) in run.store.pictures().items():
-            before, folder = seen.setdefault(name, (content, run.folder))
-            if before != content:
-                raise StoreError(
-                    f"run = {str(run.folder)!r}: picture {name!r} is not what it is in {str(folder)!r}; "
-                    "they cannot be merged"
-                )
-
-
-def _truth(parts: Sequence[Run]) -> dict[str, Any]:
-    """What is in the pictures of all parts, whose ids are those of the whole."""
-    images: dict[Any, Any] = {}
-    annotations: dict[Any, Any] = {}
-    for run in parts:
-        try:
-            held = json.loads(read_within(run.folder, INSTANCES))
-            images |= {image["file_name"]: image for image in held["images"]}
-            annotations |= {each["id"]: each for each in held["annotations"]}
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise StoreError(
-                f"{run.folder / INSTANCES}: cannot be read ({error}); repeat the sweep's command to restore it"
-            ) from None
-    by_id = sorted(images.values(), key=lambda image: image["id"])
-    return {
-        "images": by_id,
-        "annotations": list(annotations.values()),
-        "categories": held["categories"],
-    }
+    count = wholes[0].pop("number of parts")
+    part = {"part": f"{','.join(map(str, sorted(numbers)))}/{count}"} if len(numbers) < count else {}
+    return {**wholes[0], **part}

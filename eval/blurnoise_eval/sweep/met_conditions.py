@@ -9,10 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, CHOICES, EGO, EGO_SPEED, GAIN, SETTING, SPEED
+from blurnoise_eval.grid.axes import AXES, EGO, EGO_SPEED, GAIN, SETTING, SPEED, named
 from blurnoise_eval.grid.conditions import with_lens
+from blurnoise_eval.system.tables import plain
 
 _LENS = {each.name: each.into.partition(".")[2] for each in AXES if each.into.startswith("camera.")}
+_LIGHT = [name for name in SETTING if name not in (GAIN.name, EGO.name)]
 
 
 def met_conditions(
@@ -26,39 +28,31 @@ def met_conditions(
     under each light at each speed are recommended.
     """
     recommended = {
-        (*_light(each), each["speed"], each["exposure_s"], each[GAIN.name])
+        (*(each[name] for name in _LIGHT), each["speed"], each["exposure_s"], each[GAIN.name])
         for each in recommendations
         if each["scope"] == "condition"
     }
     plan = manifest["plan"]
-    stated = {*plan.get("grid", {}), *plan.get("further", {})} & {*_LENS}
+    stated = sorted({*plan.get("grid", {}), *plan.get("further", {})} & {*_LENS})
     camera = Camera.from_dict(manifest["camera"])
     conditions: dict[tuple[tuple[str, Any], ...], float | None] = {}
     cameras: dict[Camera, int] = {}
     for row in rows:
         if row["clean"]:
             continue
-        own = with_lens(camera, **{_LENS[name]: row[name] for name in sorted(stated)})
-        at = {each.name: _named(each.name, row[each.name]) for each in AXES if each.name not in _LENS}
+        own = with_lens(camera, **{_LENS[name]: row[name] for name in stated})
+        at = {each.name: row[each.name] for each in AXES if each.name not in _LENS}
+        at = {name: plain(value) for name, value in named(at).items()}
         at["camera"] = cameras.setdefault(own, len(cameras))
-        place = *_light(row), (EGO_SPEED if row[EGO.name] else SPEED).of(row), row["exposure_s"]
+        speed = (EGO_SPEED if row[EGO.name] else SPEED).of(row)
+        place = *(row[name] for name in _LIGHT), speed, row["exposure_s"]
         at["recommended"] = not recommended.isdisjoint({(*place, row[GAIN.name]), (*place, None)})
         conditions[tuple(at.items())] = row.get("saturated")
+    objects = plan.get("objects", {})
     return {
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
-        "speeds": plan.get("objects", {}).get("speeds") or plan.get("objects", {}).get("crossings"),
+        "speeds": objects.get("speeds") or objects.get("crossings"),
         **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor")},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],
     }
-
-
-def _light(row: Mapping[str, Any]) -> tuple[float, ...]:
-    """The light and what else varies, but gain and a vehicle's speed."""
-    return tuple(row[name] for name in SETTING if name not in (GAIN.name, EGO.name))
-
-
-def _named(name: str, value: float) -> float | str:
-    if value == AUTOMATIC:
-        return "auto"
-    return CHOICES[name][int(value)] if name in CHOICES else value

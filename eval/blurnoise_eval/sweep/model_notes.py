@@ -1,19 +1,29 @@
-"""What a run notes of its models once it is computed: latency, limits baked into a graph, doubts of a contract."""
+"""What a run notes of its models once it is computed: latency, limits baked into a graph, doubts of a contract.
+
+Latency is the CPU time that one picture takes a model, from the picture to its answer.
+"""
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import Any
 
-from blurnoise_eval.datasets import PictureSet, sample
+import numpy as np
+
+from blurnoise_eval.datasets import Picture, PictureSet, sample
 from blurnoise_eval.detectors.baked import baked
+from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import latency
 from blurnoise_eval.sweep.contract_checks import Comparison
+from blurnoise_eval.system.threads import limited_threads
 
-_BAKED_PICTURES = 8  # by which limits baked into a graph are measured
+_PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0
+_BUSY = 1.25  # times as long by the clock as in CPU time
 
 
 def note_models(
@@ -24,7 +34,7 @@ def note_models(
     *,
     computed: int,
 ) -> None:
-    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract told.
+    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract showed.
 
     computed: cells, now; where there are none, a model of which these are noted keeps its notes.
     """
@@ -33,8 +43,8 @@ def note_models(
         if not computed and "latency" in about:
             continue
         if not about.get("latency"):
-            about["latency"] = measured = latency.measure(model, pictures)
-            if measured.get("clock_ratio", 1.0) > latency.BUSY:
+            about["latency"] = measured = latency(model, pictures)
+            if measured.get("clock_ratio", 1.0) > _BUSY:
                 warnings.warn(
                     f"{model.name}: the machine was busy while latency was measured, {measured['clock_ratio']:.1f} "
                     "times as long by the clock as in CPU time, which is reported",
@@ -42,9 +52,52 @@ def note_models(
                     stacklevel=2,
                 )
         if isinstance(model, Detector):
-            some = [image for _, image in sample(pictures, _BAKED_PICTURES)]
             if model.name in comparisons:
                 about["suspicions"] = list(comparisons[model.name].doubts)
-                about["contract_comparison"] = comparisons[model.name].row()
-            about["baked"] = baked(model, some)
+            about["baked"] = baked(model, [image for _, image in sample(pictures, _PICTURES)])
     store.set_about("manifest", manifest)
+
+
+def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
+
+    CPU time, because the clock also counts what other programs do meanwhile; ``clock_ratio`` is the time by the clock
+    over the CPU time. Includes what brings the picture into the network and its answer out: all that a caller waits
+    for. Every picture is taken once before the measurement. Empty where no picture can be read, or the model fails
+    on one.
+    """
+    prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
+    if not prepared:
+        return {}
+    warm_up = max(_WARM_UP, len(prepared))
+    times_s: list[tuple[float, float]] = []  # CPU, clock
+    try:
+        with limited_threads(1):
+            for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
+                clock_s, cpu_s = time.perf_counter(), time.process_time()
+                if isinstance(model, Detector):
+                    model.detect(image)
+                else:
+                    model.read(image, boxes)
+                if count > 0:
+                    times_s.append((time.process_time() - cpu_s, time.perf_counter() - clock_s))
+                    took_s = sum(clock for _, clock in times_s)
+                    if count == _MOST or (count >= _FEWEST and took_s > _SECONDS):
+                        break
+    except ModelError:
+        return {}
+    cpu, clock = np.transpose(times_s)
+    median_ms, p95_ms = 1e3 * np.percentile(cpu, (50, 95))
+    return {
+        "median_ms": float(median_ms),
+        "p95_ms": float(p95_ms),
+        "clock_ratio": float(clock.sum() / max(cpu.sum(), 1e-9)),
+        "threads": 1,
+        "runs": len(times_s),
+        "pictures": len(prepared),
+    }
+
+
+def _boxes(picture: Picture, image: Picture8) -> list[tuple[float, float, float, float]]:
+    whole = (0.0, 0.0, float(image.shape[1]), float(image.shape[0]))
+    return [target.box_xyxy for target in picture.targets or () if target.text is not None] or [whole]

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise.scene.scene import Exposure
@@ -18,7 +17,6 @@ from blurnoise_eval.grid.nodes import NodePlan, Plan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.checked import check_rows
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.asked import Batch, asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
@@ -43,14 +41,12 @@ class Run:
     @classmethod
     @contextmanager
     def open(cls, folder: str | Path, *, shared: bool = True) -> Iterator[Run]:
-        """The run in a folder, whose rows are checked first. shared: other readers may have it open, too.
+        """The run in a folder. shared: other readers may have it open, too.
 
         Raises :class:`StoreError` that names the run and what is wrong.
         """
         with Store(Path(folder), shared=shared) as store:
-            run = cls(store)
-            check_rows(store)
-            yield run
+            yield cls(store)
 
     @cached_property
     def camera(self) -> Camera:
@@ -78,20 +74,10 @@ class Run:
         values: Mapping[str, list[float]] = self.planned.get("grid", {})
         return values
 
-    @cached_property
-    def auto_exposure(self) -> AutoExposure:
-        """What sets gain and exposure where they are left to the camera."""
-        return AutoExposure(**self.planned["auto_exposure"]) if "auto_exposure" in self.planned else USUAL
-
-    @cached_property
+    @property
     def objects(self) -> Objects:
         """What moves where not all of a picture does."""
-        return Objects(**self.planned["objects"]) if "objects" in self.planned else USUAL_OBJECTS
-
-    @cached_property
-    def vehicle(self) -> Vehicle | None:
-        """The vehicle that drives."""
-        return Vehicle(**self.planned["ego"]) if self.planned.get("ego") else None
+        return self.plan.objects
 
     @cached_property
     def trajectory(self) -> TrajectorySpec | None:
@@ -102,18 +88,13 @@ class Run:
     @cached_property
     def plan(self) -> Plan:
         """The plan of the grid, or the nodes that a search has asked for so far."""
-        shared: dict[str, Any] = {
-            **self.planned,
-            "auto_exposure": self.auto_exposure,
-            "objects": self.objects,
-        }
+        held: dict[str, Any] = {**self.planned}
         if self.grid:
-            return SweepPlan(**{**shared, "trajectory": self.trajectory, "ego": self.vehicle})
-        if "direction" not in shared:
-            raise StoreError(f"run = {str(self.folder)!r}: its plan has neither 'grid' nor 'direction'")
-        x, y = shared["direction"]
-        nodes = tuple(at for batch in self.asked for at in batch.conditions)
-        return NodePlan(**{**shared, "direction": (x, y), "nodes": nodes})
+            return SweepPlan(**{**held, "trajectory": self.trajectory})
+        held["auto_exposure"] = AutoExposure(**held["auto_exposure"]) if "auto_exposure" in held else USUAL
+        held["objects"] = Objects(**held["objects"]) if "objects" in held else USUAL_OBJECTS
+        held["direction"] = tuple(self.planned["direction"])
+        return NodePlan(**held, nodes=tuple(at for batch in self.asked for at in batch.conditions))
 
     def missing_cells(self) -> int:
         """How many of the plan's cells are not there, those of skipped pictures apart."""
@@ -130,4 +111,4 @@ class Run:
     def exposure(self, at: Mapping[str, Any]) -> Exposure:
         """The exposure under the conditions of a row, which is not of an original picture."""
         conditions = Conditions(**{axis: at[axis] for axis in NAMES})
-        return conditions.exposure(self.camera, vehicle=self.vehicle)
+        return conditions.exposure(self.camera, vehicle=self.plan.ego)

@@ -11,7 +11,6 @@ from blurnoise._core.checks import limited_motion
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.objects import Objects
 
 
 def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
@@ -20,10 +19,20 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
-    crossing = {}
+    fastest: dict[
+        str, tuple[float, float]
+    ] = {}  # by class, of targets that cross the view, in pictures of its size
     if plan.cuts:
         check_cut(pictures, plan.objects)
-        crossing = _fastest_crossings_px_s(pictures, plan.objects, camera)
+        crossing = (
+            target
+            for picture in pictures
+            for target in picture.targets or ()
+            if plan.objects.crosses(target.label)
+        )
+        for target in crossing:
+            own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+            fastest[target.label] = max(fastest.get(target.label, own), own, key=lambda each: hypot(*each))
     path = None
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
@@ -34,24 +43,9 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
         if "exposure_s" in at.automatic:
             exposure = replace(exposure, exposure_s=plan.longest_s)
-        for label, own_px_s in crossing.items():
+        for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:
             height, width = camera.field.size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))
-
-
-def _fastest_crossings_px_s(
-    pictures: PictureSet, objects: Objects, camera: Camera
-) -> dict[str, tuple[float, float]]:
-    """The velocity of each class's fastest target that crosses the view, in pictures as large as the camera's."""
-    fastest: dict[str, tuple[float, float]] = {}
-    for picture in pictures if objects.crosses() else ():
-        for target in picture.targets or ():
-            if objects.crosses(target.label):
-                own = objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
-                fastest[target.label] = max(
-                    fastest.get(target.label, own), own, key=lambda each: hypot(*each)
-                )
-    return fastest

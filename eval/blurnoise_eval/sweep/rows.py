@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 
@@ -37,17 +35,15 @@ def cell_result(
         **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
     }
-    rows: list[dict[str, Any]] = [
-        {**shared, **row, "invented_share": None if at is None else frame.invented.get(row["target_id"], 0.0)}
-        for row in sight.targets
-    ]
+    rows = [{**shared, **row, "invented_share": None} for row in sight.targets]
     if taken is not None and taken.drives and rows:
         height, width = frame.image.shape[:2]
         middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
-        own_px = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1)
-        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, own_px.tolist(), strict=True)]
-    if frame.own_px:
-        rows = [{**row, "blur_px": frame.own_px.get(row["target_id"], row["blur_px"])} for row in rows]
+        blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
+        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
+    for row in rows if at is not None else ():
+        row["invented_share"] = frame.invented.get(row["target_id"], 0.0)
+        row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
     invented = [row["invented_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {
@@ -67,11 +63,5 @@ def cell_result(
         "error": sight.error,
         "example": example,
     }
-    return CellResult(
-        {**shared, **summary},
-        tuple(rows),
-        sight.detections,
-        example_png,
-        sight.non_finite_values,
-        source,
-    )
+    values = sight.non_finite_values
+    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, values, source)

@@ -65,43 +65,40 @@ def run(
 
     Each picture is simulated once for all models. The rows do not depend on the engine. A picture that cannot
     be read, or on which workers die, is noted and skipped; one on which a model fails is noted in its row. Raises
-    :class:`ModelError`
-    where a model does nothing but fail, and what the engine raises. KeyboardInterrupt leaves the store whole;
-    the same call resumes.
+    :class:`ModelError` where a model does nothing but fail, and what the engine raises. KeyboardInterrupt leaves the
+    store whole; the same call resumes.
     """
     started = noted = time.perf_counter()
     no_work = progress if resumed is None else resumed
     outcome = Outcome()
-    hopes = {model.name: _Hope() for model in models}
+    failures = dict.fromkeys((model.name for model in models), 0)  # of models that never answered
     work = Work(
         tuple(models), camera, plan.grey_anchor, plan.auto_exposure, plan.objects, plan.path, plan.ego
     )
-
-    finished = lru_cache(2)(
-        store.done
-    )  # as a picture begins, for no cell comes twice; two pictures take turns
+    # as a picture begins, for no cell comes twice; two pictures take turns
+    finished = lru_cache(2)(store.done)
 
     def unfinished() -> Iterator[Block]:
         for block in blocks(pictures, plan):
             todo = block.without(finished(block.picture.name))
             held = len(block.cells) - len(todo.cells)
             outcome.resumed += held
+            if block.picture.name in outcome.skipped:
+                held = len(block.cells)
             no_work(held)
-            if todo.cells and block.picture.name not in outcome.skipped:
+            if held < len(block.cells):
                 yield todo
-            else:
-                no_work(len(todo.cells))
 
     try:
         with closing(engine.map(work, unfinished())) as answers:
             for block, answer in answers:
+                name = block.picture.name
                 if isinstance(answer, WorkerDied):
                     outcome.workers_died += 1
                     died(outcome.workers_died)
                     continue
                 if isinstance(answer, UnreadablePicture):
-                    outcome.skipped[block.picture.name] = str(answer)
-                    store.skip(block.picture.name, str(answer))
+                    outcome.skipped[name] = str(answer)
                 elif isinstance(answer, Exception):
                     raise answer
                 else:
@@ -109,12 +106,11 @@ def run(
                     _keep(answer, store, now - noted)
                     noted = now
                     outcome.computed += len(block.cells)
-                    if reason := outcome.skipped.get(block.picture.name):  # of a picture given up since
-                        store.skip(block.picture.name, reason)
                     for result in answer:
-                        model = result.cell["model"]
-                        outcome.non_finite_values[model] += result.non_finite_values
-                        hopes[model].learn(result.cell["error"])
+                        outcome.non_finite_values[result.cell["model"]] += result.non_finite_values
+                        _check_hope(failures, result.cell["model"], result.cell["error"])
+                if name in outcome.skipped:  # also where it was given up while others computed it
+                    store.skip(name, outcome.skipped[name])
                 progress(len(block.cells))
         store.add((), time.perf_counter() - noted)
     finally:
@@ -136,16 +132,11 @@ def _keep(results: Sequence[CellResult], store: Store, wall_s: float) -> None:
     store.add(results, wall_s)
 
 
-class _Hope:
-    """Whether a model has ever answered; after enough failures without one, the first is the run's."""
-
-    def __init__(self) -> None:
-        self._answered, self._failures, self._first = False, 0, ""
-
-    def learn(self, error: str | None) -> None:
-        self._answered |= error is None
-        if error is not None and not self._answered:
-            self._failures += 1
-            self._first = self._first or error
-            if self._failures >= _HOPELESS:
-                raise ModelError(f"{self._first} (and so on every one of {self._failures} pictures)")
+def _check_hope(failures: dict[str, int], model: str, error: str | None) -> None:
+    """Raise :class:`ModelError` where a model has failed often and has not answered once."""
+    if error is None:
+        failures.pop(model, None)
+    elif model in failures:
+        failures[model] += 1
+        if failures[model] >= _HOPELESS:
+            raise ModelError(f"{error} (and so on every one of {failures[model]} pictures)")

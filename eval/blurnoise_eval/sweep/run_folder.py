@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -18,6 +19,11 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.system.machine import hardware, versions
+
+HARMLESS = ("id",)
+"""Fields of annotations that reach neither a pixel nor a box."""
+_LONGEST_SHOWN = 24  # letters of a value in an error
+_MOST_SHOWN = 5  # differences
 
 
 def open_run(
@@ -40,6 +46,7 @@ def open_run(
     names = [model.name for model in models]
     if len(set(names)) < len(names):
         raise ValueError(f"model = {names}: names must differ, since results are told apart by them")
+    every = whole or pictures
     identity = {
         "model": [
             {"name": model.name, "sha256": model.sha256, "contract": _unsourced(model.contract.to_dict())}
@@ -47,28 +54,29 @@ def open_run(
         ],
         "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
-        "pictures": _digest(repr([picture.name for picture in whole or pictures])),
-        "choice of targets": _digest(repr([picture.targets for picture in whole or pictures])),
+        "pictures": _digest(repr([picture.name for picture in every])),
+        "choice of targets": _digest(repr([picture.targets for picture in every])),
     }
     if plan.cuts:
-        identity["annotations"] = _annotations(whole or pictures)
+        identity["annotations"] = _digest(repr([_annotations(picture) for picture in every]))
     if part is not None and part.count > 1:
         identity["part"] = str(part)
-    identity = _as_json(identity)
+    identity = json.loads(json.dumps(identity))  # lists for tuples, as the store has them
     held = store.about("identity")
     if held is not None and held != identity and not queries.has_answers(store):
         store.clear()
         held = None
-    if held is not None and held != identity:
-        differing = [key for key in {**identity, **held} if held.get(key) != identity.get(key)]
-        told: dict[str, Callable[..., str]] = {"model": _contracts, "camera": _cameras}
-        differing = [told[key](held[key], identity[key]) if key in told else key for key in differing]
-        raise _another(store, " and ".join(differing))
-    if queries.has_answers(store) and (other := other_software(computed_by(store), [versions()])):
-        raise _another(store, other)
-    for picture in _replaced(pictures, plan.objects, store):
-        raise _another(
-            store, f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
+    differing = [] if held is None else differences(held, identity)
+    if queries.has_answers(store):
+        differing += other_software(computed_by(store), [versions()])
+    differing += [
+        f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
+        for picture in _replaced(pictures, plan.objects, store)
+    ]
+    if differing:
+        raise StoreError(
+            f"run = {str(store.folder)!r}: holds a run with another {listed(differing)}; "
+            "choose another folder, or repeat that run's command to resume it"
         )
     write_truth(pictures, store.folder, whole)
     store.computes_with(versions())
@@ -98,25 +106,26 @@ def open_run(
     )
 
 
-def _contracts(held: list[dict[str, Any]], asked: list[dict[str, Any]]) -> str:
-    """'model', or where the files are the same which fields of their contracts differ."""
-    if [(one["name"], one["sha256"]) for one in held] != [(one["name"], one["sha256"]) for one in asked]:
-        return "model"
-    pairs = [(one["contract"], other["contract"]) for one, other in zip(held, asked, strict=True)]
-    fields = {
-        name: None
-        for one, other in pairs
-        for name in {**one, **other}
-        if name not in one or name not in other or one[name] != other[name]
-    }
-    return f"contract of the same model ({', '.join(fields)})"
+def differences(held: Any, here: Any, at: str = "") -> list[str]:
+    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'; of another name only that."""
+    if held == here:
+        return []
+    pairs: list[tuple[Any, Any, Any]]
+    if isinstance(held, Mapping) and isinstance(here, Mapping):
+        keys = [*{**held, **here}] if held.get("name") == here.get("name") else ["name"]
+        pairs = [(key, held.get(key), here.get(key)) for key in keys]
+    elif isinstance(held, list) and isinstance(here, list) and len(held) == len(here):
+        pairs = [(key, *both) for key, both in enumerate(zip(held, here, strict=True))]
+    else:
+        values = f" ({held} there, {here} here)"
+        return [f"{at}{values if len(values) <= 2 * _LONGEST_SHOWN else ''}"]
+    return [each for key, a, b in pairs for each in differences(a, b, f"{at}.{key}".lstrip("."))]
 
 
-def _cameras(held: dict[str, Any], asked: dict[str, Any]) -> str:
-    """'camera' and both names, or where these are the same which fields differ."""
-    if held["name"] != asked["name"]:
-        return f"camera (it has {held['name']}, this is {asked['name']}; --camera names one)"
-    return f"camera ({', '.join(name for name in held if held[name] != asked.get(name))})"
+def listed(differing: Sequence[str]) -> str:
+    """Differences in a line."""
+    more = len(differing) - _MOST_SHOWN
+    return " and ".join([*differing[:_MOST_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
 def computed_by(store: Store) -> list[Mapping[str, str]]:
@@ -124,23 +133,14 @@ def computed_by(store: Store) -> list[Mapping[str, str]]:
     return [*store.software().values()] or [(store.about("manifest") or {}).get("versions", {})]
 
 
-def other_software(held: Sequence[Mapping[str, str]], asked: Sequence[Mapping[str, str]]) -> str | None:
-    """'software' with the versions that differ; None where none do. What an old run does not say is not compared."""
-    told = {
-        f"{name} {version} there, {other[name]} here": None
+def other_software(held: Sequence[Mapping[str, str]], here: Sequence[Mapping[str, str]]) -> list[str]:
+    """The versions that differ. What an old run does not say is not compared."""
+    found = [
+        differences(one, {name: other.get(name) for name in one}, "software")
         for one in held
-        for other in asked
-        for name, version in one.items()
-        if version != other.get(name, version)
-    }
-    return f"software ({', '.join(told)})" if told else None
-
-
-def _another(store: Store, what: str) -> StoreError:
-    return StoreError(
-        f"run = {str(store.folder)!r}: holds a run with another {what}; "
-        "choose another folder, or repeat that run's command to resume it"
-    )
+        for other in here
+    ]
+    return list(dict.fromkeys(each for some in found for each in some))
 
 
 def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[Picture]:
@@ -148,16 +148,14 @@ def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[
     read."""
     held = store.pictures()
     for picture in pictures:
-        if picture.name not in held:
-            continue
-        before, identity = held[picture.name][1], source_identity(picture, objects)
-        if identity == held[picture.name][0]:
+        before = held.get(picture.name)
+        if before is None or before[0] == (identity := source_identity(picture, objects)):
             continue
         try:
             now = source_content(picture, picture.load(), objects)
         except UnreadablePicture:
             now = ""
-        if now != before:
+        if now != before[1]:
             yield picture
         else:
             store.note_picture(picture.name, identity, now)
@@ -183,27 +181,11 @@ def _digest(text: str) -> str:
     return hashlib.blake2b(text.encode("utf-8", "backslashreplace"), digest_size=16).hexdigest()
 
 
-HARMLESS = ("id",)
-"""Fields of annotations that reach neither a pixel nor a box."""
-
-
-def _annotations(pictures: PictureSet) -> str:
-    """What data sets say of targets beside their boxes, such as polygons that they are cut out by."""
-    digest = hashlib.blake2b(digest_size=16)
-    for picture in pictures:
-        for target in picture.targets or ():
-            said = sorted(
-                (name, repr(value)) for name, value in target.annotation.items() if name not in HARMLESS
-            )
-            digest.update(repr(said).encode("utf-8", "backslashreplace"))
-    return digest.hexdigest()
+def _annotations(picture: Picture) -> list[Any]:
+    """What a data set says of targets beside their boxes, such as polygons that they are cut out by."""
+    every = [target.annotation.items() for target in picture.targets or ()]
+    return [sorted((name, repr(value)) for name, value in each if name not in HARMLESS) for each in every]
 
 
 def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key != "sources"}
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _as_json(entry) for key, entry in value.items()}
-    return [_as_json(entry) for entry in value] if isinstance(value, (list, tuple)) else value

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_content, source_identity
 from blurnoise_eval.datasets.likeness import look
-from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.on_picture import Model, View
@@ -46,26 +46,32 @@ class Work:
         return Worker(self, pictures_held)
 
 
-class PreparedPicture:
-    """A picture as light, and every model's answer to it as it is. source: identity and content
-    of the picture and its plate."""
+class PreparedPicture(NamedTuple):
+    """A picture as light, and every model's answer to it as it is. source: what of it the store notes."""
 
-    def __init__(
-        self,
-        picture: Picture,
-        models: Sequence[Model],
-        grey_anchor: str | None = None,
-        objects: Objects = USUAL_OBJECTS,
-    ) -> None:
+    scene: Scene
+    views: list[View]
+    source: tuple[str, str, int, int, str]
+
+    @classmethod
+    def of(cls, picture: Picture, work: Work) -> PreparedPicture:
+        """Raises ``UnreadablePicture``."""
         image = picture.load()
         height, width = image.shape[:2]
+        if work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
+            raise UnreadablePicture(
+                f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
+            )
         try:
-            told = source_identity(picture, objects), source_content(picture, image, objects)
-            self.source = *told, width, height, look(image)
-            self.scene = Scene(image, grey_anchor, picture, objects)
+            identity, content = (
+                source_identity(picture, work.objects),
+                source_content(picture, image, work.objects),
+            )
+            scene = Scene(image, work.grey_anchor, picture, work.objects)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
-        self.views: list[View] = [View(model, picture, self.scene.image8) for model in models]
+        views: list[View] = [View(model, picture, scene.image8) for model in work.models]
+        return cls(scene, views, (identity, content, width, height, look(image)))
 
 
 class Worker:
@@ -93,11 +99,11 @@ class Worker:
                 model.interrupt()
 
     def _results(self, prepared: PreparedPicture, block: Block) -> Iterator[CellResult]:
-        camera = self._work.camera
-        taken = self._work.auto_exposure, self._work.path, self._work.ego
-        for frame in frames(prepared.scene, block.cells, camera, *taken):
+        work = self._work
+        taken = work.auto_exposure, work.path, work.ego
+        for frame in frames(prepared.scene, block.cells, work.camera, *taken):
             kept = frame.cell.cell_id in block.examples
-            example = _example_path(frame.cell) if kept else None
+            example = f"{EXAMPLES}/{frame.cell.cell_id}.png" if kept else None
             png = encode(frame.image) if kept else None
             for each in prepared.views:
                 if self._interrupted:
@@ -107,33 +113,21 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.look(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                yield cell_result(frame, each.model.name, camera, sight, example, png, prepared.source)
+                yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.source)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
         key = picture.name, picture.identity  # a worker may outlive a picture's file
         with self._lock:
-            prepared = self._prepared.get(key)
-            mine = prepared is None
-            if prepared is None:
-                prepared = self._prepared[key] = Future()
+            mine = key not in self._prepared
+            prepared = self._prepared.setdefault(key, Future())
             self._prepared.move_to_end(key)  # those that were used longest ago come first
             for other in [other for other, each in self._prepared.items() if each.done()]:
                 if len(self._prepared) > self._held:
                     del self._prepared[other]
         if mine:
             try:
-                made = PreparedPicture(picture, self._work.models, self._work.grey_anchor, self._work.objects)
-                height, width = made.scene.image8.shape[:2]
-                if self._work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
-                    raise UnreadablePicture(
-                        f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
-                    )
-                prepared.set_result(made)
+                prepared.set_result(PreparedPicture.of(picture, self._work))
             except BaseException as error:
                 prepared.set_exception(error)
         return prepared.result()
-
-
-def _example_path(cell: Cell) -> str:
-    return f"{EXAMPLES}/{cell.cell_id}.png"

@@ -8,22 +8,19 @@ import io
 import json
 import os
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
+
+from blurnoise._core.checks import one_of
+from blurnoise._core.files import check_regular, write_whole, written_whole
+
+__all__ = ["check_regular", "write_whole", "written_whole"]
 
 RUN_FILE = "results.sqlite"
 """The file by which a folder is known to be a sweep's."""
 RUN_PICTURES = ("examples", "figures")
 """The folders in it that hold pictures."""
-
-
-def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece: :func:`blurnoise._core.files.write_whole`."""
-    from blurnoise._core import files  # with blurnoise comes torch
-
-    files.write_whole(path, data)
 
 
 def write_records(
@@ -38,13 +35,6 @@ def write_records(
     write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
 
-def written_whole(path: Path, *, over: bool = True) -> AbstractContextManager[Path]:
-    """A path beside ``path`` to write to: :func:`blurnoise._core.files.written_whole`."""
-    from blurnoise._core import files  # with blurnoise comes torch
-
-    return files.written_whole(path, over=over)
-
-
 def check_writable(path: Path) -> None:
     """Raise ``OSError`` where :func:`write_whole` could not write ``path``, before anything is computed for it."""
     _check_new(path, path.parent)
@@ -54,8 +44,7 @@ def check_writable(path: Path) -> None:
 
 def check_writable_folder(path: Path) -> None:
     """Raise ``OSError`` where no file could be written into the folder, which need not be there yet."""
-    there = next(each for each in (path, *path.absolute().parents) if each.exists())
-    _check_new(path, there)
+    _check_new(path, next(each for each in (path, *path.absolute().parents) if each.exists()))
 
 
 def _check_new(path: Path, folder: Path) -> None:
@@ -67,17 +56,8 @@ def _check_new(path: Path, folder: Path) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
 
 
-def check_regular(path: Path) -> None:
-    """Raise ``OSError`` for what is no regular file: :func:`blurnoise._core.files.check_regular`."""
-    from blurnoise._core import files  # with blurnoise comes torch
-
-    files.check_regular(path)
-
-
 def plot_suffix(path: Path) -> str:
     """The suffix of a plot's file in lower case. Raises ``ValueError`` unless it can be written."""
-    from blurnoise._core.checks import one_of  # with blurnoise comes torch
-
     return one_of(f"suffix of {path}", path.suffix.lower(), (".png", ".svg", ".pdf"))
 
 
@@ -94,21 +74,14 @@ def inside(name: str) -> str:
     Raises ``ValueError`` for one that leaves the folder it is meant for, on any system: through '..', as an
     absolute path, with a drive letter or a backslash.
     """
-    parts: list[str] = []
-    windows = PureWindowsPath(name)
-    leaves = bool(windows.drive or windows.root) or "\\" in name or "\0" in name
-    for part in PurePosixPath(name).parts:
-        if part == "..":
-            leaves |= not parts
-            parts = parts[:-1]
-        else:
-            parts.append(part)
-    if leaves or not parts:
+    windows, path = PureWindowsPath(name), os.path.normpath(PurePosixPath(name))
+    leaves = path in (".", "..") or path.startswith(("/", "../"))
+    if leaves or windows.drive or windows.root or "\\" in name or "\0" in name:
         raise ValueError(
             f"file name {name[:200]!r} leaves the folder; must lead into it, as sub/picture.png "
             "(no root, drive or backslash)"
         )
-    return "/".join(parts)
+    return path
 
 
 def path_within(folder: Path, name: str | Path) -> Path:
@@ -120,10 +93,3 @@ def path_within(folder: Path, name: str | Path) -> Path:
     if not path.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"file name {str(name)[:200]!r} leaves the folder {str(folder)!r} through a link")
     return path
-
-
-def read_within(folder: Path, name: str | Path) -> bytes:
-    """The content of the file that :func:`path_within` finds. Raises ``OSError`` for what is no regular file."""
-    path = path_within(folder, name)
-    check_regular(path)
-    return path.read_bytes()

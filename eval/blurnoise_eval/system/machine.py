@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import re
 from functools import cache
 from importlib import metadata
 from importlib.resources import files
@@ -16,8 +17,10 @@ _PACKAGES = ("blurnoise", "torch", "kornia", "onnxruntime", "numpy")
 
 def hardware() -> dict[str, Any]:
     """The machine in words: processor, usable cores, operating system, Python."""
+    info = Path("/proc/cpuinfo")
+    named = re.search(r"^model name\s*:\s*(.+)$", info.read_text() if info.is_file() else "", re.MULTILINE)
     return {
-        "processor": _processor(),
+        "processor": named[1].strip() if named else platform.processor() or platform.machine(),
         "cores": usable_cores(),
         "system": platform.platform(),
         "python": platform.python_version(),
@@ -47,20 +50,9 @@ def sources() -> str:
 
 def usable_cores() -> int:
     """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether memory ran out: Python and NumPy raise ``MemoryError``, PyTorch a ``RuntimeError`` like any other."""
     return isinstance(error, MemoryError) or "can't allocate memory" in str(error)
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        for line in info.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from time import monotonic
 
 from blurnoise_eval.system.terminal import plain, plain_console, say
@@ -12,7 +13,7 @@ _WITH_BAR = 100  # columns of a terminal that has room for the bar
 
 
 class Advance:
-    """Is told how much more is done, and what to say beside that. This one keeps it to itself."""
+    """Receives how much more is done, and what to say beside that. This one shows nothing."""
 
     def __call__(self, done: float) -> None:
         """So much more is done."""
@@ -32,20 +33,19 @@ class ProgressBar(Advance):
         from rich.table import Column
 
         console = plain_console(stderr=True)
-        self._label, self._note = plain(label), ""
-        self._shown = console.is_terminal
+        self._label, self._note, self._is_log = plain(label), "", not console.is_terminal
         self._progress = Progress(
             *([BarColumn(20)] if console.width >= _WITH_BAR else []),
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             console=console,
-            disable=not self._shown,
+            disable=self._is_log,
             speed_estimate_period=86_400.0,  # steps may take minutes
             get_time=monotonic,
         )
         self._number = self._progress.add_task(f"{self._label}: 0 of {total:.0f}", total=total)
         self._task = self._progress.tasks[0]
-        self._began = monotonic()
-        self._next_line_s = self._began + FIRST_S
+        self._began_s = monotonic()
+        self._next_line_s = self._began_s + FIRST_S
 
     def __enter__(self) -> Advance:
         self._progress.start()
@@ -53,17 +53,23 @@ class ProgressBar(Advance):
 
     def __exit__(self, kind: object, *_: object) -> None:
         self._progress.stop()
-        took = monotonic() - self._began
-        if not self._shown and took >= FIRST_S:
-            self._say(f"{'took' if kind is None else 'stopped after'} {duration_text(took)}")
+        took_s = monotonic() - self._began_s
+        if self._is_log and took_s >= FIRST_S:
+            end = "took" if kind is None else "stopped after"
+            say(self._line(f"{end} {duration_text(took_s)}"), error=True)
 
     def __call__(self, done: float) -> None:
         """So much more is done."""
         most = max(self._task.total or 0.0, self._task.completed + done)  # more was to do than it seemed
         self._progress.update(self._number, advance=done, total=most)
-        self._show()
-        if not self._shown and monotonic() >= self._next_line_s and self._task.completed < most:
-            self._say(self._how())
+        speed, left_s = self._task.speed, self._task.time_remaining
+        rate = f", {speed:.3g}/s" if speed else ""
+        left = f", {duration_text(left_s)} left" if left_s else ""
+        line = self._line(f"{self._task.percentage:.0f} %{rate}{left}")
+        self._progress.update(self._number, description=line)
+        if self._is_log and monotonic() >= self._next_line_s and self._task.completed < most:
+            self._next_line_s = monotonic() + PAUSE_S
+            say(line, error=True)
 
     def already(self, done: float) -> None:
         """So much was done before."""
@@ -72,25 +78,20 @@ class ProgressBar(Advance):
     def note(self, text: str) -> None:
         """Say this at the end of the line."""
         self._note = f"; {plain(text)}"
-        self._show()
-
-    def _show(self) -> None:
-        self._progress.update(self._number, description=self._line(self._how()))
-
-    def _how(self) -> str:
-        """'13 %, 12/s, 20 s left', by what was done since it began."""
-        speed, left_s = self._task.speed, self._task.time_remaining
-        rate = f", {speed:.3g}/s" if speed else ""
-        left = f", {duration_text(left_s)} left" if left_s else ""
-        return f"{self._task.percentage:.0f} %{rate}{left}"
+        self(0)
 
     def _line(self, how: str) -> str:
         return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}{self._note}"
 
-    def _say(self, how: str) -> None:
-        self._next_line_s = monotonic() + PAUSE_S
-        say(self._line(how), error=True)
-        sys.stderr.flush()
+
+def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
+    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
+    return ProgressBar(label, total) if progress else nullcontext(Advance())
+
+
+def tell_of(advance: Advance) -> Callable[[int], None]:
+    """Takes how many workers died to the bar's line."""
+    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
 
 
 def duration_text(seconds: float) -> str:

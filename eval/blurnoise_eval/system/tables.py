@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
@@ -22,21 +21,13 @@ def finite(value: float | None) -> float | None:
 
 def csv_lines(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Iterator[str]:
     """A table as lines of CSV, its header first."""
-    line = io.StringIO()
-    writer = csv.DictWriter(line, fieldnames=columns)
-    writer.writeheader()
+    yield csv_text([columns])
     for row in rows:
-        writer.writerow({name: plain(value) for name, value in row.items()})
-        yield line.getvalue()
-        line.seek(0)
-        line.truncate()
-    yield line.getvalue()
+        yield csv_text([[plain(row.get(name)) for name in columns]])
 
 
-def json_lines(rows: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """A list of rows as JSON, a line each."""
-    before = "["
-    for row in rows:
-        yield f"{before}\n {json.dumps({name: plain(value) for name, value in row.items()})}"
-        before = ","
-    yield "[]\n" if before == "[" else "\n]\n"
+def csv_text(rows: Iterable[Sequence[Any]]) -> str:
+    """Rows as lines of CSV."""
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()

@@ -14,7 +14,6 @@ import textwrap
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -81,8 +80,8 @@ def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = F
 def show(*tables: Table) -> None:
     """Print tables of rich as they fit into the terminal: their titles, headings, cells and captions, plain."""
     for table in tables:
-        title, table.title = table.title, None
-        caption, table.caption = table.caption, None
+        title, caption = table.title, table.caption
+        table.title = table.caption = None
         if title:
             say_wrapped(str(title))
         say(*_lines_of(table, width()))
@@ -129,21 +128,14 @@ def _lines_of(table: Table, width: int | None, *, rule: bool = True) -> list[str
 
 def plain_console(**options: Any) -> Console:
     """A console of rich that takes every text in what it prints, table or line, as it stands. options: rich's own."""
-    return _plain_console_class()(markup=False, emoji=False, highlight=False, **options)
-
-
-@cache
-def _plain_console_class() -> type[Console]:
     from rich.console import Console
     from rich.text import Text
 
     class PlainConsole(Console):
-        """All that rich prints of text becomes a ``Text`` here."""
-
         def render_str(self, text: str, **options: Any) -> Text:
             return super().render_str("\n".join(map(plain, text.split("\n"))), **options)
 
-    return PlainConsole
+    return PlainConsole(markup=False, emoji=False, highlight=False, **options)
 
 
 def accept_all_text() -> None:

@@ -1,6 +1,6 @@
 """Threads of PyTorch and OpenCV in this process: a number for a while, then what was set before.
 
-onnxruntime has no such setting of the process: a session is opened with its own (``Detector(threads=...)``).
+onnxruntime has no such setting of the process: a session is opened with its own (one core each).
 """
 
 from __future__ import annotations

@@ -26,17 +26,12 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from blurnoise_eval.system.files import written_whole
-from blurnoise_eval.system.progress import ProgressBar
-
 if TYPE_CHECKING:
     from upath import UPath
 
     Location = Path | UPath
 else:
-    Location = (
-        Path  # as options of commands are declared; imported late, a UPath would cost every command 0.1 s
-    )
+    Location = Path  # as options of commands are declared; a UPath takes 0.1 s to import
 
 _EXTRAS = {"s3": "s3", "gs": "gcs", "hf": "hf", "memory": "s3"}
 """Scheme, and the extra of this package that brings what it needs. ``memory`` is of this process, for tests."""
@@ -45,12 +40,12 @@ _S3_WAITS = {"connect_timeout": 10, "read_timeout": 20, "retries": {"max_attempt
 _AT_ONCE = 16  # requests that only wait
 _FEW = 200  # objects that are asked for one by one rather than by a listing of their folder
 _VERSION = ("ETag", "etag", "generation", "md5Hash", "blob_id", "LastModified", "updated", "mtime", "created")
-_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
+_MISSING = (FileNotFoundError, NotADirectoryError, PermissionError)  # S3 denies what it must not list
 
 
 def is_url(text: object) -> bool:
     """Whether it is meant as a URL."""
-    return isinstance(text, str) and _URL.match(text) is not None
+    return isinstance(text, str) and re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", text) is not None
 
 
 def without_secrets(text: str) -> str:
@@ -71,42 +66,29 @@ def location(text: str | Location) -> Any:
         return Path(text) if isinstance(text, str) else text
     scheme, _, rest = text.partition("://")
     scheme, shown = _SAME.get(scheme.lower(), scheme.lower()), without_secrets(text)
-    if scheme == "file":
-        return _local(text)
-    if scheme not in _EXTRAS:
-        known = ", ".join(f"{each}://" for each in _EXTRAS if each != "memory")
-        raise ValueError(f"{shown}: must begin with {known} or file://")
     bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
-    if "@" in bucket:
+    if scheme == "file":
+        host = urlsplit(text).netloc
+        if host not in ("", "localhost"):
+            raise ValueError(f"{shown}: must be of this machine, as file:///folder")
+        return Path(url2pathname(rest.removeprefix(host)))
+    if scheme not in _EXTRAS:
+        raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file://")
+    if "@" in bucket or "?" in rest:
         raise ValueError(
-            f"{shown}: must hold no user or password; state them in the environment, as AWS_ACCESS_KEY_ID and "
-            "AWS_SECRET_ACCESS_KEY"
+            f"{shown}: must hold no user, password or query (?...); credentials come from the environment, as "
+            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
         )
-    if "?" in rest:
-        raise ValueError(f"{shown}: must hold no query (?...)")
-    if "\0" in rest or not bucket.strip("."):
-        raise ValueError(f"{shown!r}: must name a bucket, as {scheme}://bucket/folder")
-    if path != bucket and not path.startswith(f"{bucket}/"):
-        raise ValueError(f"{shown!r}: leaves the bucket")
+    if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
+        raise ValueError(f"{shown!r}: must name a bucket and stay in it, as {scheme}://bucket/folder")
     with explained(f"{scheme}://{path}"):
+        from fsspec.config import conf
         from upath import UPath
 
-        return UPath(f"{scheme}://{path}", **_options(scheme))
-
-
-def _options(scheme: str) -> dict[str, Any]:
-    """Of fsspec's file system: what is there is asked each time, and a server that is silent is given up."""
-    from fsspec.config import conf
-
-    own = {"config_kwargs": {**_S3_WAITS, **conf.get("s3", {}).get("config_kwargs", {})}}
-    return {"use_listings_cache": False, **(own if scheme == "s3" else {})} if scheme in ("s3", "gs") else {}
-
-
-def _local(text: str) -> Path:
-    found = urlsplit(text)
-    if found.netloc not in ("", "localhost"):
-        raise ValueError(f"{without_secrets(text)}: must be of this machine, as file:///folder")
-    return Path(url2pathname(text.partition("://")[2].removeprefix(found.netloc)))
+        options: dict[str, Any] = {} if scheme == "hf" else {"use_listings_cache": False}
+        if scheme == "s3":  # a server that is silent is given up
+            options["config_kwargs"] = {**_S3_WAITS, **conf.get("s3", {}).get("config_kwargs", {})}
+        return UPath(f"{scheme}://{path}", **options)
 
 
 @contextmanager
@@ -120,25 +102,21 @@ def explained(url: object) -> Iterator[None]:
 
 def _os_error(error: Exception, url: str) -> OSError:
     kind = type(error).__name__
-    told = " ".join(without_secrets(str(error)).split())[:200] or kind
+    why = " ".join(without_secrets(str(error)).split())[:200] or kind
     status = getattr(error, "status", getattr(error, "code", None))
-    if isinstance(error, ImportError):
-        extra = _EXTRAS[url.partition(":")[0]]
-        return OSError(errno.ENOPKG, f"needs more packages: pip install 'blurnoise[{extra}]' ({told})", url)
     if isinstance(error, OSError) and error.filename == url:
         return error
+    if isinstance(error, ImportError):
+        extra = _EXTRAS[url.partition(":")[0]]
+        return OSError(errno.ENOPKG, f"needs more packages: pip install 'blurnoise[{extra}]' ({why})", url)
     if isinstance(error, (FileNotFoundError, IsADirectoryError)) or status == 404:
         return FileNotFoundError(errno.ENOENT, "no such object, folder or bucket", url)
     if isinstance(error, PermissionError) or status in (401, 403):
-        return PermissionError(errno.EACCES, f"denied ({told})", url)
+        return PermissionError(errno.EACCES, f"denied ({why})", url)
     if "Credential" in kind or "TokenRetrieval" in kind:
-        how = "set AWS_PROFILE or AWS_ACCESS_KEY_ID, or FSSPEC_S3_ANON=true for a public bucket"
-        return PermissionError(errno.EACCES, f"no credentials{f': {how}' * url.startswith('s3:')}", url)
-    if "Timeout" in kind:
-        return TimeoutError(errno.ETIMEDOUT, f"no answer ({told})", url)
-    if kind == "gaierror" or ("Connect" in kind and "Closed" not in kind):
-        return OSError(errno.EHOSTUNREACH, f"no such host, or it does not answer ({told})", url)
-    return OSError(getattr(error, "errno", None) or errno.EIO, f"failed ({told})", url)
+        hint = "set AWS_PROFILE or AWS_ACCESS_KEY_ID, or FSSPEC_S3_ANON=true for a public bucket"
+        return PermissionError(errno.EACCES, f"no credentials{f': {hint}' * url.startswith('s3:')}", url)
+    return OSError(getattr(error, "errno", None) or errno.EIO, f"failed: {kind} ({why})", url)
 
 
 def version(file: Location) -> str:
@@ -156,14 +134,14 @@ def version(file: Location) -> str:
 
 def _version_in(info: Mapping[str, Any]) -> str:
     tag = next((info[name] for name in _VERSION if info.get(name)), "")
-    tag = tag.timestamp() if isinstance(tag, datetime) else tag  # listings tell it so or so
+    tag = tag.timestamp() if isinstance(tag, datetime) else tag  # listings have it as either
     return f"{info.get('size')} {str(tag).strip(chr(34))}"
 
 
 def listing(folder: Location) -> dict[str, str]:
     """Versions of all files in the folder and below, by their names in it, as sub/picture.png. Raises ``OSError``.
 
-    Links to folders stay shut. Objects whose names lead elsewhere, or mark a folder, are left out.
+    Links to folders are not followed. Objects whose names lead elsewhere, or mark a folder, are left out.
     """
     if isinstance(folder, Path):
         return dict(_walk(folder))
@@ -180,12 +158,11 @@ def _walk(folder: Path) -> Iterator[tuple[str, str]]:
         raise error
 
     for root, _, names in os.walk(folder, onerror=stop):
-        below = Path(root).relative_to(folder)
         for name in names:
             file = Path(root, name)
             with suppress(OSError):  # a link that leads nowhere, or to itself
                 if stat.S_ISREG(file.stat().st_mode):
-                    yield (below / name).as_posix(), version(file)
+                    yield file.relative_to(folder).as_posix(), version(file)
 
 
 def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
@@ -195,33 +172,23 @@ def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
     ``OSError`` where all of them are denied, or storage does not answer.
     """
     if not isinstance(folder, Path) and len(names) > _FEW:
-        try:
+        with suppress(PermissionError):
             every = listing(folder)
             return {name: every[name] for name in names if name in every}
-        except PermissionError:
-            pass
-        except FileNotFoundError:
-            return {}
-    denied: list[OSError] = []
 
-    def found(name: str) -> tuple[str, str | None]:
+    def ask(name: str) -> str | OSError:
         try:
-            return name, version(folder / name)
-        except (FileNotFoundError, NotADirectoryError):
-            return name, None
+            return version(folder / name)
         except OSError as error:
-            if not isinstance(folder, Path) and not isinstance(error, PermissionError):
-                raise
-            denied.append(error)
-            return name, None
+            if isinstance(folder, Path) or isinstance(error, _MISSING):
+                return error
+            raise
 
-    if isinstance(folder, Path):
-        return {name: each for name, each in map(found, names) if each}
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        looked = list(pool.map(found, names))
-    if denied and len(denied) == len(names):
-        raise denied[0]
-    return {name: each for name, each in looked if each}
+    with ThreadPoolExecutor(1 if isinstance(folder, Path) else _AT_ONCE) as pool:
+        found = dict(zip(names, pool.map(ask, names), strict=True))
+    if found and all(isinstance(each, PermissionError) for each in found.values()):
+        raise next(each for each in found.values() if isinstance(each, OSError))
+    return {name: each for name, each in found.items() if isinstance(each, str)}
 
 
 def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
@@ -232,12 +199,11 @@ def local_file(file: Location, beside: Sequence[str] = (), known: str | None = N
     """
     if isinstance(file, Path):
         return file
-    company = versions(file.parent, [name for name in beside if _is_below(name)]) if beside else {}
-    wanted = {
-        file.name: known or version(file),
-        **{name: company[name] for name in beside if name in company},
-    }
-    folder = cache_folder() / "objects" / _digest(f"{file.parent} {sorted(wanted.items())}")
+    wanted = {file.name: known or version(file)}
+    with suppress(PermissionError):  # S3's word for what is missing where it must not be listed
+        wanted |= versions(file.parent, [name for name in beside if _is_below(name)])
+    key = hashlib.blake2b(f"{file.parent} {sorted(wanted.items())}".encode(), digest_size=20)
+    folder = cache_folder() / "objects" / key.hexdigest()
     for name, of_it in wanted.items():
         if not (folder / name).exists():
             _download(file.parent / name, of_it, folder / name)
@@ -245,11 +211,13 @@ def local_file(file: Location, beside: Sequence[str] = (), known: str | None = N
 
 
 def _download(url: UPath, known: str, copy: Path) -> None:
+    from blurnoise_eval.system.files import written_whole  # with blurnoise comes torch
+
     try:
         copy.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         why = (
-            f"the cache {cache_folder()} cannot be written ({error.strerror}); BLURNOISE_CACHE names another"
+            f"the cache {cache_folder()} cannot be written ({error.strerror}); set BLURNOISE_CACHE to another"
         )
         raise OSError(error.errno, why, str(url)) from None
     with explained(url), written_whole(copy) as unfinished:
@@ -263,28 +231,22 @@ def _download(url: UPath, known: str, copy: Path) -> None:
 def fetch_ahead(folder: Location, wanted: Mapping[str, str]) -> None:
     """Copy objects of a folder, given by name and version, several at a time, before they are read one by one.
 
-    Nothing to do for a ``Path``. What is missing or denied says so when it is read; the rest raises ``OSError``.
+    Nothing to do for a ``Path``. What is missing or denied raises when it is read; the rest raises ``OSError`` here.
     """
-    if isinstance(folder, Path) or not wanted:
-        return
 
     def fetch(entry: tuple[str, str]) -> None:
         with suppress(FileNotFoundError, PermissionError):
             local_file(folder / entry[0], known=entry[1])
 
-    with ThreadPoolExecutor(_AT_ONCE) as pool, ProgressBar("fetch files", len(wanted)) as advance:
-        for _ in pool.map(fetch, wanted.items()):
-            advance(1)
+    if not isinstance(folder, Path):
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            list(pool.map(fetch, wanted.items()))
 
 
 def cache_folder() -> Path:
     """Where copies are kept; what is not needed any more is removed by hand."""
     usual = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "blurnoise"
     return Path(os.environ.get("BLURNOISE_CACHE") or usual)
-
-
-def _digest(key: str) -> str:
-    return hashlib.blake2b(key.encode("utf-8", "surrogatepass"), digest_size=20).hexdigest()
 
 
 def _is_below(name: str) -> bool:

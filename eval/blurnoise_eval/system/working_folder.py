@@ -9,15 +9,14 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING
 
 from blurnoise_eval.system.files import RUN_FILE, write_whole
-from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.urls import (
     Location,
     cache_folder,
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
 
 _READ = (RUN_FILE, "examples/", "coco/instances.json")  # what of a run is read again
 _FETCHED = ".fetched"  # the version of the results at the URL that these go on from
-
-Seen = dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
     """A folder of this machine. Raises ``ValueError`` for a URL, which is opened by the functions below."""
     if isinstance(where, WorkingFolder):
         return where
-    if is_url(str(where)):
+    if is_url(where):
         raise ValueError(
             f"run = {without_secrets(str(where))!r}: at a URL; open it with written_run or read_run"
         )
@@ -78,12 +75,9 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise ValueError(f"run = {str(where)!r}: another process is using it") from None
-        there, seen = _results(where), {}
-        if there != _noted(path):
-            seen = _fetch(where, path, _READ)
-        folder = WorkingFolder(path, where)
+        before = _fetch(where, path) if _results(where) != _noted(path) else {}
         try:
-            with _errors_name_the_url(folder):
+            with _errors_name_the_url(WorkingFolder(path, where)) as folder:
                 yield folder
         finally:
             if _results(where) != _noted(path):
@@ -91,47 +85,46 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
                     f"run = {str(where)!r}: another machine has put results there meanwhile; those of this one are "
                     f"in {path} until the next command goes on from what is there"
                 )
-            _put(folder, seen)
+            _put(where, path, before)
         shutil.rmtree(path)
 
 
 @contextmanager
 def read_run(where: Location) -> Iterator[WorkingFolder]:
     """The folder of a run that is read; what is written beside its results is put at the end."""
-    with _copied(where, _READ) as folder:
+    with _copied(where, fetch=True) as folder:
         yield folder
 
 
 @contextmanager
 def output_folder(where: Location) -> Iterator[WorkingFolder]:
     """A folder to write to; all that is in it is put at the end."""
-    with _copied(where, ()) as folder:
+    with _copied(where, fetch=False) as folder:
         yield folder
 
 
 @contextmanager
-def _copied(where: Location, names: Sequence[str]) -> Iterator[WorkingFolder]:
+def _copied(where: Location, *, fetch: bool) -> Iterator[WorkingFolder]:
     if isinstance(where, Path):
         yield WorkingFolder(where)
         return
-    runs = cache_folder() / "runs"
-    runs.mkdir(parents=True, exist_ok=True)
-    folder = WorkingFolder(Path(mkdtemp(dir=runs)), where)
+    (cache_folder() / "runs").mkdir(parents=True, exist_ok=True)
+    path = Path(mkdtemp(dir=cache_folder() / "runs"))
     try:
-        seen = _fetch(where, folder.path, names)
-        with _errors_name_the_url(folder):
+        before = _fetch(where, path) if fetch else {}
+        with _errors_name_the_url(WorkingFolder(path, where)) as folder:
             yield folder
-        _put(folder, {**seen, RUN_FILE: _files(folder.path).get(RUN_FILE, "")})  # another may be writing it
+        (path / RUN_FILE).unlink(missing_ok=True)  # another may be writing it
+        _put(where, path, before)
     finally:
-        shutil.rmtree(folder.path, ignore_errors=True)
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _results(url: UPath) -> str:
     """The version of a run's results; "" where there are none."""
-    try:
+    with suppress(FileNotFoundError):
         return version(url / RUN_FILE)
-    except FileNotFoundError:
-        return ""
+    return ""
 
 
 def _noted(path: Path) -> str:
@@ -140,54 +133,38 @@ def _noted(path: Path) -> str:
     return marker.read_text() if marker.is_file() else ""
 
 
-def _fetch(url: UPath, path: Path, names: Sequence[str]) -> Seen:
-    """Make the folder what of these names is at the URL. Raises ``OSError``."""
+def _fetch(url: UPath, path: Path) -> dict[str, str]:
+    """Make the folder what is read of the run at the URL; versions of its files. Raises ``OSError``."""
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
-    found = listing(url) if names else {}
-    wanted = [name for name in found if name.startswith(tuple(names))]
-    if wanted:
-        with ProgressBar("fetch files", len(wanted)) as advance:
-            for name in wanted:
-                (path / name).parent.mkdir(parents=True, exist_ok=True)
-                with explained(url / name):
-                    url.fs.get_file((url / name).path, str(path / name))
-                advance(1)
+    found = listing(url)
+    wanted = [name for name in found if name.startswith(_READ)]
+    with explained(url):
+        url.fs.get([(url / name).path for name in wanted], [str(path / name) for name in wanted])
     if RUN_FILE in found:
         write_whole(path / _FETCHED, found[RUN_FILE].encode())
     return _files(path)
 
 
-def _put(folder: WorkingFolder, seen: Seen) -> None:
-    """Put the files that are new or have changed, the page last. Raises ``OSError``."""
-    url, path, now = folder.url, folder.path, _files(folder.path)
-    changed = sorted(
-        (name for name in now if now[name] != seen.get(name)), key=lambda name: (name == "report.html", name)
-    )
-    if url is None or not changed:
-        return
-    with ProgressBar("put files", len(changed)) as advance:
-        for name in changed:
-            with explained(url / name):
-                url.fs.put_file(str(path / name), (url / name).path)
-            if name == RUN_FILE:
-                write_whole(path / _FETCHED, _results(url).encode())
-            advance(1)
+def _put(url: UPath, path: Path, before: dict[str, str]) -> None:
+    """Put the files that are new or have changed. Raises ``OSError``."""
+    changed = [name for name, held in _files(path).items() if held != before.get(name)]
+    with explained(url):
+        url.fs.put([str(path / name) for name in changed], [(url / name).path for name in changed])
+    if RUN_FILE in changed:
+        write_whole(path / _FETCHED, _results(url).encode())
 
 
-def _files(folder: Path) -> Seen:
+def _files(folder: Path) -> dict[str, str]:
     """Versions of the files that people read, by name."""
-    return {
-        name: each
-        for name, each in listing(folder).items()
-        if not Path(name).name.startswith((".", f"{RUN_FILE}-"))
-    }
+    every = listing(folder).items()
+    return {name: held for name, held in every if not Path(name).name.startswith((".", f"{RUN_FILE}-"))}
 
 
 @contextmanager
-def _errors_name_the_url(folder: WorkingFolder) -> Iterator[None]:
+def _errors_name_the_url(folder: WorkingFolder) -> Iterator[WorkingFolder]:
     try:
-        yield
+        yield folder
     except ValueError as error:
         if len(error.args) == 1 and str(folder.path) in str(error):
             raise type(error)(folder.told(error)) from None

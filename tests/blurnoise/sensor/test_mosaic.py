@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.sweep.three_sensors import behind_generic_filters
+from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
 from blurnoise.optics import radiometry

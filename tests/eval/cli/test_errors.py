@@ -104,7 +104,7 @@ COMMANDS = {
         ("text.onnx", "text file"),
         ("pointer.onnx", "git lfs pull"),
         ("empty.onnx", "empty"),
-        ("no_pictures", "folder"),
+        ("no_pictures", "directory"),
     ],
     "explore -o out.png": [
         ("--at lux=1,2", "lux = '1,2': must be >= 0"),

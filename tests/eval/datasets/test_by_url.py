@@ -102,12 +102,6 @@ def test_identity_is_the_version(read: Reader, folder: Path) -> None:
     assert not {picture.identity for picture in read(location(URL))} & set(before)
 
 
-def test_pictures_pickle_small(folder: Path) -> None:
-    """A folder's listing does not travel with each picture."""
-    put(folder)
-    assert len(pickle.dumps(datasets.image_folder(location(URL)).pictures[0])) < 1000
-
-
 def test_pictures_that_cannot_be_read(folder: Path) -> None:
     put(folder)
     root = location(URL)

@@ -101,14 +101,6 @@ def test_speeds_are_multiples_of_the_velocity() -> None:
     assert np.array_equal(half, frame(CutScene(cut()), taken("targets", velocity=slower)))
 
 
-def test_a_frame_does_not_depend_on_the_others() -> None:
-    every = [taken(moves, seed) for seed in (1, 2) for moves in ("targets", "background", "all")]
-    together = [each.picture for each in CutScene(cut()).frames(every)]
-    alone = [next(iter(CutScene(cut()).frames([each]))).picture for each in reversed(every)][::-1]
-    for one, other in zip(together, alone, strict=True):
-        assert np.array_equal(one, other)
-
-
 def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
     """A box w px wide that moves L shows L / 4w of what is behind it, whichever of the two moves."""
     layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
@@ -145,22 +137,6 @@ def test_borders_and_other_objects_hide_what_is_behind(
     )
     scene = CutScene(Cut(ground(), layers, np.ones((HEIGHT, WIDTH), bool)))
     assert scene.invented(taken("targets", velocity=(2000.0, 0.0))) == pytest.approx(seen, abs=0.004)
-
-
-def test_boxes_of_targets_grow_by_what_they_move() -> None:
-    box = torch.tensor([[10.0, 20.0, 30.0, 50.0]])
-    grown = torch.tensor([[2.0, 17.5, 38.0, 52.5]])
-    assert torch.equal(taken("targets").sweep_boxes(box), grown)
-    assert torch.equal(taken("background").sweep_boxes(box), box)
-    assert torch.equal(taken("background").of_targets(0.0).sweep_boxes(box), grown)
-    assert torch.equal(taken("targets").of_targets(0.5).sweep_boxes(box), (box + grown) / 2)
-
-
-def test_what_cannot_be_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"moves = 'some': must be one of"):
-        taken("some")
-    with pytest.raises(ValueError, match=r"moves = 'targets': must be 'all' of a scene"):
-        frame(ExposedScene(ground()), taken("targets"))
 
 
 def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval import datasets
 from blurnoise_eval.cli import given
 from blurnoise_eval.datasets import PictureSet, write_picture
 from blurnoise_eval.grid.plan_file import PlanFile
@@ -96,16 +95,13 @@ def test_split_is_chosen(sets: dict[str, Path]) -> None:
         ({"labels": "a.json", "split": "val"}, "split: goes with YOLO"),
         ({"labels": "a.json", "reads": True}, "take PP-OCR's labels"),
         ({"limit": 0}, "limit = 0: must be >= 1"),
+        ({"max_megapixels": 179.0}, "max_megapixels = 179.0: must be"),
         ({"images": ""}, "images = '': must name a file or folder"),
     ],
 )
 def test_settings_that_do_not_go_together(settings: Any, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         chosen(**settings)
-
-
-def test_readers_may_find_their_texts_in_a_folder(sets: dict[str, Path]) -> None:
-    assert chosen(images=sets["images"], reads=True).kind == "folder"
 
 
 def test_notes_are_told(tmp_path: Path, sets: dict[str, Path], capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,9 +120,3 @@ def test_label_files_have_a_largest_size(sets: dict[str, Path], name: str, mebib
         huge.truncate((mebibytes << 20) + 1)
     with pytest.raises(ValueError, match=f"larger than {mebibytes << 20} bytes"):
         chosen(labels=sets[name])
-
-
-@pytest.mark.parametrize("name", ["coco", "bdd", "text"])
-def test_devices_are_no_label_files(name: str) -> None:
-    with pytest.raises(ValueError, match="a directory, device or pipe, no file"):
-        getattr(datasets, {"text": "texts"}.get(name, name))(Path("/dev/zero"))

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,8 +14,6 @@ import pytest
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model_files import external_files, model_sha256
-from blurnoise_eval.detectors.ocr.recogniser import _read_dictionary
-from blurnoise_eval.detectors.opening import open_models
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -30,7 +27,6 @@ def cell_graph(
     *,
     size: tuple[int | str, int | str] = (64, 96),
     batch: int | str = 1,
-    opset: int = 17,
     dtype: int = TensorProto.FLOAT,
     unit: float = 1.0,
     objectness: float = 1.0,
@@ -81,7 +77,7 @@ def cell_graph(
         [helper.make_tensor_value_info("answer", dtype, None)],
         constants,
     )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     helper.set_model_props(model, metadata or {})
     onnx.save(onnx.shape_inference.infer_shapes(model), path)
     return path
@@ -110,12 +106,9 @@ def bright_patch(channel: int, left: int, top: int, side: int) -> NDArray[np.uin
     ],
 )
 @pytest.mark.parametrize("colour", ["rgb", "bgr"])
-@pytest.mark.parametrize("opset", [13, 17, 20])
-def test_known_answer(tmp_path: Path, family: str, box: list[float], colour: str, opset: int) -> None:
+def test_known_answer(tmp_path: Path, family: str, box: list[float], colour: str) -> None:
     """The patch fills the cell at column 2, row 3 of stride 16 in a picture as large as the input."""
-    detector = Detector(
-        cell_graph(tmp_path / "m.onnx", family, opset=opset), contract=contract(family, colour=colour)
-    )
+    detector = Detector(cell_graph(tmp_path / "m.onnx", family), contract=contract(family, colour=colour))
     found = detector.detect(bright_patch(0, 32, 48, 16), min_score=0.9)
     assert found.class_ids[0] == (0 if colour == "rgb" else 2)
     np.testing.assert_allclose(found.scores[0], 1, atol=1e-6)
@@ -182,12 +175,14 @@ def test_graph_that_only_claims_to_be_dynamic(tmp_path: Path) -> None:
         helper.make_tensor_value_info("answer", TensorProto.FLOAT, ["n", 8, "h", "w"])
     )
     onnx.save(model, path)
-    with pytest.raises(ModelError, match="claims a dynamic size but fails on a picture of 640 x 640"):
+    with pytest.raises(
+        ModelError, match=r"fails on a picture .*; state the size that it takes, input_size_px"
+    ):
         Detector(path)
     assert Detector(path, contract=contract("fastestdet", input_size_px=(64, 96))).input_size_px == (64, 96)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 400), (300, 2), (427, 640), (33, 65)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 400), (427, 640)])
 @pytest.mark.parametrize("resize", ["letterbox", "letterbox-top-left", "stretch"])
 def test_boxes_come_back_in_the_picture(tmp_path: Path, shape: tuple[int, int], resize: str) -> None:
     """A white picture fills its cells: the boxes, cells of the input, reach its corners and no farther."""
@@ -201,16 +196,6 @@ def test_boxes_come_back_in_the_picture(tmp_path: Path, shape: tuple[int, int], 
     assert (found.boxes_xyxy <= np.array([width, height, width, height])).all()
     np.testing.assert_allclose(found.boxes_xyxy[:, :2].min(axis=0), [0, 0], atol=1e-3)
     np.testing.assert_allclose(found.boxes_xyxy[:, 2:].max(axis=0), [width, height], rtol=1e-5)
-
-
-def test_inputs_that_are_not_contiguous_give_the_same_answer(tmp_path: Path) -> None:
-    for dtype in (TensorProto.FLOAT, TensorProto.FLOAT16):
-        path = cell_graph(tmp_path / "m.onnx", "yolox", dtype=dtype)
-        detector = Detector(path, contract=contract("yolox"))
-        blob, _ = detector.prepare(np.random.default_rng(0).integers(0, 256, (64, 96, 3), dtype=np.uint8))
-        turned = np.ascontiguousarray(blob.transpose(0, 2, 3, 1)).transpose(0, 3, 1, 2)
-        assert not turned.flags.c_contiguous
-        np.testing.assert_array_equal(detector.run(turned)[0], detector.run(blob)[0])
 
 
 def test_a_graph_that_fails_on_a_picture_is_named(tmp_path: Path) -> None:
@@ -250,15 +235,6 @@ def test_one_session_serves_many_threads(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.scores, other.scores)
 
 
-def test_cap_and_threshold(tmp_path: Path) -> None:
-    detector = Detector(cell_graph(tmp_path / "m.onnx", "yolox"), contract=contract("yolox"))
-    image = np.random.default_rng(0).integers(0, 256, (64, 96, 3), dtype=np.uint8)
-    everything = detector.detect(image)
-    assert len(detector.detect(image, max_detections=7)) == 7 < len(everything)
-    strong = detector.detect(image, min_score=0.55)
-    assert len(strong) == (everything.scores >= 0.55).sum() < len(everything)
-
-
 def test_metadata_contract_hash_and_name(tmp_path: Path) -> None:
     stated = json.dumps({"family": "yolov8", "classes": NAMES, "nms_iou": 0.3})
     path = cell_graph(tmp_path / "own.onnx", "yolov8", metadata={"blurnoise.contract": stated})
@@ -277,7 +253,7 @@ def test_nan_is_dropped_counted_and_warned_of_once(tmp_path: Path) -> None:
     blob, placement = detector.prepare(bright_patch(0, 32, 48, 16))
     outputs = [output.copy() for output in detector.run(blob)]
     clean = detector.decode(outputs, placement)
-    assert detector.non_finite_values == 0
+    assert detector.non_finite_values_here == 0
     outputs[0][0, :5, 2] = np.nan
     with pytest.warns(RuntimeWarning, match="NaN"):
         assert len(detector.decode(outputs, placement)) == len(clean)
@@ -286,7 +262,7 @@ def test_nan_is_dropped_counted_and_warned_of_once(tmp_path: Path) -> None:
         outputs[0][0, :, 4] = np.inf
         outputs[0][0, :, 5:] = np.nan
         assert len(detector.decode(outputs, placement)) == 0
-    assert detector.non_finite_values == 5 + 5 + outputs[0].shape[1] * 4
+    assert detector.non_finite_values_here == 5 + 5 + outputs[0].shape[1] * 4
 
 
 def test_scores_that_are_all_zero_can_be_told(tmp_path: Path) -> None:
@@ -314,50 +290,34 @@ def test_scores_above_one_are_refused(tmp_path: Path) -> None:
     [
         (b"", "is empty"),
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n", "git-lfs pointer"),
-        (b"\n<!DOCTYPE html><html>Not found</html>", "web page"),
-        (b"404: Not Found", "text file"),
-        (bytes(range(256)) * 9, "is not an ONNX model"),
+        (b"\n<!DOCTYPE html><html>Not found</html>", "web page, not a model; it begins .*DOCTYPE"),
+        (bytes(range(256)) * 9, "is not an ONNX model that onnxruntime .* can load"),
+        ("half", "is not an ONNX model"),
+        ("newer", "IR version: 99"),
+        ("weights left behind", r"m\.onnx\.data"),
+        ("missing", "no such file"),
+        ("folder", "a directory, device or pipe, no file"),
     ],
 )
-def test_files_that_are_no_models(tmp_path: Path, content: bytes, message: str) -> None:
+def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message: str) -> None:
     path = tmp_path / "m.onnx"
-    path.write_bytes(content)
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content == "folder":
+        path.mkdir()
+    elif content != "missing":
+        model = onnx.load(cell_graph(path, "yolov8"))
+        model.ir_version = 99 if content == "newer" else model.ir_version
+        apart: Any = {"save_as_external_data": True, "location": "m.onnx.data", "size_threshold": 100}
+        onnx.save(model, path, **(apart if content == "weights left behind" else {}))
+        if content == "weights left behind":
+            assert Detector(path, contract=contract("yolov8")).name == "m"
+            (tmp_path / "m.onnx.data").unlink()
+        elif content == "half":
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(ModelError, match=message) as caught:
         Detector(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_missing_files_and_folders(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="no such file"):
-        Detector(tmp_path / "absent.onnx")
-    with pytest.raises(ModelError, match="folder"):
-        Detector(tmp_path)
-
-
-def test_damaged_models(tmp_path: Path) -> None:
-    path = cell_graph(tmp_path / "m.onnx", "yolov8")
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.raises(ModelError, match="is not an ONNX model, or a damaged one"):
-        Detector(path)
-
-
-def test_ir_version_from_the_future(tmp_path: Path) -> None:
-    path = cell_graph(tmp_path / "m.onnx", "yolov8")
-    model = onnx.load(path)
-    model.ir_version = 99
-    path.write_bytes(model.SerializeToString())
-    with pytest.raises(ModelError, match="IR version 99, newer than onnxruntime") as caught:
-        Detector(path)
-    assert "\n" not in str(caught.value)
-
-
-def test_weights_that_were_left_behind(tmp_path: Path) -> None:
-    path = cell_graph(tmp_path / "m.onnx", "yolov8")
-    onnx.save(onnx.load(path), path, save_as_external_data=True, location="m.onnx.data", size_threshold=100)
-    assert Detector(path, contract=contract("yolov8")).name == "m"
-    (tmp_path / "m.onnx.data").unlink()
-    with pytest.raises(ModelError, match=r"its weights are in m\.onnx\.data") as caught:
-        Detector(path)
+    assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
 
@@ -398,26 +358,9 @@ def test_inputs_beyond_any_memory(tmp_path: Path, size: tuple[int, int]) -> None
     for axis, side in zip((2, 3), size, strict=True):
         model.graph.input[0].type.tensor_type.shape.dim[axis].dim_value = side
     del model.graph.output[0].type.tensor_type.shape.dim[:]
-    path.write_bytes(model.SerializeToString())
-    with pytest.raises(ModelError, match=f"{size[0]} x {size[1]} px; must be at most") as caught:
+    onnx.save(model, path)
+    with pytest.raises(ModelError, match=f"{size[0]} x {size[1]} px; must be at most"):
         Detector(path)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
-def test_a_pipe_is_no_model(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "m.onnx")
-    with pytest.raises(ModelError, match=r"m\.onnx: a device or pipe, no file"):
-        open_models([tmp_path / "m.onnx"])
-    os.mkfifo(tmp_path / "names.txt")
-    with pytest.raises(ModelError, match=r"names\.txt.*pipe, no file"):
-        _read_dictionary(tmp_path / "names.txt")
-
-
-@pytest.mark.parametrize("threads", [0, 1.5, True])
-def test_threads_are_counted_from_one(tmp_path: Path, threads: object) -> None:
-    with pytest.raises(ValueError, match="threads"):
-        Detector(cell_graph(tmp_path / "m.onnx", "yolov8"), contract=contract("yolov8"), threads=threads)
 
 
 # --- real models ---

@@ -9,12 +9,17 @@ from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
-from blurnoise_eval.detectors.formats.family import Family
-from blurnoise_eval.detectors.formats.fastestdet import FASTESTDET
-from blurnoise_eval.detectors.formats.grid_yolo import YOLOV5, YOLOV8, YOLOX
-from blurnoise_eval.detectors.formats.grids import cells
-from blurnoise_eval.detectors.formats.nanodet import NANODET, NANODETPLUS
+from blurnoise_eval.detectors.formats.grids import (
+    FASTESTDET,
+    NANODET,
+    NANODETPLUS,
+    YOLOV5,
+    YOLOV8,
+    YOLOX,
+    cells,
+)
 from blurnoise_eval.detectors.formats.placement import lay_in
+from blurnoise_eval.detectors.formats.signature import Family
 from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---
@@ -38,9 +43,7 @@ def test_yolov8_has_no_objectness() -> None:
     assert found.class_ids.tolist() == [1]
 
 
-@pytest.mark.parametrize(
-    ("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12), (0, 1, 32, 8 * 12 + 4 * 6)]
-)
+@pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12)])
 def test_yolox_adds_the_cell_and_scales_by_the_stride(row: int, column: int, stride: int, first: int) -> None:
     """Input 64 x 96 px: rows and columns differ, so that a swap shows."""
     rows = np.zeros((1, cells((64, 96)), 7), np.float32)
@@ -92,7 +95,7 @@ def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
 
 @pytest.mark.parametrize(
     ("row", "column", "stride", "first"),
-    [(1, 3, 8, 0), (0, 2, 32, 8 * 12 + 4 * 6), (0, 1, 64, 8 * 12 + 4 * 6 + 6)],
+    [(1, 3, 8, 0), (0, 1, 64, 8 * 12 + 4 * 6 + 6)],
 )
 def test_nanodet_plus_measures_from_the_cells_corner(row: int, column: int, stride: int, first: int) -> None:
     rows = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3 + 2, 3 + 32), np.float32)
@@ -128,12 +131,9 @@ def test_rows_with_nan_or_infinity_are_dropped(position: int) -> None:
         assert len(YOLOV5.decode([rows], (32, 32), 0.001)) == 1
         columns = np.delete(rows, 4, axis=2).transpose(0, 2, 1)
         assert len(YOLOV8.decode([columns], (32, 32), 0.001)) == (2 if position == 4 else 1)
-
-
-def test_yolox_drops_boxes_that_overflow() -> None:
-    rows = np.zeros((1, 21, 6), np.float32)
-    rows[0, 3] = [0, 0, 1000, 0, 1, 1]
-    assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 0
+    overflowing = np.zeros((1, 21, 6), np.float32)
+    overflowing[0, 3] = [0, 0, 1000, 0, 1, 1]
+    assert len(YOLOX.decode([overflowing], (32, 32), 0.001)) == 0
 
 
 @pytest.mark.parametrize("family", [YOLOV5, YOLOV8, YOLOX, FASTESTDET], ids=lambda family: family.name)
@@ -175,18 +175,9 @@ def random_candidates(count: int, classes: int, seed: int) -> Candidates:
     return Candidates(boxes, rng.uniform(0, 1, count).astype(np.float32), rng.integers(0, classes, count))
 
 
-def test_boxes_lie_in_memory_as_they_like() -> None:
-    """Coordinate by coordinate, as networks that give columns leave them; classes in four bytes."""
-    rows = random_candidates(200, 2, seed=3)
-    columns = Candidates(np.asfortranarray(rows.boxes_xyxy), rows.scores, rows.class_ids.astype(np.int32))
-    kept, expected = suppress(columns, 0.5, 300), suppress(rows, 0.5, 300)
-    np.testing.assert_array_equal(kept.boxes_xyxy, expected.boxes_xyxy)
-    np.testing.assert_array_equal(kept.class_ids, expected.class_ids)
-
-
 @pytest.mark.parametrize(
     ("count", "classes", "most"),
-    [(0, 1, 300), (1, 1, 300), (200, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)],
+    [(0, 1, 300), (1, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)],
 )
 def test_suppression_equals_the_plain_reference(count: int, classes: int, most: int) -> None:
     candidates = random_candidates(count, classes, seed=count + classes)
@@ -194,24 +185,6 @@ def test_suppression_equals_the_plain_reference(count: int, classes: int, most: 
     expected = greedy_reference(candidates, 0.5, most)
     assert set(kept.scores.tolist()) == {float(candidates.scores[i]) for i in expected}
     assert (np.diff(kept.scores) <= 0).all()
-
-
-def test_suppression_keeps_classes_apart_and_the_stronger_box() -> None:
-    boxes = np.array([[0, 0, 10, 10], [0, 0, 10, 11], [0, 0, 10, 10]], np.float32)
-    candidates = Candidates(boxes, np.array([0.25, 0.75, 0.5], np.float32), np.array([0, 0, 1]))
-    kept = suppress(candidates, 0.5, 300)
-    assert list(zip(kept.class_ids.tolist(), kept.scores.tolist(), strict=True)) == [
-        (0, 0.75),
-        (1, 0.5),
-    ]
-
-
-def test_suppression_looks_past_a_crowd_of_duplicates() -> None:
-    crowd = np.tile(np.array([[0, 0, 10, 10]], np.float32), (50, 1))
-    boxes = np.concatenate([crowd, [[20, 20, 30, 30]]]).astype(np.float32)
-    scores = np.linspace(0.9, 0.1, 51, dtype=np.float32)
-    kept = suppress(Candidates(boxes, scores, np.zeros(51, np.int64)), 0.5, 10)
-    np.testing.assert_array_equal(kept.boxes_xyxy, [[0, 0, 10, 10], [20, 20, 30, 30]])
 
 
 def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
@@ -255,8 +228,10 @@ def corner_marks(height: int, width: int) -> NDArray[np.uint8]:
         ("stretch", (slice(0, 64), slice(0, 96))),
     ],
 )
-@pytest.mark.parametrize(("colour", "order"), [("rgb", [200, 100, 50]), ("bgr", [50, 100, 200])])
-@pytest.mark.parametrize(("value_range", "full_scale"), [("0-1", 255), ("0-255", 1)])
+@pytest.mark.parametrize(
+    ("colour", "order", "value_range", "full_scale"),
+    [("rgb", [200, 100, 50], "0-255", 1), ("bgr", [50, 100, 200], "0-1", 255)],
+)
 def test_pictures_are_laid_in_as_the_contract_says(
     resize: str,
     window: tuple[slice, slice],
@@ -282,8 +257,7 @@ def test_pictures_are_laid_in_as_the_contract_says(
     np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 48, 16]])
 
 
-@pytest.mark.parametrize("resize", ["letterbox", "letterbox-top-left", "stretch", "none"])
-@pytest.mark.parametrize("colour", ["rgb", "bgr"])
+@pytest.mark.parametrize(("resize", "colour"), [("letterbox", "rgb"), ("stretch", "bgr"), ("none", "rgb")])
 def test_every_form_of_input_holds_the_same_picture(resize: str, colour: str) -> None:
     image = np.random.default_rng(0).integers(0, 256, (50, 90, 3), dtype=np.uint8)
     contract = Contract("tfod", ("a",), colour=colour, value_range="0-255", resize=resize)
@@ -304,8 +278,8 @@ def test_every_form_of_input_holds_the_same_picture(resize: str, colour: str) ->
     assert lay_in(image, contract, (64, 96), other)[0] is not other
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (427, 640), (641, 33)])
-@pytest.mark.parametrize("resize", ["letterbox", "letterbox-top-left", "stretch"])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 500), (500, 1), (427, 640)])
+@pytest.mark.parametrize("resize", ["letterbox", "stretch"])
 def test_any_picture_fits_and_buffers_are_wiped(shape: tuple[int, int], resize: str) -> None:
     contract = replace(preset("yolov8"), resize=resize)
     dirty = np.full((1, 3, 64, 96), 7, np.float32)
@@ -314,14 +288,6 @@ def test_any_picture_fits_and_buffers_are_wiped(shape: tuple[int, int], resize: 
     values = {round(v) for v in np.unique(blob * 255)}
     assert values <= {50, 100, 114, 200}
     np.testing.assert_array_equal(blob, lay_in(corner_marks(*shape), contract, (64, 96))[0])
-
-
-def test_views_of_pictures_are_read_correctly() -> None:
-    image = np.random.default_rng(0).integers(0, 256, (40, 30, 3), dtype=np.uint8)
-    for view in (image[::-1], image[:, ::-1], image[..., ::-1], image[::2, 3:20]):
-        for size in ((64, 96), view.shape[:2]):
-            there, _ = lay_in(view, preset("yolov8"), size)
-            np.testing.assert_array_equal(there, lay_in(view.copy(), preset("yolov8"), size)[0])
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from band_readers import COLOURS, LETTERS, band_reader, constant_reader, saved
+from band_readers import COLOURS, LETTERS, band_reader, constant_reader
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.model import OnnxModel
-from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextContract, is_recogniser
+from blurnoise_eval.detectors.ocr import Reading, Recogniser
+from blurnoise_eval.detectors.ocr.contract import TextContract
+from constant_graphs import answering_graph
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
+from onnx import TensorProto
 
 
 def bands(letters: str, *, height: int = 48, width: int = 48) -> NDArray[np.uint8]:
@@ -40,14 +41,10 @@ def test_bands_are_read_in_order(tmp_path: Path) -> None:
     assert reading.confidence == pytest.approx(1, abs=1e-3)  # 1 / (1 + e^-10 ...) at the surest
 
 
-def test_colour_order_is_the_contracts(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "m.onnx")
-    assert one_text(Recogniser(path, contract={"colour": "rgb"}), bands("r-g-b")) == "bgr"
-    assert one_text(Recogniser(path, contract={"colour": "bgr"}), bands("r-g-b")) == "rgb"
-
-
-@pytest.mark.parametrize("size", [(48, 200), (31, 117), (90, 1000), (7, 11), (200, 30), (1, 1)])
-@pytest.mark.parametrize("colour", ["rgb", "bgr"])
+@pytest.mark.parametrize(
+    ("size", "colour"),
+    [((48, 200), "rgb"), ((31, 117), "bgr"), ((90, 1000), "rgb"), ((200, 30), "bgr"), ((1, 1), "rgb")],
+)
 def test_input_is_the_crop_normalised_beside_zeros(
     tmp_path: Path, size: tuple[int, int], colour: str
 ) -> None:
@@ -64,17 +61,14 @@ def test_input_is_the_crop_normalised_beside_zeros(
     assert not blob[..., filled:].any()
 
 
-def test_padding_and_darkness_are_told_apart(tmp_path: Path) -> None:
-    """With a mean of 0 black enters as 0, which is blank; with one of -2, it is brighter than the padding."""
-    path = band_reader(tmp_path / "m.onnx", metadata={"character": LETTERS})
-    assert one_text(Recogniser(path, contract={"mean": [0, 0, 0]}), bands("--")) == ""
-    bright = Recogniser(path, contract={"mean": [-2, -1, -1]})
-    reading = bright.read(bands("--"), whole(bands("--")))[0]
-    assert reading.text == "b"  # once: the zeros beside it are blank
-
-
-@pytest.mark.parametrize("dtype", [TensorProto.FLOAT, TensorProto.FLOAT16])
-@pytest.mark.parametrize("shape", [("N", 48, "W"), (1, "H", 320), (2, 48, 320), (3, "H", "W")])
+@pytest.mark.parametrize(
+    ("dtype", "shape"),
+    [
+        (TensorProto.FLOAT16, ("N", 48, "W")),
+        (TensorProto.FLOAT, (1, "H", 320)),
+        (TensorProto.FLOAT, (3, "H", "W")),
+    ],
+)
 def test_declared_types_and_sizes(
     tmp_path: Path, dtype: int, shape: tuple[int | str, int | str, int | str]
 ) -> None:
@@ -92,13 +86,8 @@ def test_height_is_the_graphs(tmp_path: Path) -> None:
     assert recogniser.contract.sources["height_px"] == "graph"
     assert recogniser.prepare(bands("r")).shape == (1, 3, 32, 320)
     assert one_text(recogniser, bands("r-g")) == "rg"
-    with pytest.raises(ModelError, match=r"height_px = 48 \(given\), but the graph takes only 32"):
+    with pytest.raises(ModelError, match=r"height_px = 48 \(given\), but the graph's is 32"):
         Recogniser(path, contract={"height_px": 48})
-
-
-def test_width_is_bounded(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract={"max_width_px": 640})
-    assert recogniser.prepare(np.zeros((1, 5000, 3), np.uint8)).shape == (1, 3, 48, 640)
 
 
 # --- boxes ---
@@ -115,14 +104,6 @@ def test_each_box_is_read_on_its_own(tmp_path: Path) -> None:
     assert recogniser.read(image, []) == []
 
 
-def test_margin_is_a_share_of_the_boxs_height(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "m.onnx")
-    image = bands("rgb", height=100)
-    inside = [(50, 40, 94, 60)]  # 2 px from its neighbours
-    assert Recogniser(path, contract={"margin": 0.05}).read(image, inside)[0].text == "g"
-    assert Recogniser(path, contract={"margin": 1.0}).read(image, inside)[0].text == "rgb"
-
-
 def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> None:
     recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
     image = bands("rr")
@@ -131,12 +112,6 @@ def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> Non
     assert recogniser.read(image, outside + empty) == [Reading("", 0.0)] * 6
     assert [r.text for r in recogniser.read(image, [(-30, -30, 300, 300), (-1e9, 0, 1e9, 48)])] == ["r", "r"]
     assert recogniser.read(image, [(0.2, 0.2, 0.3, 0.3)])[0].text == "r"
-
-
-@pytest.mark.parametrize("box", [(0, 0, np.nan, 5), (0, 0, np.inf, 5), (0, 0, 5)])
-def test_boxes_that_are_none(tmp_path: Path, box: tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match=r"boxes_xyxy: must be finite, shape \(N, 4\)"):
-        Recogniser(band_reader(tmp_path / "m.onnx")).read(bands("r"), [box])
 
 
 # --- answers ---
@@ -160,13 +135,6 @@ def test_confidence_is_the_mean_of_the_characters_kept(tmp_path: Path) -> None:
     assert reading.confidence == pytest.approx((0.9 + 0.5 + 0.7) / 3)
 
 
-def test_empty_answers(tmp_path: Path) -> None:
-    blank = Recogniser(constant_reader(tmp_path / "b.onnx", rows((1, 0, 0, 0, 0), (1, 0, 0, 0, 0))))
-    none = Recogniser(constant_reader(tmp_path / "n.onnx", np.zeros((1, 0, 5), np.float32)))
-    for recogniser in (blank, none):
-        assert recogniser.read(bands("r"), whole(bands("r"))) == [Reading("", 0.0)]
-
-
 def test_logits_are_noticed(tmp_path: Path) -> None:
     sure = Recogniser(band_reader(tmp_path / "p.onnx"))
     logits = Recogniser(band_reader(tmp_path / "l.onnx", softmax=False))
@@ -178,7 +146,7 @@ def test_logits_are_noticed(tmp_path: Path) -> None:
     assert got.text == expected.text == "rgb"
     assert 0.7 < expected.confidence < 0.8
     assert got.confidence == pytest.approx(expected.confidence, abs=1e-6)
-    with pytest.raises(ModelError, match=r"output = 'probabilities' \(given\), but .* is logits"):
+    with pytest.raises(ModelError, match=r"output = 'probabilities' \(given\), but the graph's is 'logits'"):
         Recogniser(tmp_path / "l.onnx", contract={"output": "probabilities"})
 
 
@@ -186,18 +154,18 @@ def test_nan_is_no_text_and_counted(tmp_path: Path) -> None:
     answer = rows((0, 1, 0, 0, 0), (0, np.nan, 0, 0, 1), (np.inf, 0, 0, 0, 0))
     with pytest.warns(RuntimeWarning, match="outputs contain NaN or Inf"):
         recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
-    seen = recogniser.non_finite_values
+    seen = recogniser.non_finite_values_here
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # one warning is enough
         assert recogniser.read(bands("r"), whole(bands("r"))) == [Reading("", 0.0)]
-    assert recogniser.non_finite_values == seen + 2
+    assert recogniser.non_finite_values_here == seen + 2
     assert recogniser.contract.sources["output"].startswith("assumed")
 
 
 # --- dictionary ---
 
 
-@pytest.mark.parametrize("lines", ["b\ng", "b\ng\nr\nx", "", "b\n\ng\nr"])
+@pytest.mark.parametrize("lines", ["b\ng", "", "b\n\ng\nr"])
 def test_a_dictionary_of_another_length_names_both_numbers(tmp_path: Path, lines: str) -> None:
     path = band_reader(tmp_path / "m.onnx", metadata={"character": lines})
     count = len(lines.split("\n")) + 2
@@ -245,7 +213,7 @@ def test_contract_lookup(tmp_path: Path) -> None:
     beside = Recogniser(path)
     assert (beside.contract.margin, beside.contract.sources["margin"]) == (0.2, "file m.contract.yaml")
     assert beside.contract.sources["colour"] == "preset ppocr"
-    assert beside.assumptions == []
+    assert beside.contract.assumptions == []
     for given in (TextContract(margin=0.4), {"margin": 0.4}, tmp_path / "other.json"):
         (tmp_path / "other.json").write_text('{"margin": 0.4}')
         assert Recogniser(path, contract=given).contract.margin == 0.4
@@ -256,13 +224,13 @@ def test_what_nobody_stated_is_marked_as_assumed(tmp_path: Path) -> None:
     recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
     assumed = {name for name, source in recogniser.contract.sources.items() if source.startswith("assumed")}
     assert assumed == {"family", "colour", "mean", "std", "min_width_px", "max_width_px", "margin"}
-    assert len(recogniser.assumptions) == len(assumed)
-    assert "colour = 'bgr' is assumed" in " ".join(recogniser.assumptions)
+    assert len(recogniser.contract.assumptions) == len(assumed)
+    assert "colour = 'bgr' is assumed" in " ".join(recogniser.contract.assumptions)
     stated = recogniser.contract.to_dict()
     assert json.loads(json.dumps(stated)) == stated
     again = Recogniser(recogniser.path, contract=stated)
     assert again.contract == recogniser.contract
-    assert again.assumptions == []
+    assert again.contract.assumptions == []
 
 
 @pytest.mark.parametrize(
@@ -271,7 +239,6 @@ def test_what_nobody_stated_is_marked_as_assumed(tmp_path: Path) -> None:
         ({"family": "crnn"}, "family 'crnn' is unknown: must be one of 'ppocr'"),
         ({"height_px": 0}, "height_px = 0: must be an integer >= 1"),
         ({"min_width_px": 3.5}, "min_width_px = 3.5: must be an integer >= 1"),
-        ({"max_width_px": 100}, "max_width_px = 100: must be >= min_width_px, 320"),
         ({"margin": -0.1}, "margin = -0.1: must be finite and >= 0"),
         ({"dictionary": 5}, "dictionary = 5: must be the name of a file"),
         ({"output": "log"}, "output = 'log': must be one of"),
@@ -288,16 +255,9 @@ def test_bad_contracts_are_named(tmp_path: Path, stated: dict[str, object] | str
 
 
 def test_graphs_of_another_form(tmp_path: Path) -> None:
-    grey = helper.make_graph(
-        [helper.make_node("Identity", ["x"], ["y"])],
-        "grey",
-        [helper.make_tensor_value_info("x", TensorProto.FLOAT, [1, 1, 32, "W"])],
-        [helper.make_tensor_value_info("y", TensorProto.FLOAT, [1, 1, 32, "W"])],
-    )
-    with pytest.raises(
-        ModelError, match=r"must take one picture \[N, 3, height, width\].*'x' \[1, 1, 32, 'W'\]"
-    ):
-        Recogniser(saved(grey, tmp_path / "grey.onnx", {"character": LETTERS}))
+    grey = answering_graph(tmp_path / "grey.onnx", {"y": (np.ones((1, 1, 5)), None)}, [1, 1, 32, "W"])
+    with pytest.raises(ModelError, match=r"must take one picture \[N, 3, height, width\].*\[1, 1, 32, 'W'\]"):
+        Recogniser(grey)
     flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32) / 5)
     with pytest.raises(ModelError, match=r"answers \[5\], steps and classes"):
         Recogniser(flat)
@@ -306,21 +266,3 @@ def test_graphs_of_another_form(tmp_path: Path) -> None:
         ModelError, match=r"answers \[7, 1, 5\] to 1 picture\(s\): the first axis must be the batch"
     ):
         Recogniser(steps_first)
-
-
-def test_is_recogniser(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "m.onnx")
-    assert is_recogniser(OnnxModel(path))
-    assert is_recogniser(OnnxModel(str(path)))
-    silent = band_reader(tmp_path / "silent.onnx", metadata={})
-    assert not is_recogniser(OnnxModel(silent))
-    (tmp_path / "silent.contract.json").write_text('{"family": "ppocr", "dictionary": "d.txt"}')
-    assert is_recogniser(OnnxModel(silent))
-    (tmp_path / "silent.contract.json").write_text('{"family": "yolox", "classes": "coco80"}')
-    assert not is_recogniser(OnnxModel(silent))
-    inside = {"blurnoise.contract": '{"family": "ppocr"}'}
-    assert is_recogniser(OnnxModel(band_reader(tmp_path / "inside.onnx", metadata=inside)))
-    (tmp_path / "silent.contract.json").write_text("[1, 2]")
-    assert not is_recogniser(OnnxModel(silent))
-    flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32))
-    assert not is_recogniser(OnnxModel(flat))  # a classifier with a dictionary

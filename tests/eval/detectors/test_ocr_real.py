@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.model import OnnxModel
@@ -74,9 +72,6 @@ def test_the_word_is_found_and_read(spotter: TextSpotter, size_px: int) -> None:
     (reading,) = spotter.read(image, [box])
     assert reading.text == "STOP"
     assert 0.97 < reading.confidence <= 1
-    (line,) = spotter.spot(image)
-    assert line.reading == reading
-    assert [math.floor(line.box_xyxy[0]) < box[0], line.box_xyxy[2] > box[2]] == [True, True]
 
 
 def test_a_smeared_word_is_not_read(recogniser: Recogniser, spotter: TextSpotter) -> None:

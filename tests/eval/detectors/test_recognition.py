@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors import formats
+from blurnoise_eval.detectors import formats, recognition
 from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.contract_files import load_contract, parse_contract, preset
-from blurnoise_eval.detectors.formats import PRESETS, probe
-from blurnoise_eval.detectors.formats.grid_yolo import YOLOV8
-from blurnoise_eval.detectors.formats.signature import Signature
+from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract_files import load_contract, parse_contract, stated_contract
+from blurnoise_eval.detectors.formats import PRESETS
+from blurnoise_eval.detectors.formats.grids import YOLOV8
+from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 from blurnoise_eval.detectors.model import TensorInfo
-from blurnoise_eval.detectors.recognition import resolve
 from numpy.typing import NDArray
 
 NOWHERE = Path("nowhere/model.onnx")
@@ -37,6 +37,11 @@ def signature(
     return Signature((images,), outputs, metadata or {}, size_px, found)
 
 
+def resolve(path: Path, graph: Signature, contract: Any = None) -> tuple[Family, Contract, Layout]:
+    """As for a model at that path."""
+    return recognition.resolve(graph, stated_contract(PRESETS, path, graph.metadata, contract))
+
+
 def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[np.float32]:
     """An answer [1, count, width] of one objectness and one box size."""
     made = np.full((1, count, width), 0.01, np.float32)
@@ -47,19 +52,12 @@ def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[n
 @pytest.mark.parametrize(
     ("name", "size_px", "shape"),
     [
-        ("yolov5", (640, 640), (1, 25200, 85)),
         ("yolov5", (1280, 1280), (1, 3 * (160**2 + 80**2 + 40**2 + 20**2), 85)),
         ("yolov5", (32, 32), (1, 63, 85)),  # fewer boxes than columns
-        ("yolov8", (640, 640), (1, 84, 8400)),
         ("yolov8", (384, 640), (1, 84, 5040)),
-        ("yolov8", (32, 32), (1, 84, 21)),
-        ("yolox", (416, 416), (1, 3549, 85)),
-        ("yolox", (32, 64), (1, 42, 85)),
-        ("fastestdet", (352, 352), (1, 85, 22, 22)),
-        ("fastestdet", (320, 352), (1, 85, 20, 22)),
-        ("yolov8", (640, 640), (1, 8400, 84)),
         ("yolov8", (32, 32), (1, 21, 84)),  # turned, though the classes' axis is the longer one
-        ("nanodetplus", (320, 320), (1, 2125, 112)),
+        ("yolox", (32, 64), (1, 42, 85)),
+        ("fastestdet", (320, 352), (1, 85, 20, 22)),
         ("nanodetplus", (416, 416), (1, 3598, 112)),
     ],
 )
@@ -81,7 +79,7 @@ def test_families_are_told_apart_by_their_cells(
 
 @pytest.mark.parametrize(
     ("name", "objectness", "size"),
-    [("yolov6", 1, 40), ("yolov6", 1, 3), ("yolox", 0.5, 3), ("yolox", 0.999, 15)],
+    [("yolov6", 1, 3), ("yolox", 0.999, 15)],
 )
 def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: float) -> None:
     answer = rows(8400, 85, objectness=objectness, size=size)
@@ -98,15 +96,6 @@ def test_a_probe_that_tells_nothing_leaves_the_choice_to_the_user() -> None:
         with pytest.raises(ModelError, match=r"several output families \(yolox, yolov6\).*--contract"):
             resolve(NOWHERE, graph)
     assert resolve(NOWHERE, unclear, "yolov6")[0].name == "yolov6"
-
-
-def test_the_probes_picture_is_always_the_same_and_lively() -> None:
-    first, again = probe.picture(), probe.picture()
-    np.testing.assert_array_equal(first, again)
-    assert first.shape == (416, 416, 3)
-    assert first.std() > 30
-    red, _, blue = first[163, 208]  # above the sign's letters
-    assert red > 2 * blue
 
 
 @pytest.mark.parametrize(
@@ -174,25 +163,21 @@ def test_metadata_comes_before_shapes() -> None:
         assert resolve(NOWHERE, plain)[0].name == "yolov8"
 
 
-@pytest.mark.parametrize("family", sorted(PRESETS))
-def test_every_family_has_a_name_of_its_own_that_an_error_lists(family: str) -> None:
-    assert [each.name for each in formats.FAMILIES].count(family) == 1
-    with pytest.raises(ModelError, match=f"'{family}'"):
+def test_every_family_s_name_is_its_preset_s_and_listed_in_an_error() -> None:
+    assert [family.preset.family for family in formats.FAMILIES.values()] == list(PRESETS)
+    with pytest.raises(ModelError, match=", ".join(f"'{family}'" for family in PRESETS)):
         load_contract("any other word")
 
 
 @pytest.mark.parametrize(
     ("shape", "kind", "axes"),
     [
-        ((1, 3, 640, 640), "float", "nchw"),
         (("n", 3, "h", "w"), "float16", "nchw"),
         (("n", "channels", "h", "w"), "float", "nchw"),  # as transformers exports DETR
         ((1, 3, 8, 3), "float", "nchw"),
-        ((1, 640, 640, 3), "uint8", "nhwc"),
         ((None, None, None, 3), "uint8", "nhwc"),
         ((3, "h", "w"), "float", "chw"),
         ((1, 1, 640, 640), "float", None),
-        ((1, 64, 64), "float", None),
         (("n", "c", "h", "w"), "int64", None),
         ((1, 3), "float", None),
     ],
@@ -223,7 +208,7 @@ def test_a_graph_that_fits_two_families_is_the_one_with_cocos_classes_but_says_s
     assert resolve(NOWHERE, both, "yolov8")[1].assumptions == []
 
 
-@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 1000), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
+@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
 def test_an_unknown_graph_is_described(shape: tuple[int, ...]) -> None:
     unknown = signature((640, 640), shape, metadata={"colour of the sky": "blue"})
     with pytest.raises(ModelError) as caught:
@@ -245,13 +230,6 @@ def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "__import__('os')"}))
     with pytest.raises(ModelError, match=r"2 classes but the contract names 1 \(metadata\)"):
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
-
-
-def test_yolov5_metadata_with_a_list_of_names() -> None:
-    metadata = {"stride": "32", "names": "['stop', 'yield']"}
-    _, contract, _ = resolve(NOWHERE, signature((640, 640), (1, 25200, 7), metadata=metadata))
-    assert (contract.classes, contract.family) == (("stop", "yield"), "yolov5")
-    assert contract.assumptions == []
 
 
 def test_unnamed_classes_are_not_guessed() -> None:
@@ -293,89 +271,7 @@ def test_order_of_contracts(tmp_path: Path) -> None:
     assert resolve(model, graph, mine)[1].classes == ("caller",)
 
 
-@pytest.mark.parametrize("name", sorted(PRESETS))
-def test_contracts_survive_json(name: str) -> None:
-    contract = replace(preset(name), mean=(1.0, 2.0, 3.0), std=(0.5, 0.5, 0.5), classes=("a", "b"))
-    again = parse_contract(json.loads(json.dumps(contract.to_dict())), "file x")
-    assert again == contract
-    assert set(again.sources.values()) == {"file x"}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"tint": "rgb"}, "unknown key 'tint'"),
-        ({"colour": "grb"}, "colour = 'grb'"),
-        ({"value_range": "0-2"}, "value_range = '0-2'"),
-        ({"resize": "crop"}, "resize = 'crop'"),
-        ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
-        ({"std": [1, 0, 1]}, "std = .1, 0, 1.: must be > 0, three numbers"),
-        ({"pad_value": 300}, "pad_value = 300: must be finite and >= 0 and <= 255"),
-        ({"pad_value": "114"}, "pad_value = '114': must be an integer"),
-        ({"pad_value": 10**400}, "pad_value = 1.*0: must be finite"),
-        ({"mean": [10**400, 0, 0]}, "mean = .*: must be three numbers"),
-        ({"mean": [1, "x" * 10**5, 3]}, "mean = .*: must be three numbers, one per channel"),
-        ({"input_size_px": 10**400}, "input_size_px = 1.*0: must be .height, width."),
-        ({"classes": ["stop", "\ud800"]}, r"classes = '\\ud800': must be text"),
-        ({"classes": {"0": "\ud800"}}, r"classes.0 = '\\ud800': must be text"),
-        ({"classes": {float("inf"): "a"}}, "classes: ids must be integers, got .inf."),
-        ({"classes": {"one": "a"}}, "classes: ids must be integers, got .'one'."),
-        ({"classes": ["a", ["b"] * 10**5]}, "classes = .*: must be a list of names"),
-        ({"family": ["yolox"]}, "family .'yolox'. is unknown"),
-        ({"f" * 10**5: 1}, "unknown key 'fff"),
-        ({"colours": "rgb"}, "known are .*; did you mean 'colour'.$"),
-        ({"nms_iou": "high"}, "nms_iou = 'high'"),
-        ({"classes": []}, "classes = "),
-        ({"classes": "stop sign"}, "classes = 'stop sign'"),
-        ({"classes": {"1": "a", "3": "b"}}, "classes: ids"),
-        ({"classes": {"2": "a", "3": "b"}}, "classes: ids"),
-        ({"input_size_px": [0, 32]}, "input_size_px = "),
-        ({"input_size_px": True}, "input_size_px = True"),
-        ({"family": "yolo99"}, "'yolo99' is unknown"),
-    ],
-)
-def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
-    with pytest.raises(ModelError, match=message) as caught:
-        parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 400
-
-
-def test_unreadable_contract_files(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match="missing key 'classes'"):
-        parse_contract({"family": "yolox"}, "file x")
-    with pytest.raises(ModelError, match="must map"):
-        parse_contract(["yolox"], "file x")
-    by_id = {"family": "yolox", "classes": {"1": "b", "0": "a"}}
-    assert parse_contract(by_id, "file x").classes == ("a", "b")
-    from_1 = {"family": "tfod", "classes": {1: "a", 2: "b"}}
-    assert parse_contract(from_1, "file x").classes == ("unused 0", "a", "b")
-    with pytest.raises(ModelError, match="neither a file nor a preset"):
-        load_contract(tmp_path / "absent.json")
-    assert parse_contract({"family": "yolox", "classes": "coco80"}, "x").classes[11] == "stop sign"
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [("m.json", "[" * 100_000), ("m.json", '{"family": "yolox"'), ("m.json", "\x00"), ("m.yaml", "a: [")],
-)
-def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, name: str, text: str) -> None:
-    path = tmp_path / name
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(ModelError, match=f"contract file {name}: cannot be read"):
-        load_contract(path)
-
-
-def test_alias_bombs_are_refused(tmp_path: Path) -> None:
-    doubled = (f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))
-    bomb = "\n".join(["a0: &a0 [ha]", *doubled, "family: *a11"])
-    (tmp_path / "m.yaml").write_text(bomb)
-    with pytest.raises(ModelError, match=r"m.yaml: cannot be read: more than 16 aliases") as caught:
-        load_contract(tmp_path / "m.yaml")
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["[" * 100_000, "{", "1" * 5000])
+@pytest.mark.parametrize("text", ["[" * 100_000, "1" * 5000])
 def test_metadata_that_holds_no_contract(text: str) -> None:
     graph = signature((32, 32), (1, 5, 21), metadata={"blurnoise.contract": text})
     with pytest.raises(ModelError, match=r"metadata blurnoise.contract: not JSON: .+") as caught:

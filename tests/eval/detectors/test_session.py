@@ -31,20 +31,20 @@ def endless(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_first_answer_has_a_limit_on_every_thread(endless: Path, threads: int) -> None:
     model = OnnxModel(endless, timeout_s=0.3)
     with ThreadPoolExecutor(1) as pool, pytest.raises(TimeoutError, match=r"endless.onnx: .* 0.3 s"):
-        pool.submit(model.run, DARK).result() if threads else model.run(DARK)
+        pool.submit(model.infer, DARK).result() if threads else model.infer(DARK)
 
 
 def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
     model = OnnxModel(endless_below(tmp_path / "dark.onnx", 0.5), timeout_s=0.3)
-    model.run(BRIGHT)
+    model.infer(BRIGHT)
     with ThreadPoolExecutor(1) as pool:
-        asked = pool.submit(model.run, DARK)
+        asked = pool.submit(model.infer, DARK)
         time.sleep(0.6)
         assert not asked.done()
         model.interrupt()
         with pytest.raises(InterruptedError, match=r"dark.onnx"):
             asked.result()
-        assert pool.submit(model.run, BRIGHT).result()[0].shape == (1, 84, 8400)
+        assert pool.submit(model.infer, BRIGHT).result()[0].shape == (1, 84, 8400)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
@@ -53,7 +53,7 @@ def test_an_interrupt_ends_an_inference_on_the_main_thread(endless: Path) -> Non
     threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
     began_s = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        model.run(DARK)
+        model.infer(DARK)
     assert time.monotonic() - began_s < 10
 
 

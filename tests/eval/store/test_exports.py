@@ -1,97 +1,37 @@
-"""Exports: the same rows as CSV and Parquet, each whole or not at all."""
+"""Exports: the rows of the store as CSV, some at a time, as people read them."""
 
 from __future__ import annotations
 
-import math
+import csv
 from pathlib import Path
-from typing import Any
 
-import pandas as pd
 import pytest
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.store import queries
-from blurnoise_eval.store.exports import write_exports, write_parquet
+from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
+from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store
 from stored_rows import clean_result, result
 
-parquet = pytest.importorskip("pyarrow.parquet")
-MODELS = ("m", "a/b c=1.onnx")
 
-
-@pytest.fixture
-def store(tmp_path: Path) -> Any:
-    with Store(tmp_path, create=True) as opened:
-        for model in MODELS:
+def test_csv_has_the_rows_of_the_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In their order, choices by name, "auto" where the camera sets a value, nothing where nothing is known."""
+    monkeypatch.setattr("blurnoise_eval.store.store._AT_ONCE", 7)
+    with Store(tmp_path, create=True) as store:
+        for model in ("m", "a/b c=1.onnx"):
             every = [result(index, model=model, targets=2, moves=float(index % 3)) for index in range(40)]
             every[3] = result(3, model=model, targets=0, exposure_s=AUTOMATIC, gain_db=AUTOMATIC)
             every[4].cell["error"] = 'said "no",\nλ'
-            every[5].targets[0]["truth"] = ""
-            opened.add([*every, *(clean_result(50 + index, model=model) for index in range(3))])
-        yield opened
-
-
-def as_csv(path: Path) -> pd.DataFrame:
-    table = pd.read_csv(path, keep_default_na=False, na_values={})
-    numbers = [name for name in table if name not in TEXT]
-    return table.assign(**{
-        name: [math.nan if each == "" else math.inf if each == "auto" else float(each) for each in table[name]]
-        for name in numbers if table[name].dtype == object or table[name].dtype == "str"
-    })  # fmt: skip
-
-
-TEXT = {"cell_id", "model", "camera", "image", "moves", "error", "example", "group", "label", "truth", "text"}
-
-
-@pytest.mark.parametrize("name", ["results", "targets"])
-def test_parquet_has_the_rows_of_csv(
-    store: Store, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("blurnoise_eval.store.store._AT_ONCE", 7)
-    write_exports(store)
-    write_parquet(store)
-    expected, found = as_csv(tmp_path / f"{name}.csv"), pd.read_parquet(tmp_path / f"{name}.parquet")
-    assert list(found) == list(expected)
-    assert len(found) == len(expected) > 0
-    for column in expected:
-        if column in TEXT:  # no text is null, an empty one is empty
-            assert found[column].fillna("").tolist() == expected[column].tolist(), column
-        else:
-            pd.testing.assert_series_equal(
-                found[column].astype(float), expected[column].astype(float), check_names=False
-            )
-
-
-def test_types_of_parquet_are_those_of_what_is_held(store: Store, tmp_path: Path) -> None:
-    write_parquet(store)
-    table = parquet.read_table(tmp_path / "results.parquet")
-    kinds = {field.name: str(field.type) for field in table.schema}
-    assert kinds["exposure_s"] == "double"
-    assert kinds["seed"] == kinds["repeat"] == "int64"
-    assert kinds["clean"] == "bool"
-    assert kinds["image"] == kinds["moves"] == kinds["error"] == kinds["model"] == "string"
-    rows = table.to_pylist()
-    assert {row["exposure_s"] for row in rows if row["clean"]} == {None}  # nothing, and no NaN
-    assert AUTOMATIC in {row["exposure_s"] for row in rows}
-    assert {row["moves"] for row in rows} == {"all", "targets", "background", None}
-
-
-def test_parquet_appears_whole_or_stays_what_it_was(
-    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_parquet(store)
-    before = [(tmp_path / f"{name}.parquet").read_bytes() for name in ("results", "targets")]
-
-    def fails(*given: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(queries, "every_row", fails)
-    with pytest.raises(OSError, match="No space"):
-        write_parquet(store)
-    assert [(tmp_path / f"{name}.parquet").read_bytes() for name in ("results", "targets")] == before
-    assert not list(tmp_path.glob(".*partial"))
-
-
-def test_without_pyarrow_it_says_what_to_install(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "pyarrow.parquet", None)
-    with pytest.raises(ValueError, match=r"pip install 'blurnoise\[parquet\]'"):
-        write_parquet(store)
+            store.add([*every, *(clean_result(50 + index, model=model) for index in range(3))])
+        written = write_exports(store)
+        held = [list(store.cells()), list(store.targets())]
+    for path, rows in zip(written, held, strict=True):
+        with path.open(newline="", encoding="utf-8") as file:
+            found = list(csv.DictReader(file))
+        expected = [
+            {
+                name: "auto" if value == AUTOMATIC else "" if value is None else str(value)
+                for name, value in named(row).items()
+            }
+            for row in rows
+        ]
+        assert found == expected
+        assert {row["moves"] for row in found} == {"", *MOVES.choices}

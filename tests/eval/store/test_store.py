@@ -6,7 +6,6 @@ import math
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,7 +13,6 @@ import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.store.target_columns import target_columns
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
 
@@ -83,14 +81,6 @@ def test_cells_are_added_all_or_none(tmp_path: Path) -> None:
         assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
 
 
-def test_same_cell_again_replaces_it(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0)])
-        store.add([result(0, image="new")])
-        assert [cell["image"] for cell in store.cells()] == ["new"]
-        assert [target["image"] for target in store.targets()] == ["new"]
-
-
 def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> None:
     conditions = [
         {
@@ -142,16 +132,6 @@ def test_missing_run(tmp_path: Path) -> None:
     assert not (tmp_path / "nothing").exists()
 
 
-def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("x")
-    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(StoreError, match="cannot be written"):
-            Store(folder, create=True)
-    (tmp_path / "run" / RUN_FILE).mkdir(parents=True)
-    with pytest.raises(StoreError, match="cannot be used"):
-        Store(tmp_path / "run", create=True)
-
-
 def test_file_that_is_no_database(tmp_path: Path) -> None:
     (tmp_path / RUN_FILE).write_text("no database at all " * 100)
     with pytest.raises(StoreError, match="damaged"):
@@ -191,60 +171,6 @@ def test_tables_in_pandas(tmp_path: Path) -> None:
     assert targets["confidence"].dtype == float
 
 
-def test_tables_without_rows_have_their_header(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0, targets=1)])
-        write_exports(store)
-        full = [list(pd.read_csv(tmp_path / name)) for name in ("results.csv", "targets.csv")]
-    with Store(tmp_path / "empty", create=True) as store:
-        write_exports(store)
-        for name, columns in zip(("results.csv", "targets.csv"), full, strict=True):
-            table = pd.read_csv(tmp_path / "empty" / name)
-            assert list(table) == columns
-            assert len(table) == 0
-
-
-@pytest.mark.parametrize("name", ["results.csv", "targets.csv"])
-def test_export_that_fails_keeps_the_file_of_before(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    """A disk that is full when the file takes the place of the former one."""
-    replaced = Path.replace
-
-    def full(path: Path, target: Path) -> Path:
-        if target.name == name:
-            raise OSError(28, "No space left on device")
-        return replaced(path, target)
-
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0)])
-        write_exports(store)
-        before = (tmp_path / name).read_bytes()
-        store.add([result(1)])
-        monkeypatch.setattr(Path, "replace", full)
-        with pytest.raises(OSError, match="No space left"):
-            write_exports(store)
-        monkeypatch.undo()
-    assert (tmp_path / name).read_bytes() == before
-    files = {path.name for path in tmp_path.iterdir()}
-    assert files == {RUN_FILE, "results.csv", "targets.csv"}
-
-
-def test_disk_full_while_storing_keeps_what_was_stored(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0)])
-        (used,) = store.rows("PRAGMA page_count")
-        list(store.rows(f"PRAGMA max_page_count = {used['page_count'] + 8}"))
-        large = Detections(np.zeros((5000, 4)), np.zeros(5000), np.zeros(5000))
-        with pytest.raises(StoreError, match="full"):
-            store.add([result(1), result(2, detections=large)])
-        assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
-        list(store.rows("PRAGMA max_page_count = 1000000"))
-        store.add([result(1), result(2, detections=large)])  # room again: it goes on
-    with Store(tmp_path) as store:
-        assert len(list(store.cells())) == 3
-
-
 def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         store.add([result(0, model="b"), result(0, model="a"), result(1, model="a")])
@@ -276,31 +202,3 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
         pass
     with Store(tmp_path, shared=True), Store(tmp_path, shared=True), refused, Store(tmp_path, create=True):
         pass
-
-
-def test_of_columns_of_targets_those_of_new_rows_alone_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a search adds batches; a cell that is replaced is read anew, and the columns are those of one reading."""
-    read: list[int] = []
-    tuples = Store.tuples
-
-    def counted(store: Store, query: str, *values: object) -> Any:
-        for rows in tuples(store, query, *values):
-            read.append(len(rows) * ("cell_id" in query))
-            yield rows
-
-    monkeypatch.setattr(Store, "tuples", counted)
-    with Store(tmp_path, create=True) as store:
-        for number in (3, 0, 2, 1, 3):
-            store.add([result(number, image=f"{number % 2}.png", targets=3)])
-            if number != 3 or not read:
-                before = sum(read)
-                grown = target_columns(store, "m")
-                assert target_columns(store, "m") is grown
-                assert sum(read) - before == 1 + 3  # a cell and its targets
-        grown = target_columns(store, "m")
-    with Store(tmp_path) as store:
-        whole = target_columns(store, "m")
-    for one, other in zip(grown, whole, strict=True):
-        np.testing.assert_array_equal(one, other)

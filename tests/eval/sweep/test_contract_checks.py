@@ -19,9 +19,8 @@ from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.sweep import contract_checks, input_variants
-from blurnoise_eval.sweep.contract_checks import compared, output_problems
-from blurnoise_eval.sweep.input_variants import Known
+from blurnoise_eval.sweep import contract_checks
+from blurnoise_eval.sweep.contract_checks import Known, Variant, compared, output_problems
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper
 
@@ -215,62 +214,21 @@ def test_labels_are_one_more_view(reds: Path, own: Contract) -> None:
     wrong = Detections(np.array([[0, 0, 9, 9]], np.float32), np.ones(1, np.float32), np.zeros(1, np.int64))
     shares = []
     for labels in (wrong, None, right):
-        first = compared(detector, [(picture, labels)]).variants[0]
-        shares.append(first["agreed"] / first["found"])
+        variant = Variant(own)
+        assert variant.show(detector, [(picture, labels)]) == 2
+        shares.append(variant.agreed[0] / variant.found[0])
     assert shares[0] < 0.8 * shares[1] < 0.8 * 1
     assert shares[2] > shares[0]
-
-
-def test_each_variant_has_its_ap50_where_labels_are(reds: Path, own: Contract) -> None:
-    detector = Detector(reds, contract=own)
-    found = [detector.detect(image, min_score=0.25) for image, _ in squares()]
-    labelled = [
-        (image, replace(each, scores=np.ones(len(each), np.float32)))
-        for (image, _), each in zip(squares(), found, strict=True)
-    ]
-    best, *_, worst = compared(detector, labelled).variants
-    assert (best["colour"], best["value_range"], best["ap50"]) == ("rgb", "0-1", pytest.approx(1))
-    assert worst["ap50"] < 0.5
-    assert compared(detector, squares()).variants[0]["ap50"] is None
-
-
-@pytest.mark.parametrize(
-    ("labelled", "misses", "doubted"), [(True, 12, False), (True, 1, True), (False, 12, True)]
-)
-def test_labels_decide_where_they_tell_surely(
-    labelled: bool, misses: int, doubted: bool, own: Contract
-) -> None:
-    """Of two orders of colours as much is found again; the other one's boxes are beside the labels in so many of 12
-    pictures. AP50 is 0 instead of 1 there, or hardly less."""
-    contract = replace(own, sources=dict.fromkeys(Contract.names(), ASSUMED))
-    box, beside = np.array([[10, 10, 40, 40]], np.float32), np.array([[60, 60, 90, 90]], np.float32)
-
-    def found(at: NDArray[np.float32]) -> Detections:
-        return Detections(at, np.array([0.9], np.float32), np.zeros(1, np.int64))
-
-    labels = Detections(box, np.ones(1, np.float32), np.zeros(1, np.int64)) if labelled else None
-    shown: list[Known] = [(np.zeros((99, 99, 3), np.uint8), labels)] * 12
-    one = input_variants.Variant(contract, [0.8] * 12, [0.9] * 12, [found(box)] * 12)
-    seen = [found(beside)] * misses + [found(box)] * (12 - misses)
-    other = input_variants.Variant(replace(contract, colour="bgr"), [0.79, 0.81] * 6, [0.9] * 12, seen)
-    chosen, doubts = contract_checks._judged([one, other], shown)
-    assert chosen.colour == "rgb"
-    assert bool(doubts) == doubted
-    assert chosen.sources["colour"].startswith("assumed, doubtful" if doubted else "chosen by comparing")
 
 
 def test_a_view_shows_what_was_found_where_it_is_in_it() -> None:
     image = np.zeros((50, 100, 3), np.uint8)
     image[20:30, 30:50] = 255
     found = Detections(np.array([[30, 20, 50, 30], [0, 0, 3, 9]], np.float32), np.ones(2), np.zeros(2))  # type: ignore[arg-type]
-    for view in input_variants._VIEWS:
-        seen, moved = input_variants._view(image, *view), input_variants._seen_in(found, image, *view)
-        rows, columns = np.nonzero(seen[..., 0] == 255)
-        box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
-        np.testing.assert_allclose(moved.boxes_xyxy[0], box)
-        assert len(moved) == (1 if view[1] else 2)  # 4 % of 100 px are cut from the second
-        assert seen.shape[0] != 50
-        assert seen.shape[1] != 100
+    seen, moved = contract_checks._view(image, found)
+    rows, columns = np.nonzero(seen[..., 0] == 255)
+    box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
+    np.testing.assert_allclose(moved.boxes_xyxy, [box])  # 4 % of 100 px are cut from the second
 
 
 def answering(path: Path, value: float, top: float) -> Detector:
@@ -306,26 +264,11 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     image = np.zeros((40, 60, 3), np.uint8)
     (problem,) = output_problems(detector, image)
     assert words in problem
-    assert detector.non_finite_values == 0  # the caller's pictures are counted, not these
+    assert detector.non_finite_values_here == 0  # the caller's pictures are counted, not these
     found = compared(assumed(detector.path, detector.contract), [(image, None)] * 3)
     assert words in found.doubts[0]
     assert found.doubts[0].startswith("3 of 3 pictures: ")
     assert not any(source.startswith("chosen") for source in found.contract.sources.values())
-
-
-def test_scores_that_are_all_0_are_no_doubt_where_the_chosen_contract_has_others(
-    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
-) -> None:
-    model = onnx.load(behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx"))
-    offsets = next(each for each in model.graph.initializer if each.name == "offsets")
-    values = numpy_helper.to_array(offsets).copy()
-    values[5] = 0  # the score where nothing is red
-    offsets.CopyFrom(numpy_helper.from_array(values, "offsets"))
-    onnx.save(model, tmp_path / "m.onnx")
-    detector = assumed(tmp_path / "m.onnx", own)
-    assert "every score is exactly 0" in output_problems(detector, pictures[0][0])[0]
-    found = compared(detector, pictures)
-    assert (found.contract.value_range, found.doubts) == ("0-255", ())
 
 
 def photographs(places: Sequence[int]) -> list[Known]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import commands
 import numpy as np
 import pytest
 from blurnoise_eval import Evaluation, evaluate
@@ -105,41 +102,6 @@ def test_more_pictures_make_no_group_known(targets: int, clean: float, withheld:
     assert not replace(kept, kept=False).knows_too_little  # an absolute threshold can be asked of any
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "text", "groups"),
-    [
-        (["--keep", "0.5"], "keeps 0.5 of its confidence", {"a stop sign"}),
-        (["--threshold", "0.4"], "mean confidence 0.4", {"a stop sign", "a grey wall"}),
-        (["--score", "detection_rate"], "keeps 0.9 of its detection rate", {"a stop sign"}),
-        (
-            ["--score", "recall@0.2"],
-            "keeps 0.9 of its recall at 0.2 false alarms per picture",
-            {"a stop sign"},
-        ),
-        (["--score", "ap50"], "keeps 0.9 of its AP50", {"all", "small"}),
-        (["--score", "ap", "--threshold", "0.1"], "AP 0.1", {"all", "small"}),
-    ],
-)
-def test_every_table_says_what_is_enough(
-    run: Path,
-    tmp_path: Path,
-    options: list[str],
-    text: str,
-    groups: set[str],
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert commands.main(["report", str(run), *options, "-o", str(tmp_path), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == json.loads((tmp_path / "summary.json").read_text())
-    assert told["criterion"]["text"] == text
-    assert told["threshold"] == told["criterion"]["level"]
-    assert {answer["group"] for answer in told["answers"]} == groups
-    for name in ("answers.csv", "curves.csv"):
-        with (tmp_path / name).open(newline="") as file:
-            assert {row["criterion"] for row in csv.DictReader(file)} == {text}, name
-
-
 def test_ap_of_a_run_is_that_of_its_scores(run: Path) -> None:
     """What is kept of AP50 is the quotient of two rows of scores.csv, on average over speeds, which are pooled."""
     done = Evaluation(run, score="ap50")
@@ -167,23 +129,6 @@ def test_recall_is_that_at_the_rate_of_alarms(run: Path) -> None:
                 at = (exposure_s, answer["velocity_x_px_s"])
                 here = [row for row in own if (row["exposure_s"], row["velocity_x_px_s"]) == at]
                 assert recall == np.mean([row["confidence"] > beyond for row in here])
-
-
-def test_what_does_not_go_together_is_refused(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = str(tmp_path / "new")
-    for command, named in (
-        (["report", str(run), "--keep", "0.9", "--threshold", "0.6", "-o", folder], "--keep = 0.9"),
-        (["report", str(run), "--score", "exact_match", "-o", folder], "--score = 'exact_match'"),
-        (["sweep", "--score", "nonsense", "-o", folder], "--score = 'nonsense'"),
-        (["sweep", "--keep", "2", "-o", folder], "--keep = 2"),
-    ):
-        assert commands.main(command) == 2
-        error = capsys.readouterr().err
-        assert error.startswith(f"blurnoise: error: {named}")
-        assert error.count("\n") == 1
-        assert not Path(folder).exists()
 
 
 def test_recall_needs_labels(tmp_path: Path) -> None:

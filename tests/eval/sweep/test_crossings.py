@@ -12,7 +12,8 @@ from blurnoise_eval import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
 from blurnoise_eval.report.findings import run_facts
-from blurnoise_eval.sweep.exposing import Scene, box_mover, box_sweeper
+from blurnoise_eval.scoring.movers import box_mover, box_sweeper
+from blurnoise_eval.sweep.exposing import Scene
 from commands import main, stated
 from plans import plan as swept
 from signs_in_memory import BOX, CAMERA, matched_detector, picture, picture_set, sign
@@ -113,8 +114,3 @@ def test_refused(objects: Any, told: str, tmp_path: Path, capsys: pytest.Capture
     assert main(["sweep", "--plan", plan, "-o", str(tmp_path / "run")]) == 2
     assert told in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "run").exists()
-
-
-def test_nothing_crosses_where_all_moves() -> None:
-    with pytest.raises(ValueError, match="crossings: of what moves for itself; goes with moves targets"):
-        SweepPlan(swept((0.01,), (300.0,)).grid, objects=Objects(crossings=SIGN))

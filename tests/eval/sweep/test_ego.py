@@ -7,16 +7,15 @@ import pickle
 from dataclasses import replace
 from pathlib import Path
 
-import commands
 import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store.store import StoreError
-from blurnoise_eval.sweep.exposing import Scene, box_mover, frames
-from commands import Output
+from blurnoise_eval.sweep.exposing import Scene, frames
 from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise
 
@@ -83,33 +82,6 @@ def test_rows_have_each_targets_own_blur_and_no_ego_leaves_ids_alone() -> None:
     taken = stated.exposure(CAMERA, vehicle=VEHICLE)
     assert pickle.loads(pickle.dumps(taken)) == taken
     assert hash(taken) == hash(stated.exposure(CAMERA, vehicle=VEHICLE))
-
-
-@pytest.mark.parametrize(
-    ("further", "named"),
-    [
-        ({"velocity_x_px_s": (100.0,)}, "goes without velocity_x_px_s"),
-        ({"velocity_y_px_s": (0.0, 3.0)}, "goes without velocity_y_px_s"),
-        ({"moves": (0.0, 1.0)}, "goes without moves"),
-    ],
-)
-def test_what_does_not_go_with_it_is_refused(further: dict[str, tuple[float, ...]], named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        replace(PLAN, grid={**PLAN.grid, **further})
-
-
-def test_vehicles_without_speeds_are_refused() -> None:
-    with pytest.raises(ValueError, match="ego: goes with ego_speed_m_s"):
-        replace(STILL, ego=VEHICLE)
-
-
-def test_refused_at_the_command_line_before_a_folder_is_made(tmp_path: Path, capsys: Output) -> None:
-    for options in (["--ego-kmh", "50", "--dx", "0,300"], ["--height-m", "1.2"]):
-        assert commands.main(["sweep", *options, "-o", str(tmp_path / "run")]) == 2
-        told = capsys.readouterr().err
-        assert "ego" in told
-        assert told.count("\n") == 1
-        assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.slow

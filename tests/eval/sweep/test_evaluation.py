@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,16 +12,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import AXES, Detector, Evaluation, datasets, evaluate
-from blurnoise_eval.datasets import Picture, PictureSet
+from blurnoise_eval import Detector, Evaluation, datasets, evaluate
+from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
-from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep import latency, model_notes
+from blurnoise_eval.sweep import model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_eval.sweep.exposing import Scene, frames
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
@@ -94,7 +90,7 @@ def test_python_and_the_command_find_the_same(
     page = done.report()
     assert page == done.folder / "report.html"
     assert {path.name for path in tmp_path.rglob("*")} == {path.name for path in done.folder.rglob("*")}
-    assert done.figures == sorted((done.folder / "figures").iterdir())
+    assert list((done.folder / "figures").glob("*.png"))
     assert all((done.folder / name).is_file() for name in TABLES)
     cells = pd.read_csv(done.folder / "results.csv")
     assert list(cells["cell_id"]) == [cell["cell_id"] for cell in done.cells]
@@ -102,23 +98,11 @@ def test_python_and_the_command_find_the_same(
     assert summaries[0].keys() == summaries[1].keys()
 
 
-def test_latency_is_measured_once_and_a_busy_machine_named(
-    model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measured = [{"median_ms": 1.5, "p95_ms": 2.0, "clock_ratio": 2.0, "threads": 1}]
-    monkeypatch.setattr(latency, "measure", lambda *_: measured.pop())
-    plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
-    with pytest.warns(RuntimeWarning, match="small: the machine was busy while latency.* 2.0 times"):
-        evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
-    again = evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
-    assert again.models[0]["latency_ms"] == 1.5
-
-
 def test_a_finished_run_keeps_what_is_noted_of_its_models(
     model: Path, pictures: PictureSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured: list[str] = []
-    monkeypatch.setattr(latency, "measure", lambda model, _: measured.append(model.name) or {})
+    monkeypatch.setattr(model_notes, "latency", lambda model, _: measured.append(model.name) or {})
     monkeypatch.setattr(model_notes, "baked", lambda *_: measured.append("baked"))
     plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
     for _ in range(2):
@@ -138,36 +122,6 @@ def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: 
         evaluate(model, pictures, "imx250", replace(PLAN, seed=1), output=done.folder)
     with pytest.raises(StoreError, match="holds no"):
         Evaluation(done.folder / "nowhere")
-
-
-def test_photographs_of_another_exposure_give_the_same_cells_when_anchored(
-    model: Path, tmp_path: Path
-) -> None:
-    """16-bit codes of one scene, 1 and 2 EV apart: the same pictures, but for a code of 8 bits here and there."""
-    light = charts.stop_sign(24, height_px=64, width_px=64)
-    codes = [
-        (srgb_from_linear(light / 2**stops)[0].permute(1, 2, 0).numpy() * 65535).round().astype(np.uint16)
-        for stops in range(3)
-    ]
-    camera = Camera.preset("imx250")
-    cell = Cell("a", 0, Conditions(exposure_s=0.01, illuminance_lux=20.0, velocity_x_px_s=300.0), 7)
-    anchored, plain = (
-        [next(frames(Scene(each, anchor), [cell], camera)).image.astype(int) for each in codes]
-        for anchor in ("mean", None)
-    )
-    for darker in (1, 2):
-        assert (
-            np.abs(anchored[darker] - anchored[0]).max() <= 2
-        )  # a digital number in deep shadow is two codes
-        assert (anchored[darker] != anchored[0]).mean() < 0.02
-        assert np.abs(plain[darker] - plain[0]).mean() > 5
-    assert anchored[0].mean() > 10
-    black = Picture("black.png", (), lambda: np.zeros((40, 50, 3), np.uint8), "black")
-    both = PictureSet("folder", "here", (black, Picture("a", (), lambda: codes[0], "a")))
-    found = evaluate(model, both, plan=replace(PLAN, grey_anchor="mean"), output=tmp_path)
-    assert [row["reason"] for row in found.skipped] == [
-        "black.png: grey_anchor = mean: is black here; must have some light to be 18 % grey"
-    ]
 
 
 def test_not_told_it_is_the_default_sweep(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -240,24 +194,6 @@ def test_readers_get_texts_and_no_detectors_beside_them(model: Path, tmp_path: P
     assert usual_pictures([Detector(model)]).source.startswith("stop signs")
 
 
-def test_the_package_is_light_until_it_is_used() -> None:
-    """The names are there, but nothing heavy is imported before one is used."""
-    code = """
-import sys, blurnoise_eval
-heavy = {"torch", "cv2", "onnxruntime", "matplotlib", "plotly", "numpy"}
-assert not heavy & set(sys.modules), heavy & set(sys.modules)
-assert {"evaluate", "Detector", "AXES", "datasets"} <= set(dir(blurnoise_eval))
-try:
-    blurnoise_eval.nothing
-except AttributeError as error:
-    assert "nothing" in str(error)
-else:
-    raise SystemExit(1)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
-    assert AXES[0].name == "exposure_s"
-
-
 def test_pictures_of_one_name_part_count_as_one(done: Evaluation, tmp_path: Path) -> None:
     """Both pictures are "?.png": alone they are two, by the pattern on what follows the dot they are one."""
     assert {answer["n_pictures"] for answer in done.answers} == {2}
@@ -266,27 +202,3 @@ def test_pictures_of_one_name_part_count_as_one(done: Evaluation, tmp_path: Path
     assert {curve["n_pictures"] for curve in together.curves} == {1}
     assert together.summary["cluster"] == r"\.(png)"
     assert done.summary["cluster"] is None
-
-
-@pytest.mark.slow
-def test_answers_are_a_table_too(done: Evaluation) -> None:
-    done.report()
-    table = pd.read_csv(done.output / "answers.csv")
-    assert len(table) == len(done.answers)
-    assert set(table["verdict"]) == {"cannot tell"}
-    assert table["window_from_low_s"].isna().all()
-    models = pd.read_csv(done.output / "models.csv")
-    assert 0 <= models["mpc_uniform"][0] <= 1
-    exposed = pd.read_csv(done.folder / "results.csv").query("clean == 0")
-    assert exposed["saturated"].between(0, 1).all()
-
-
-def test_a_pattern_that_is_none_is_refused_before_anything_is_done(
-    model: Path, pictures: PictureSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(ValueError, match=r"cluster = '\('"):
-        evaluate(model, pictures, plan=PLAN, output=tmp_path / "run", cluster="(")
-    command = ["sweep", "--model", str(model), "--images", pictures.source, *OPTIONS, "--cluster", "("]
-    assert commands.main([*command, "-o", str(tmp_path / "run")]) == 2
-    assert "cluster = '('" in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()

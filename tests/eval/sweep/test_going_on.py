@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
-import sys
 import weakref
 from pathlib import Path
 from typing import Any
 
-import commands
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import PictureSet, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_models.detector import STOP_SIGN
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import (
@@ -78,50 +70,6 @@ def test_interrupted_sweep_goes_on(
         assert everything(store) == uninterrupted
         again = sweep.run([detector], CAMERA, TWO, PLAN, store)
         assert (again.resumed, again.computed) == (total, 0)
-
-
-_KILLED = """
-import os, signal, sys
-
-from blurnoise_eval.cli import main
-from blurnoise_eval.store.store import Store
-add, added = Store._learnt_with, []
-def killed(*given):
-    added.append(given)
-    if len(added) == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return add(*given)
-Store._learnt_with = killed
-main(sys.argv[1:])
-"""
-"""A command that is killed in the middle of its third transaction."""
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
-def test_killed_sweep_goes_on_with_the_same_command(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """kill -9 in the middle of a real command; the default detector and one default sign."""
-    folder = tmp_path / "run"
-    command = ["sweep", "--exposure-ms", "1:24:1", "--lux", "50", "--dx", "0,300", "--repeats", "1"]
-    command += ["--limit", "1", "--no-refine", "--threads", "1", "--json", "-o", str(folder)]
-    command = ["sweep", *commands.in_a_file("sweep", command[1:])]
-    plan = swept(tuple(ms / 1e3 for ms in range(1, 25)), (50.0,), (0.0, 300.0), gain_db=("auto",))
-    one = PictureSet("rendered", "", rendered_signs().pictures[:1])
-
-    done = subprocess.run([sys.executable, "-c", _KILLED, *command], capture_output=True, check=False)
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    with Store(folder) as store:
-        kept = n_done(store)
-    assert 0 < kept < count_cells(one, plan)
-
-    assert commands.main(command) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["resumed"], summary["computed"]) == (kept, count_cells(one, plan) - kept)
-    expected = rows_of(tmp_path / "uninterrupted", [Detector(STOP_SIGN)], CAMERA, one, plan)
-    with Store(folder) as store:
-        assert everything(store) == expected
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -133,9 +133,9 @@ def computed_with(run: Path, **others: str) -> None:
 def test_other_software_is_named(cut: Path, tmp_path: Path, name: str) -> None:
     run = shutil.copytree(cut, tmp_path / "run")
     computed_with(run, **{name: "0.0.7"})
-    with pytest.raises(StoreError, match=rf"another software \({name} 0\.0\.7 there, .* here\)"):
+    with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
         swept(run, pictures(), cutting(mattes="segmentation"))
-    with pytest.raises(StoreError, match=rf"differs from .* in software \({name} .*0\.0\.7"):
+    with pytest.raises(StoreError, match=rf"differs from .* in software\.{name} \(.*0\.0\.7"):
         merge([cut, run], tmp_path / "merged")
 
 

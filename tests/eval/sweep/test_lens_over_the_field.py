@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-from blurnoise_eval import SweepPlan, cli, evaluate
+from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.detectors.detector import Detector
@@ -100,36 +99,6 @@ def test_targets_follow_the_distortion(
     lost, lost_scores = rows_of(detector, tmp_path / "still", CAMERA)
     assert all(row["confidence"] < 0.1 for row in lost)
     assert lost_scores[0]["ap50"] < 0.1
-
-
-def test_a_camera_file_is_explained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lens = {
-        "field_curvature_px": 1.5,
-        "lateral_red": 0.0005,
-        "falloff_power": 4,
-        "distortion": {"model": "opencv", "coefficients": [-0.2, 0.03, 0, 0]},
-        "mtf": {"frequencies": [20, 80, 160], "values": [0.9, 0.6, 0.1], "unit": "lp/mm"},
-    }
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"base": "imx250", "lens": lens}))
-    chart, out = str(tmp_path / "chart.png"), str(tmp_path / "seen.png")
-    assert cli.main(["chart", "stop-sign", "-o", chart]) == 0
-    command = ["simulate", chart, "-o", out, "--camera", str(tmp_path / "mine.yaml"), "--explain"]
-    capsys.readouterr()
-    assert cli.main([*command, "--json"]) == 0
-    told = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
-    for name in ("distortion", "lateral colour", "defocus", "measured MTF", "vignetting"):
-        assert told[name]["kept"], name
-        assert told[name]["contribution_dn"] > 1
-    assert cli.main(command) == 0
-    printed = capsys.readouterr().out
-    for words in ("cos^4", "opencv, up to", "blended", "red +0.8", "3 samples"):
-        assert words in printed
-    assert cli.main(["cameras", str(tmp_path / "mine.yaml")]) == 0
-    assert "field_curvature_px" in capsys.readouterr().out
-    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"base": "imx250", "lens": {"lateral_red": 2}}))
-    assert cli.main(command) == 2
-    error = capsys.readouterr().err
-    assert "lens: lateral_red = 2.0: must be" in error.replace("\n", " ")
 
 
 @pytest.mark.parametrize("axis", ["f_number", "defocus_radius_px"])

@@ -7,15 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pytest
 import torch
 from blurnoise_eval import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC, SETTING
 from blurnoise_eval.grid.conditions import SweepPlan, with_lens
-from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.report.run import write_tables
 from blurnoise_eval.sweep.met_conditions import met_conditions
-from blurnoise_eval.system.urls import location
 from plans import IMX250
 from plans import plan as swept
 from signs_in_memory import matched_detector, picture, picture_set
@@ -96,39 +93,6 @@ def test_what_the_camera_sets_itself_is_auto_as_it_was_set(tmp_path: Path) -> No
     assert read.cameras == (IMX250,)
     assert read.rows[0].gain_db is None
     assert read.gain_db == replace(plan.auto_exposure, target=0.3)
-
-
-@pytest.mark.parametrize(
-    ("name", "plan"),
-    [
-        ("trajectory", replace(PLAN, trajectory="shake:6")),
-        ("ego", swept((0.002,), (5.0,), ego_speed_m_s=(20.0,))),
-        ("grey_anchor", replace(PLAN, grey_anchor="mean")),
-    ],
-)
-def test_conditions_name_what_training_pictures_are_not_taken_under(
-    tmp_path: Path, name: str, plan: SweepPlan
-) -> None:
-    held = table(plan)
-    assert held[name] == plan.to_dict()[name]  # plain values, no sentence
-    (tmp_path / FILE).write_text(json.dumps(held))
-    with pytest.raises(ValueError, match="training pictures are taken without"):
-        ExposureTable.of_run(tmp_path)
-
-
-def test_speeds_of_classes_are_told() -> None:
-    assert table(PLAN)["speeds"] is None
-    plan = swept((0.002,), (5.0,), (0.0, 400.0), moves=(1.0,))
-    slow = replace(plan, objects=Objects(speeds={"person": 0.3}))
-    assert list(map(list, table(slow)["speeds"])) == [["person", 0.3]]
-
-
-def test_folder_elsewhere_is_read_through_its_location() -> None:
-    there = location("memory://bucket/run of training")
-    with pytest.raises(ValueError, match=rf"run = 'memory://bucket/run of training': holds no {FILE}"):
-        ExposureTable.of_run(there)
-    (there / FILE).write_text(json.dumps(table(PLAN)))
-    assert len(ExposureTable.of_run(there).rows) == 16
 
 
 def test_training_draws_what_a_finished_run_has_met(tmp_path: Path) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,17 +13,14 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.exposing import box_mover, box_sweeper
+from blurnoise_eval.scoring.movers import box_mover, box_sweeper
+from blurnoise_eval.store.store import Store
 from blurnoise_models.detector import STOP_SIGN
-from commands import main
 from plans import plan as swept
-from signs_in_memory import CAMERA, everything, matched_detector, noise, picture, picture_set
+from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set
 
-from blurnoise.scene import exposure
 from blurnoise.scene.scene import Exposure
 
-KINDS = (0.0, 1.0, 2.0)
 AT: Any = {"exposures_s": (0.01,), "lights_lux": (100.0,), "right_px_s": (0.0, 1600.0)}
 
 
@@ -44,10 +39,6 @@ def labelled() -> PictureSet:
     return picture_set(picture("a"), picture("b"))
 
 
-def test_names_are_those_of_the_simulator() -> None:
-    assert MOVES.choices == get_args(exposure.Moves)
-
-
 def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detector: Detector) -> None:
     at = Conditions(exposure_s=0.01, illuminance_lux=100.0, velocity_x_px_s=1600.0)
     assert Cell("a", 0, at, 1).cell_id == "535e6891d330e313632b"  # as of runs before there was a choice
@@ -62,39 +53,6 @@ def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detecto
         assert {**one, "cell_id": None, "example": None} == {**other, "cell_id": None, "example": None}
 
 
-@pytest.mark.slow
-def test_rows_and_files_tell_what_moved(tmp_path: Path, detector: Detector) -> None:
-    cells, targets, *_ = run(tmp_path, detector, swept(**AT, moves=MOVES.choices), labelled())
-    seen = {(row["moves"], row["velocity_x_px_s"]) for row in cells}
-    assert seen == {(None, None), *((kind, speed) for kind in KINDS for speed in (0.0, 1600.0))}
-    still = {(row["image"], row["target_confidence"]) for row in cells if row["velocity_x_px_s"] == 0}
-    assert len(still) == 2  # at rest the picture is as it is, cut out or not
-    shares = {(row["moves"], row["velocity_x_px_s"]): row["invented_share"] for row in targets}
-    # L / 4w of a box; of an octagon, whose rows are shorter, by its share of its box
-    assert shares[None, None] is None
-    assert shares[0.0, 1600.0] == shares[1.0, 0.0] == 0.0
-    assert shares[1.0, 1600.0] == shares[2.0, 1600.0] == pytest.approx(16 / 4 / 24 / 0.828, abs=0.02)
-    means = {(row["moves"], row["velocity_x_px_s"]): row["invented_share"] for row in cells}
-    assert means == pytest.approx(shares)
-    evaluation = evaluate([detector], labelled(), CAMERA, swept(**AT, moves=MOVES.choices), tmp_path)
-    evaluation.report()
-    for name in ("results.csv", "targets.csv", "scores.csv", "answers.csv"):
-        with (tmp_path / name).open(newline="", encoding="utf-8") as file:
-            assert {row["moves"] for row in csv.DictReader(file)} - {""} == set(MOVES.choices), name
-    assert any(path.name == "score_moves.png" for path in evaluation.figures)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Behind targets the background was invented" in page
-
-
-def test_a_run_is_of_its_objects(tmp_path: Path, detector: Detector) -> None:
-    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.5}))
-    assert SweepPlan(**json.loads(json.dumps(plan.to_dict()))) == plan
-    run(tmp_path, detector, plan, labelled())
-    for other in (Objects(), Objects(speeds={"stop sign": 0.25}), Objects(boxes="swept")):
-        with pytest.raises(StoreError, match="another plan"):
-            run(tmp_path, detector, SweepPlan(plan.grid, objects=other), labelled())
-
-
 def test_what_stands_is_seen_as_at_rest(tmp_path: Path, detector: Detector) -> None:
     plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.0}))
     _, targets, *_ = run(tmp_path, detector, plan, labelled())
@@ -103,33 +61,6 @@ def test_what_stands_is_seen_as_at_rest(tmp_path: Path, detector: Detector) -> N
     )
     assert moved == still
     assert min(still) > 0.5
-
-
-def test_what_cannot_move_by_itself_is_refused_before_a_folder_is_made(
-    tmp_path: Path, detector: Detector, capsys: pytest.CaptureFixture[str]
-) -> None:
-    unlabelled = picture_set(picture("b", lambda: noise(40, 51), None))
-    with pytest.raises(ValueError, match="needs to know where targets are"):
-        run(tmp_path / "run", detector, swept(**AT, moves=("targets",)), unlabelled)
-    with pytest.raises(ValueError, match="speeds: of what moves for itself; goes with moves"):
-        SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (1.0,)}, objects=Objects(speeds={"car": 2.0}))
-    for command, told in (
-        (["sweep", "--moves", "some"], "moves = 'some': must be one of all, targets, background"),
-        (["quality", "--moves", "targets"], "moves: must be all"),
-    ):
-        with pytest.raises(SystemExit) as end:
-            raise SystemExit(main([*command, "-o", str(tmp_path / "run")]))
-        assert end.value.code == 2
-        assert told in capsys.readouterr().err
-    assert not (tmp_path / "run").exists()
-
-
-def test_maps_are_of_runs_in_which_all_moves(
-    tmp_path: Path, detector: Detector, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run(tmp_path, detector, swept(**AT, moves=("background",)), labelled())
-    assert main(["maps", str(tmp_path), "-o", str(tmp_path / "maps")]) == 2
-    assert "maps are of runs in which all moves" in capsys.readouterr().err.replace("\n", " ")
 
 
 # --- boxes ------------------------------------------------------------------
@@ -163,15 +94,6 @@ def test_the_truth_is_the_box_that_is_asked_for() -> None:
     tracked = box_mover(taken("background", 5000.0), Objects(boxes="half"))
     assert tracked is not None
     np.testing.assert_allclose(tracked(BOX, SIZES, ["a", "a"]), BOX)
-
-
-def test_swept_truth_is_scored_and_kept(tmp_path: Path, detector: Detector) -> None:
-    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(boxes="swept"))
-    _, targets, *_ = run(tmp_path, detector, plan, labelled())
-    widths = {row["velocity_x_px_s"]: row["width_px"] for row in targets}
-    assert widths[1600.0] == pytest.approx(widths[0.0] + 16)
-    for row in targets:
-        assert row["confidence"] == row["confidence_swept"]
 
 
 # --- what it does to a detector ---------------------------------------------

@@ -107,7 +107,7 @@ def test_a_worker_that_is_killed_is_replaced(
     with limited(LONGEST_S):
         outcome = computed(tmp_path / "run", [detector], shown, RayEngine(2), LONG)
     assert (tmp_path / "killed").exists()
-    assert outcome.workers_died == 1
+    assert outcome.workers_died == 0  # Ray itself has computed its task again
     assert list(outcome.skipped) == ["empty.png"]
     assert everything(tmp_path / "run") == expected
 
@@ -158,7 +158,7 @@ def test_a_node_that_is_lost_costs_nothing(
         outcome = computed(tmp_path / "run", [detector], shown, RayEngine(2), LONG)
     ended.set()
     loser.join()
-    assert outcome.workers_died == 1
+    assert outcome.workers_died == 0
     assert list(outcome.skipped) == ["empty.png"]
     assert everything(tmp_path / "run") == expected
 

@@ -18,7 +18,7 @@ from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.merging import merge
-from blurnoise_eval.sweep.refining import STOPS, Refinement
+from blurnoise_eval.sweep.refining import STOPS
 from blurnoise_eval.sweep.work import Work
 from commands import main
 from signs_in_memory import CAMERA, matched_detector, picture, picture_set
@@ -122,22 +122,6 @@ def test_every_end_lies_in_its_interval(refined: Evaluation) -> None:
     assert seen == 8
 
 
-def test_without_it_ends_are_as_wide_as_the_grid(detector: Detector, tmp_path: Path) -> None:
-    engine = ClosedForm()
-    plain = swept(tmp_path, detector, engine, refine=False)
-    assert engine.cells == 24 * (1 + 5 * 4)
-    for answer in plain.answers:
-        assert answer["exposures_s"] == EXPOSURES_S
-        for bounds, exact in zip(
-            (answer["windows_low_s"][0], answer["windows_high_s"][0]),
-            ends_of(answer["illuminance_lux"], answer["velocity_x_px_s"]),
-            strict=True,
-        ):
-            low, high = bounds
-            assert low <= exact <= high
-            assert {low, high} <= set(EXPOSURES_S)
-
-
 def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) -> None:
     """Less than half of a grid of quarter stops, 27 exposures for each of four lines."""
     with Store(refined.folder) as store:
@@ -149,35 +133,6 @@ def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) 
     assert refined.outcome.computed == 24 * (1 + 20 + len(more))
     lines = {(at.illuminance_lux, at["velocity_x_px_s"]) for at in more}
     assert lines == {(lux, speed) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S}
-
-
-@pytest.mark.parametrize(
-    ("ends", "common", "said"),
-    [
-        (0, True, "about the exposure to use"),
-        (1, False, "about 1 end of windows"),
-        (3, True, "about 3 ends of windows and the exposure to use"),
-    ],
-)
-def test_it_is_said_where_it_refines(ends: int, common: bool, said: str) -> None:
-    assert Refinement((), ends, 1, 1, common).about == said
-
-
-def test_scores_of_the_grid_stay_those_of_the_grid(
-    refined: Evaluation, detector: Detector, tmp_path: Path
-) -> None:
-    """mPC, areas over blur, curves over other axes, and what training draws from."""
-    plain = swept(tmp_path, detector, refine=False)
-    (ours,), (theirs,) = refined.models, plain.models
-    assert ours["mpc"] == theirs["mpc"]
-    assert ours["auc_blur"] == theirs["auc_blur"]
-    blurs = [
-        [row["exposure_s"] for row in run.curves if row["axis"] == "blur_px"] for run in (refined, plain)
-    ]
-    assert blurs[0] == blurs[1]
-    assert refined.data.exposures_s == list(EXPOSURES_S)
-    assert "refined" in refined.summary
-    refined.report()
 
 
 def test_asked_again_it_computes_nothing(refined: Evaluation, detector: Detector) -> None:
@@ -212,12 +167,6 @@ def test_a_part_refines_nothing_and_the_merged_run_does(
     assert Evaluation(tmp_path / "run", keep=KEPT).summary["refined"] == 0
     whole = swept(tmp_path / "run", detector)
     assert [set(map(repr, each)) for each in rows(whole)] == [set(map(repr, each)) for each in rows(refined)]
-
-
-def test_merged_runs_keep_what_was_refined(refined: Evaluation, tmp_path: Path) -> None:
-    merge([refined.folder], tmp_path / "run")
-    joined = Evaluation(tmp_path / "run", keep=KEPT)
-    assert (joined.summary["refined"], joined.summary["missing_cells"]) == (refined.summary["refined"], 0)
 
 
 def test_the_command_announces_its_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

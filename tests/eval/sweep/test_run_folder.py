@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
-import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import commands
 import numpy as np
 import onnx
 import pytest
@@ -28,7 +24,6 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_models import matched_filter
-from matplotlib.figure import Figure
 from plans import plan as swept
 
 from blurnoise import Camera, charts
@@ -36,9 +31,6 @@ from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 PLAN = swept((0.002, 0.01, 0.02), (50.0,), (0.0, 400.0), repeats=2)
-OPTIONS = ["--exposure-ms", "2,10,20", "--lux", "50", "--dx", "0,400", "--repeats", "2", "--threads", "1"]
-PER_PICTURE = 1 + 2 * 6
-Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
@@ -88,51 +80,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory, model: Path) -> Path:
 @pytest.fixture
 def run(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "run")
-
-
-# --- what is missing ---
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
-def test_killed_run_says_how_many_cells_are_missing(model: Path, tmp_path: Path, capsys: Output) -> None:
-    pictures, folder = photos(tmp_path / "photos", "a.png", "b.png"), tmp_path / "run"
-    (pictures / "c.png").write_bytes(b"")
-    command = ["sweep", "--model", str(model), "--images", str(pictures), *OPTIONS]
-    command += ["--no-refine", "-o", str(folder)]
-    command = ["sweep", *commands.in_a_file("sweep", command[1:])]
-    dies = """
-import os, sys
-
-from blurnoise_eval.cli import main
-from blurnoise_eval.store.store import Store
-add, added = Store.add, []
-def add_and_die(self, results, *arguments):
-    add(self, results, *arguments)
-    added.append(results)
-    if len(added) == 4:
-        os.kill(os.getpid(), 9)
-Store.add = add_and_die
-main(sys.argv[1:])
-"""
-    killed = subprocess.run([sys.executable, "-c", dies, *command], capture_output=True, check=False)
-    assert killed.returncode == -signal.SIGKILL, killed.stderr
-    assert commands.main(["report", str(folder)]) == 0
-    told = capsys.readouterr().out
-    summary = json.loads((folder / "summary.json").read_text())
-    # the picture that cannot be read is skipped if the sweep came to it, or else missing with the others
-    there = (3 - len(summary["skipped"])) * PER_PICTURE
-    assert 0 < summary["cells"] < there
-    assert summary["missing_cells"] == there - summary["cells"]
-    says = f"{summary['missing_cells']} cells missing"
-    assert says in " ".join(told.split())
-    assert says in (folder / "report.html").read_text()
-
-    assert commands.main(command) == 0
-    assert "missing" not in capsys.readouterr().out
-    summary = json.loads((folder / "summary.json").read_text())
-    assert (summary["cells"], summary["missing_cells"]) == (2 * PER_PICTURE, 0)
-    assert "cells missing" not in (folder / "report.html").read_text()
 
 
 # --- what every sweep learnt ---
@@ -189,23 +136,6 @@ def test_a_picture_that_became_readable_is_skipped_no_more(model: Path, tmp_path
 # --- which folder is whose ---
 
 
-@pytest.mark.slow
-def test_a_run_among_the_pictures_goes_on(
-    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
-    photos(tmp_path, "a.png")
-    photos(tmp_path / "examples", "b.png")  # of no run
-    monkeypatch.chdir(tmp_path)
-    for run in ("run", "sub/run"):
-        command = ["sweep", "--model", str(model), "--images", ".", *OPTIONS, "--json", "-o", run]
-        assert commands.main(command) == 0
-        assert list((tmp_path / run / "examples").glob("*.png"))
-        assert list((tmp_path / run / "figures").glob("*.png"))
-        capsys.readouterr()
-        assert commands.main(command) == 0
-        assert json.loads(capsys.readouterr().out)["resumed"] == 2 * PER_PICTURE
-
-
 def test_a_first_attempt_without_an_answer_claims_no_folder(
     model: Path, infinite: Path, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,31 +167,6 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
 # --- where nothing can be written ---
 
 
-@pytest.mark.slow
-def test_run_that_cannot_be_written_is_read_and_left_alone(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    expected = Evaluation(run)
-    page = expected.report()
-    before = files(run)
-    monkeypatch.setattr(stores, "_writable", lambda path: False)
-    done = Evaluation(run, output=tmp_path / "a" / "elsewhere")
-    assert done.report() == tmp_path / "a" / "elsewhere" / "report.html"
-    assert done.cells == expected.cells
-    assert len(done.figures) == len(expected.figures) > 0
-    assert done.summary["report"] == str(done.output / "report.html")
-    made = {name for name in files(run) if not name.startswith(("examples", "coco", "results.sqlite"))}
-    assert files(done.output).keys() == made
-    assert page.read_text().count("data:image/jpeg") == (done.output / "report.html").read_text().count(
-        "data:image/jpeg"
-    )
-    assert commands.main(["report", str(run), "--coco", "-o", str(tmp_path / "new")]) == 0
-    assert len(files(tmp_path / "new" / "coco")) == 1 + 1 + 2 * 6
-    assert files(run) == before
-    with Store(run) as store, pytest.raises(StoreError, match="readonly"):
-        store.skip("a.png", "no reason")
-
-
 def test_journal_of_a_killed_run_is_read_where_nothing_can_be_written(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -280,22 +185,3 @@ os._exit(9)
     monkeypatch.setattr(stores, "_writable", lambda path: False)
     assert [row["image"] for row in Evaluation(run).skipped] == ["late.png"]
     assert files(run) == before
-
-
-@pytest.mark.slow
-def test_figures_appear_whole_or_not_at_all(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    done = Evaluation(run)
-    done.report()
-    before = files(run / "figures")
-    save = Figure.savefig
-
-    def half(figure: Figure, into: Any, **options: Any) -> None:
-        save(figure, into, **options)
-        if not hasattr(into, "write"):
-            os.truncate(into, 100)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Figure, "savefig", half)
-    with pytest.raises(KeyboardInterrupt):
-        done.report()
-    assert files(run / "figures") == before

@@ -23,6 +23,7 @@ from blurnoise_eval.sweep import work
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
 from coco_oracle import target_confidence
+from made_up import Pedestal, Shift, Veil
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import (
@@ -38,15 +39,15 @@ from signs_in_memory import (
     picture_set,
     rows_of,
     sign,
-    unreadable,
 )
 
 from blurnoise import Camera, simulate
+from blurnoise.light import effects
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.scene import scene
 from blurnoise.sensor import readout as sensor
+from blurnoise.sensor import stages
 
 EVERY_EFFECT = replace(
     CAMERA,
@@ -186,18 +187,6 @@ def test_clean_row_is_the_detection_in_the_untouched_picture(detector: Detector,
             np.testing.assert_array_equal(image[..., ::-1], sign())
 
 
-def test_thread_settings_of_the_process_come_back(detector: Detector, tmp_path: Path) -> None:
-    before = torch.get_num_threads(), cv2.getNumThreads()
-    try:
-        torch.set_num_threads(2)
-        cv2.setNumThreads(2)
-        rows_of(tmp_path, [detector], CAMERA, TWO, swept((0.01,), (50.0,)))
-        assert (torch.get_num_threads(), cv2.getNumThreads()) == (2, 2)
-    finally:
-        torch.set_num_threads(before[0])
-        cv2.setNumThreads(before[1])
-
-
 def test_rows_do_not_depend_on_the_other_pictures(
     detector: Detector, tmp_path: Path, uninterrupted: list[Any]
 ) -> None:
@@ -206,32 +195,6 @@ def test_rows_do_not_depend_on_the_other_pictures(
     expected = uninterrupted[0]
     assert [cell for cell in cells if cell["image"] in "ab"] == expected
     assert [target for target in targets if target["image"] in "ab"] == uninterrupted[1]
-
-
-def test_confidence_falls_with_blur_and_with_darkness(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.01,), (0.3, 3.0, 300.0), (0.0, 200.0, 500.0, 1000.0))
-    _, targets, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
-    found = {
-        (row["illuminance_lux"], row["velocity_x_px_s"]): row["confidence"]
-        for row in targets
-        if not row["clean"]
-    }
-    bright = [found[300.0, speed] for speed in plan.values("velocity_x_px_s")]
-    assert bright == sorted(bright, reverse=True)
-    assert bright[0] > 0.8
-    assert bright[-1] < 0.5 * bright[0]
-    still = [found[lux, 0.0] for lux in plan.values("illuminance_lux")]
-    assert still == sorted(still)
-    assert still[0] < 0.5 * still[-1]
-
-
-def test_still_and_bright_agrees_with_clean(detector: Detector, tmp_path: Path) -> None:
-    """White fills 9/10 of the well: about 50 dB of signal to noise cost next to nothing."""
-    lux = 0.9 * CAMERA.saturation_e / photoelectrons(CAMERA, 1.0, 0.01)
-    plan = swept((0.01,), (lux,))
-    cells, *_ = rows_of(tmp_path, [detector], CAMERA, picture_set(picture("p")), plan)
-    clean, exposed = (cell["target_confidence"] for cell in cells)
-    assert exposed == pytest.approx(clean, abs=0.02)
 
 
 @pytest.mark.parametrize(("scatter_dn", "low", "high"), [(0, 0.95, 1.0), (75, 0.25, 0.6)])
@@ -292,25 +255,6 @@ def test_seeds_are_shared_by_conditions_and_by_nothing_else(uninterrupted: list[
     assert max(max(shared) for shared in seeds.values()) < 2**63
 
 
-def test_repeats_and_base_seed_change_the_noise(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.002,), (3.0,), repeats=2)
-    first, *_ = rows_of(tmp_path / "0", [detector], CAMERA, picture_set(picture("p")), plan)
-    other, *_ = rows_of(tmp_path / "1", [detector], CAMERA, picture_set(picture("p")), replace(plan, seed=1))
-    found = [cell["target_confidence"] for cell in (*first, *other) if not cell["clean"]]
-    assert len(set(found)) == 4
-
-
-def test_a_run_with_another_contract_says_what_of_it_differs(detector: Detector, tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
-        sweep.run([detector], CAMERA, TWO, PLAN, store)
-        identity = store.about("identity")
-        del identity["model"][0]["contract"]["head"]  # as of a version that did not know it
-        store.set_about("identity", identity)
-        with pytest.raises(StoreError, match=r"with another contract of the same model \(head\);"):
-            results.open_run(store, [detector], CAMERA, TWO, PLAN, {})
-
-
 def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
     other = Detector(matched_filter.build(tmp_path / "x.onnx", sizes_px=(22, 16, 10), input_px=64))
     facts = {"command": "a command", "threads": 2}
@@ -334,22 +278,26 @@ def test_run_folder_knows_its_run(detector: Detector, tmp_path: Path) -> None:
         assert store.about("manifest")["threads"] == 1
 
 
-def test_run_reads_back_for_the_report(detector: Detector, tmp_path: Path) -> None:
-    plan = swept((0.002, 0.01), (3.0, 333.3), (0.0, 500.0), repeats=3)
-    pictures = picture_set(picture("p"), picture("bad.png", unreadable))
-    with Store(tmp_path, create=True) as store:
-        results.open_run(store, [detector], CAMERA, pictures, plan, {"command": "c", "threads": 1})
-        sweep.run([detector], CAMERA, pictures, plan, store)
-        data = read_run(store, Criterion(0.6, kept=False))
-    assert len(data.answers) == 4
-    assert all(answer["n_targets"] == 3 for answer in data.answers)
-    assert data.manifest["threshold"] == 0.6
-    assert data.manifest["versions"]["blurnoise"]
-    assert [entry["image"] for entry in data.skipped] == ["bad.png"]
-    assert data.manifest["warnings"] == []
-    clean = next(example for example in data.examples if example["clean"])
-    assert Path(clean["path"]).is_file()
-    assert clean["detections"][0]["label"] == "stop sign"
-    found = {"confidence": clean["detections"][0]["score"]}
-    found |= dict.fromkeys(("truth", "text", "read_confidence"))
-    assert clean["targets"] == [{"box_xyxy": list(BOX), "label": "stop sign", **found}]
+def test_new_entries_of_the_chains_tables_are_in_every_picture(
+    detector: Detector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An effect, a stage, and an effect that moves the picture, with which the targets move."""
+
+    def targets(name: str) -> list[dict[str, Any]]:
+        plan = swept((0.01,), (100.0,), (0.0, 300.0))
+        _, rows, *_ = rows_of(tmp_path / name, [detector], CAMERA, picture_set(picture("p")), plan)
+        return [row for row in rows if not row["clean"]]
+
+    plain, found = targets("plain"), {}
+    for name, effect in (("veiled", Veil(0.4)), ("moved", Shift((9, 6)))):
+        with monkeypatch.context() as patch:
+            patch.setattr(effects, "EFFECTS", (*effects.EFFECTS, effect))
+            found[name] = targets(name)
+    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(5000.0), *stages.STAGES[6:]))
+    for other in (found["veiled"], targets("lifted")):
+        assert len(other) == len(plain) == 2
+        assert all(a["confidence"] != b["confidence"] for a, b in zip(plain, other, strict=True))
+    for before, after in zip(plain, found["moved"], strict=True):
+        by = [after[edge] - before[edge] for edge in ("x0", "y0", "x1", "y1")]
+        assert by == pytest.approx([9, 6, 9, 6])
+        assert after["confidence"] == pytest.approx(before["confidence"], abs=0.1)

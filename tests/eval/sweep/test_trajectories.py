@@ -5,29 +5,22 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import commands
 import numpy as np
 import pytest
 import torch
 from blurnoise_eval import evaluate
-from blurnoise_eval.datasets import segmentation
-from blurnoise_eval.datasets.cut_scene import CutScene
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine
 from blurnoise_eval.sweep.exposing import Scene, frames
 from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector, noise, rows_of
 
-from blurnoise import Exposure, simulate
+from blurnoise import simulate
 from blurnoise.motion import trajectory as paths
 from blurnoise.picture.develop import develop_8bit
-from blurnoise.scene import cutting
 
 PLAN = swept((0.004, 0.02), (100.0,), (0.0, 200.0), gain_db=(0.0,))
 LOG = "time_s,x_px,y_px\n0,0,0\n0.01,4,0\n0.03,4,9\n"
@@ -65,55 +58,6 @@ def test_a_frame_is_simulates_along_the_shake_of_its_cell() -> None:
         np.testing.assert_allclose(grown, expected, atol=1e-6)
 
 
-def test_targets_move_beside_the_shake_and_before_it() -> None:
-    """What moves for itself is shaken with all the rest, as simulate's layers are."""
-    light = torch.nn.functional.avg_pool2d(
-        torch.rand(1, 3, 46, 63, generator=torch.Generator().manual_seed(2)), 5, 1, 2
-    )
-    cut = cutting.cut_out(light, [segmentation.of_box(20, 12, 18, 18, (46, 63))], [(0.0, 0.0)])
-    path = paths.shake(5, 9.0, 0.02)
-    taken = Exposure(CAMERA, 0.02, 100.0, (600.0, 0.0), seed=7, trajectory=path, moves="targets")
-    (frame,) = CutScene(cut).frames([taken])
-    dn = simulate(
-        cut.background,
-        CAMERA,
-        exposure_s=0.02,
-        illuminance_lux=100.0,
-        trajectory=path,
-        encoding="linear",
-        layers=[replace(layer, velocity_px_s=(600.0, 0.0)) for layer in cut.layers],
-        generator=[7],
-    )
-    np.testing.assert_array_equal(frame.picture, develop_8bit(dn, CAMERA)[0].permute(1, 2, 0).numpy())
-    (still,) = CutScene(cut).frames([replace(taken, trajectory=None)])
-    assert np.abs(frame.picture.astype(int) - still.picture)[30:].mean() > 2
-
-
-@pytest.mark.slow
-def test_a_run_is_along_one_trajectory_and_says_so(detector: Detector, tmp_path: Path) -> None:
-    shaken = replace(PLAN, trajectory="shake:6")
-    first = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
-    again = evaluate(detector, TWO, CAMERA, shaken, tmp_path)
-    assert again.outcome is not None
-    assert again.outcome.computed == 0
-    for other in (PLAN, replace(PLAN, trajectory="shake:7"), replace(PLAN, trajectory="sine:6,80")):
-        with pytest.raises(StoreError, match="another plan"):
-            evaluate(detector, TWO, CAMERA, other, tmp_path)
-    assert "trajectory" not in PLAN.to_dict()  # runs from before there was any go on
-    assert shaken.to_dict() == PLAN.to_dict() | {"trajectory": "shake:6"}
-    with Store(tmp_path) as store:
-        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
-    assert first.summary["missing_cells"] == 0
-    page = first.report().read_text()
-    assert "shake:6, another in every picture, so far in 20 ms; blur and speeds are of the uniform" in page
-
-
-def test_conditions_and_cells_are_those_without_it() -> None:
-    shaken = replace(PLAN, trajectory="sine:3,80")
-    assert shaken.conditions() == PLAN.conditions()
-    assert shaken.example_conditions() == PLAN.example_conditions()
-
-
 @pytest.mark.slow
 def test_a_logs_content_travels_and_makes_the_run(detector: Detector, tmp_path: Path) -> None:
     """Read once: it may be gone when processes compute. Another folder changes nothing, another number all."""
@@ -148,36 +92,3 @@ def test_a_log_that_does_not_do_makes_no_folder(
     with pytest.raises(ValueError, match=words):
         evaluate(detector, TWO, CAMERA, replace(PLAN, trajectory=str(log)), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    "text", ["shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0"]
-)
-def test_what_is_no_trajectory(text: str) -> None:
-    with pytest.raises((ValueError, OSError), match=text.partition(":")[0]):
-        replace(PLAN, trajectory=text)
-
-
-@pytest.mark.slow
-def test_the_commands_take_it(detector: Detector, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    shared: list[Any] = ["--model", detector.path, "--limit", 2, "--trajectory", "shake:6", "--lux", 50]
-    sweep = ["sweep", *shared, "--exposure-ms", "2,10", "--dx", 0, "-o", tmp_path / "sweep"]
-    assert commands.main([str(each) for each in sweep]) == 0
-    decide = ["decide", *shared, "--exposure-ms", "2:4", "--dx", 0, "-o", tmp_path / "decide"]
-    assert commands.main([str(each) for each in decide]) == 0
-    assert "along shake:6 another exposure sees another part of the path" in " ".join(
-        capsys.readouterr().out.split()
-    )
-    with Store(tmp_path / "decide") as store:
-        assert store.about("identity")["plan"]["trajectory"] == "shake:6"
-
-
-def test_a_log_that_is_no_text_is_named(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_bytes(b"time_s\xcb\xff")
-    with pytest.raises(ValueError, match=r"trajectory = .*log\.csv: not UTF-8 text"):
-        TrajectorySpec.parse(str(tmp_path / "log.csv"))
-
-
-def test_half_of_the_exposure_is_told_of_straight_motion_alone() -> None:
-    with pytest.raises(ValueError, match="boxes = 'half': of straight motion"):
-        replace(PLAN, trajectory="sine:40,50", objects=Objects(boxes="half"))

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.cli.report import _found_text
 from blurnoise_eval.datasets import rendered_signs, write_picture
 from blurnoise_eval.sweep.run_scores import LEAST_AP50, models_withheld
 from blurnoise_models import matched_filter
@@ -69,21 +68,3 @@ def test_a_run_of_such_a_detector_gives_the_reason_and_no_exposure(
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert list(summary["withheld_models"]) == ["m"]
     assert summary["answers"] == []
-
-
-def test_without_labels_the_targets_are_named_and_p_is_none(
-    folder: Path, tmp_path: Path, capsys: Output
-) -> None:
-    assert main(swept(folder, tmp_path / "run", "--images", str(folder))) == 0
-    out = capsys.readouterr().out
-    assert "m: 2 targets, as found in the original pictures: stop sign 2" in out
-    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
-    assert summary["targets_found"] == {"m": {"stop sign": 2}}
-    assert summary["models"][0]["p"] is None
-    assert summary["models"][0]["mpc"] is not None
-
-
-def test_few_classes_of_many_are_named() -> None:
-    assert _found_text({"sports ball": 61, "person": 2}).startswith("63 targets, as found in the original")
-    many = {f"class {number}": 1 for number in range(10)}
-    assert _found_text(many).endswith("class 7 1, 2 more classes")

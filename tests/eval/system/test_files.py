@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import blurnoise_eval
@@ -102,18 +101,6 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(
         unfinished.mkdir()
     assert [file.name for file in tmp_path.iterdir()] == ["table"]
     assert (tmp_path / "table" / "below" / "part").read_text() == "second"
-
-
-def test_two_writers_of_one_folder_do_not_disturb_each_other(tmp_path: Path) -> None:
-    def written(number: int) -> None:
-        with written_whole(tmp_path / "table") as unfinished:
-            unfinished.mkdir()
-            (unfinished / "part").write_text(str(number))
-
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(written, range(200)))
-    assert [file.name for file in tmp_path.iterdir()] == ["table"]
-    assert 0 <= int((tmp_path / "table" / "part").read_text()) < 200
 
 
 @pytest.mark.parametrize("name", sorted(SOURCES.keys() - {WRITER}))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from typing import Any
 
-import pytest
-from blurnoise_eval.system.tables import csv_lines, json_lines
+from blurnoise_eval.system.tables import csv_lines
 
 ROWS: list[dict[str, Any]] = [
     {"name": 'a "quoted", name', "value": 0.1, "none": None},
@@ -22,15 +20,3 @@ def test_csv_reads_back() -> None:
     assert [(row["name"], float(row["value"]), row["none"]) for row in read] == [
         (row["name"], row["value"], "") for row in ROWS
     ]
-
-
-def test_csv_without_rows_is_its_header() -> None:
-    assert "".join(csv_lines(["a", "b"], [])) == "a,b\r\n"
-
-
-@pytest.mark.parametrize("rows", [ROWS, ROWS[:1], []], ids=len)
-def test_json_reads_back(rows: list[dict[str, Any]]) -> None:
-    text = "".join(json_lines(iter(rows)))
-    assert json.loads(text) == rows
-    assert text.endswith("]\n")
-    assert len(text.splitlines()) == (len(rows) + 2 if rows else 1)

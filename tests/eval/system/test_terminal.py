@@ -21,24 +21,12 @@ from blurnoise_eval.system.terminal import (
     plain_warnings,
     say,
     say_json,
-    shortened,
     show,
     table_lines,
 )
 from rich.cells import cell_len
 from rich.table import Table
 
-MARKUP = (
-    "[/]",
-    "see [/1]",
-    "sign [occluded]",
-    "yolo[int8]",
-    "yolo[fp16]",
-    "[bold]",
-    ":cat:",
-    r"a\[b]",
-    "[link=x]",
-)
 Output = pytest.CaptureFixture[str]
 
 
@@ -59,17 +47,6 @@ def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Out
     assert capsys.readouterr() == (f"{shown}\n{shown}\n", "")
     say(text, error=True)
     assert capsys.readouterr() == ("", f"{shown}\n")
-
-
-@pytest.mark.parametrize("text", [*MARKUP, "bell\x07", "esc\x1b[2J", "lone\udcff"])
-def test_tables_show_text_as_it_stands(text: str, capsys: Output) -> None:
-    """In title, heading and cell; a heading may have two lines."""
-    table = Table(f"the\n{text}", title=f"of {text}")
-    table.add_row(f"in {text}")
-    show(table)
-    shown = plain(text)
-    wide = "-" * len(f"in {shown}")
-    assert capsys.readouterr().out.splitlines() == [f"of {shown}", "the", shown, wide, f"in {shown}", ""]
 
 
 def test_tables_have_title_caption_and_sections(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,13 +111,6 @@ def test_letters_that_an_encoding_lacks_are_no_error(monkeypatch: pytest.MonkeyP
     say("5 µm")
     stream.seek(0)
     assert stream.read() == "5 ?m\n"
-
-
-def test_long_text_keeps_begin_and_end() -> None:
-    assert shortened("a" * 1000) == "a" * 1000
-    cut = shortened("begin" + "x" * 10**6 + "end")
-    assert len(cut) == 1005
-    assert (cut[:5], cut[-3:]) == ("begin", "end")
 
 
 @pytest.mark.parametrize("columns", [24, 40, 80, None])

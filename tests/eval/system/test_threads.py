@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cv2
-import pytest
 import torch
 from blurnoise_eval.system.threads import limited_threads
 
@@ -19,11 +18,4 @@ def test_settings_hold_inside_and_come_back() -> None:
         with limited_threads(1):
             assert settings() == (1, 1)
         assert settings() == (before[0] + 1, before[0] + 1)
-    assert settings() == before
-
-
-def test_settings_come_back_after_an_error() -> None:
-    before = settings()
-    with pytest.raises(KeyboardInterrupt), limited_threads(before[0] + 1):
-        raise KeyboardInterrupt
     assert settings() == before

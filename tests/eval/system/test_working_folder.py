@@ -78,16 +78,6 @@ def test_another_machine_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert there() == {RUN_FILE: b"rows and more", "summary.json": b"{}"}
 
 
-def test_only_what_has_changed_is_put() -> None:
-    with written_run(RUN) as folder:
-        work(folder.path, results_sqlite="rows")
-    fetched = RUN.fs.info((RUN / RUN_FILE).path)["created"]
-    with written_run(RUN) as folder:
-        work(folder.path, scores_csv="a")
-    assert there() == {RUN_FILE: b"rows", "scores.csv": b"a"}
-    assert RUN.fs.info((RUN / RUN_FILE).path)["created"] == fetched
-
-
 def test_what_was_done_before_it_was_stopped_is_put() -> None:
     def interrupted() -> None:
         with written_run(RUN) as folder:
@@ -142,14 +132,6 @@ def test_reading_leaves_the_results_as_they_are(tmp_path: Path) -> None:
 def test_errors_name_the_url(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f"run = '{URL}': holds no rows"), read_run(RUN) as folder:
         raise ValueError(f"run = {str(folder.path)!r}: holds no rows")
-
-
-def test_folders_of_this_machine_are_themselves(tmp_path: Path) -> None:
-    for opened in (written_run, read_run, output_folder):
-        with opened(tmp_path / "run") as folder:
-            assert folder.path == tmp_path / "run"
-            assert folder.told(folder.path) == str(tmp_path / "run")
-    assert not (tmp_path / "run").exists()
 
 
 def test_urls_in_python_say_how() -> None:

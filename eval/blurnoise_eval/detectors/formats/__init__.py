@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
+from blurnoise_eval.detectors.formats import end_to_end as ends
+from blurnoise_eval.detectors.formats import grids
 from blurnoise_eval.detectors.formats.anchors import ANCHORS, YOLOFASTESTV2
-from blurnoise_eval.detectors.formats.end_to_end import (
-    MMDEPLOY,
-    PPYOLOE,
-    RTDETR,
-    TFOD,
-    TORCHVISION,
-    YOLOV6E2E,
-    YOLOV7,
-    YOLOV10,
-)
-from blurnoise_eval.detectors.formats.family import Family
-from blurnoise_eval.detectors.formats.fastestdet import FASTESTDET
-from blurnoise_eval.detectors.formats.grid_yolo import YOLOV5, YOLOV6, YOLOV8, YOLOX
-from blurnoise_eval.detectors.formats.nanodet import NANODET, NANODETPLUS
-from blurnoise_eval.detectors.formats.queries import DETR, RFDETR
+from blurnoise_eval.detectors.formats.signature import Family
 
 BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
-    (PPYOLOE, RTDETR, TORCHVISION),  # inputs beside the picture, answers without a batch
-    (DETR, RFDETR, MMDEPLOY, YOLOV6E2E),  # names of outputs
-    (TFOD,),  # the picture's own form: bytes with the channels last
-    (YOLOV5, YOLOV8, YOLOX, YOLOV6, FASTESTDET, NANODET, NANODETPLUS, YOLOFASTESTV2),  # numbers of grid cells
-    (YOLOV10, YOLOV7),  # rows of six or seven
+    (ends.PPYOLOE, ends.RTDETR, ends.TORCHVISION),  # inputs beside the picture, answers without a batch
+    (ends.DETR, ends.RFDETR, ends.MMDEPLOY, ends.YOLOV6E2E),  # names of outputs
+    (ends.TFOD,),  # the picture's own form: bytes with the channels last
+    (*grids.FAMILIES, YOLOFASTESTV2),  # numbers of grid cells
+    (ends.YOLOV10, ends.YOLOV7),  # rows of six or seven
     (ANCHORS,),  # none: the contract's head tells
 )
 """The surest evidence first: where one kind of it is there, later ones are not asked."""
 
-FAMILIES: tuple[Family, ...] = tuple(each for group in BY_EVIDENCE for each in group)
-PRESETS = {each.name: each.preset for each in FAMILIES}
+FAMILIES = {each.name: each for group in BY_EVIDENCE for each in group}
+PRESETS = {name: family.preset for name, family in FAMILIES.items()}
 """Contracts by the name of their family."""

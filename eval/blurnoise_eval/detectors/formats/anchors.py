@@ -12,6 +12,7 @@ sigmoids and softmax applied.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -19,16 +20,23 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.anchor_head import YOLO_FASTEST_V2, AnchorHead
 from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import Contract
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select
-from blurnoise_eval.detectors.formats.family import Family
+from blurnoise_eval.detectors.contract import AnchorHead, Contract
+from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
 from blurnoise_eval.detectors.formats.grids import cells, grid
-from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 from blurnoise_eval.detectors.model import Shape
 from blurnoise_eval.detectors.records import FloatArray
 
+YOLO_FASTEST_V2 = AnchorHead(
+    strides=(16, 32),
+    anchors=(
+        ((12.64, 19.39), (37.88, 51.48), (55.71, 138.31)),
+        ((126.91, 78.23), (131.57, 214.55), (279.92, 258.87)),
+    ),
+    activated=True,
+)
+"""Of COCO at 352 px: the repository's data/coco.data."""
 _SHARED = 5 * YOLO_FASTEST_V2.per_cell  # columns before the classes of YOLO-FastestV2
 _OWN_COCO = YOLO_FASTEST_V2.per_cell * (5 + 80)  # of heads with classes for each anchor, as YOLOv3-tiny's
 
@@ -44,13 +52,9 @@ def with_head(family: Family, head: AnchorHead, classes: int) -> Family:
 
 def _describe(signature: Signature, head: AnchorHead, classes: int) -> Layout | None:
     """Outputs in one of the forms; those of levels in the order of the strides."""
-    if signature.size_px is None:
-        return None
     shapes = [output.shape for output in signature.outputs]
     places = _places(shapes, signature.size_px, head, classes)
-    if places is None:
-        return None
-    return Layout.by_name([signature.outputs[place] for place in places], classes)
+    return Layout.by_name([signature.outputs[place] for place in places], classes) if places else None
 
 
 def _decode(
@@ -61,18 +65,19 @@ def _decode(
     classes: int,
 ) -> Candidates:
     """Score = objectness · class. Sources: Redmon & Farhadi, YOLOv3 (2018); YOLOv4's scale_x_y; YOLOv5's head."""
-    parts = [
-        _canonical(each, rows, head, classes)
-        for each, rows in zip(*_by_level(outputs, size_px, head), strict=True)
-    ]
-    fields = np.concatenate([boxes.reshape(-1, 5) for boxes, _ in parts])
-    class_rows = np.concatenate([scores.reshape(-1, classes) for _, scores in parts])
-    objectness = fields[:, 4] if head.activated else _sigmoid(fields[:, 4])
+    rows = _cell_rows(outputs, size_px, head)
+    anchors, per_box = head.per_cell, 5 + classes
+    shared = rows.shape[1] != anchors * per_box  # a class vector of all of a cell's anchors
+    if shared:
+        sides = rows[:, : 4 * anchors].reshape(-1, anchors, 4)
+        fields = np.concatenate([sides, rows[:, 4 * anchors : 5 * anchors, None]], axis=2).reshape(-1, 5)
+        class_rows = rows[:, 5 * anchors :]
+    else:
+        fields, class_rows = np.split(rows.reshape(-1, per_box), [5], axis=1)
+    objectness = fields[:, 4] if head.activated else sigmoid(fields[:, 4])
     kept = np.flatnonzero(objectness >= min_score)
-    # A class vector of all of a cell's anchors stands there once.
-    shared = len(class_rows) != len(fields)
-    class_scores = class_rows[kept // head.per_cell if shared else kept]
-    class_scores = (class_scores if head.activated else _sigmoid(class_scores)) * objectness[kept, None]
+    class_scores = class_rows[kept // anchors if shared else kept]
+    class_scores = (class_scores if head.activated else sigmoid(class_scores)) * objectness[kept, None]
     boxes = _boxes(fields[kept, :4], kept, size_px, head)
     return select(boxes, *best_class(class_scores), min_score, class_scores)
 
@@ -89,16 +94,12 @@ def _boxes(
     scale = np.asarray(head.scales, np.float32)[level, None]
     anchor = np.asarray(head.anchors, np.float32)[level, kept % per_cell]
     squared = head.boxes == "yolov5"
-    share = fields if head.activated else _sigmoid(fields)
+    share = fields if head.activated else sigmoid(fields)
     boxes = np.empty_like(fields)
     boxes[:, :2] = (share[:, :2] * scale - (scale - 1) / 2 + column_row) * stride
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
         boxes[:, 2:] = ((2 * share[:, 2:]) ** 2 if squared else np.exp(fields[:, 2:])) * anchor
     return boxes
-
-
-def _sigmoid(logits: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (1 + np.tanh(logits / 2)), np.float32)  # without overflow
 
 
 def _grids(size_px: tuple[int, int], head: AnchorHead) -> list[tuple[int, int]]:
@@ -127,40 +128,25 @@ def _places(
     return found
 
 
-def _by_level(
-    outputs: Sequence[FloatArray], size_px: tuple[int, int], head: AnchorHead
-) -> tuple[list[FloatArray], list[tuple[int, int]]]:
-    """A level's values each, without a batch, and its grid."""
+def _cell_rows(outputs: Sequence[FloatArray], size_px: tuple[int, int], head: AnchorHead) -> FloatArray:
+    """A row for each cell, level by level, in whichever form the outputs hold them."""
     grids = _grids(size_px, head)
     if len(outputs) > 1 or outputs[0].ndim >= 4:
-        return [output[0] for output in outputs], grids
+        parts = []
+        for (level, *_), grid_size in zip(outputs, grids, strict=True):
+            first = (
+                1 if level.shape[1:3] == grid_size else 0
+            )  # channels or anchors before the grid, or behind it
+            parts.append(np.moveaxis(level, (first, first + 1), (0, 1)).reshape(math.prod(grid_size), -1))
+        return np.concatenate(parts)
     rows = outputs[0].reshape(-1, outputs[0].shape[-1])
-    counts = np.array([height * width for height, width in grids])
-    ends = np.cumsum(counts * (len(rows) // counts.sum()))
-    return np.split(rows, ends[:-1]), grids
-
-
-def _canonical(
-    level: FloatArray, grid_size: tuple[int, int], head: AnchorHead, classes: int
-) -> tuple[FloatArray, FloatArray]:
-    """Boxes with objectness (cells, anchors, 5) and class scores (cells, anchors, classes), or (cells, classes)."""
-    count, per_cell, per_box = grid_size[0] * grid_size[1], head.per_cell, 5 + classes
-    if level.ndim == 4:  # an axis for the anchors: before the grid, or behind it
-        level = np.moveaxis(level, 0, 2) if level.shape[:3] == (per_cell, *grid_size) else level
-        level = level.reshape(count, per_cell * per_box)
-    elif level.ndim == 3:  # channels before the grid, or behind it
-        level = (np.moveaxis(level, 0, 2) if level.shape[1:] == grid_size else level).reshape(count, -1)
-    elif len(level) != count:  # a box in each row
-        if head.order == "anchor":
-            level = level.reshape(per_cell, count, per_box).transpose(1, 0, 2)
-        level = level.reshape(count, per_cell * per_box)
-    if level.shape[1] == per_cell * per_box:
-        boxes = level.reshape(count, per_cell, per_box)
-        return boxes[..., :5], boxes[..., 5:]
-    sides = level[:, : 4 * per_cell].reshape(count, per_cell, 4)
-    return np.concatenate([sides, level[:, 4 * per_cell : 5 * per_cell, None]], axis=2), level[
-        :, 5 * per_cell :
-    ]
+    counts = [math.prod(each) for each in grids]
+    if len(rows) == sum(counts):
+        return rows
+    if head.order == "anchor":  # a box in each row
+        levels = np.split(rows, np.cumsum(counts)[:-1] * head.per_cell)
+        rows = np.concatenate([np.concatenate(np.split(level, head.per_cell), axis=1) for level in levels])
+    return rows.reshape(sum(counts), -1)
 
 
 def _describe_fastest_v2(signature: Signature) -> Layout | None:
@@ -178,27 +164,18 @@ def _decode_fastest_v2(
     return _decode(outputs, size_px, min_score, YOLO_FASTEST_V2, outputs[0].shape[-1] - _SHARED)
 
 
-def _no_head(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    raise ValueError("head: must be stated in the contract of family anchors")
-
-
 # YOLOv5's val.py, darknet's validation and Yolo-FastestV2's: every class that reaches the threshold. Nothing in a
 # graph shows its anchors.
 ANCHORS = Family(
     Contract("anchors", COCO80, input_size_px=(640, 640), nms_iou=0.6),
     lambda signature: None,
-    _no_head,
+    _decode_fastest_v2,
     several_classes=True,
     takes_head=True,
 )
 YOLOFASTESTV2 = Family(
     Contract(
-        "yolofastestv2",
-        COCO80,
-        colour="bgr",
-        resize="stretch",
-        input_size_px=(352, 352),
-        nms_iou=0.4,
+        "yolofastestv2", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.4,
         head=YOLO_FASTEST_V2,
     ),
     _describe_fastest_v2,
@@ -206,4 +183,4 @@ YOLOFASTESTV2 = Family(
     unknown="whether it was trained with anchors of its own, which the contract's head then states",
     several_classes=True,
     takes_head=True,
-)
+)  # fmt: skip

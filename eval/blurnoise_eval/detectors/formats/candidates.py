@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
-from onnx import TensorProto, helper
+from onnx import parser
 
 from blurnoise_eval.detectors.records import FloatArray, all_finite
 
@@ -64,132 +64,77 @@ def best_class(class_scores: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]
     return class_scores[np.arange(len(class_ids)), class_ids], class_ids
 
 
+def sigmoid(logits: FloatArray) -> FloatArray:
+    """Return 1 / (1 + exp(-x)), without overflow."""
+    return np.asarray(0.5 * (1 + np.tanh(logits / 2)), np.float32)
+
+
 def select(
-    boxes_cxcywh: FloatArray,
+    boxes: FloatArray,
     scores: FloatArray,
     class_ids: NDArray[np.int64],
     min_score: float,
     class_scores: FloatArray | None = None,
+    *,
+    corners: bool = False,
 ) -> Candidates:
-    """Keep finite boxes whose score reaches ``min_score`` (NaN does not), as corners.
+    """Those whose score reaches ``min_score``, which NaN does not, and whose box is finite.
 
-    boxes_cxcywh: (N, 4) = centre x, y, width, height, px. class_scores: (N, classes), if the graph tells them.
+    boxes: (N, 4) = centre x, y, width, height, px; with ``corners`` left, top, right, bottom. class_scores:
+    (N, classes), if the graph tells them.
     """
-    strong = np.flatnonzero(scores >= min_score)
-    each = None if class_scores is None else class_scores[strong]
-    return from_centres(boxes_cxcywh[strong], scores[strong], class_ids[strong], each)
-
-
-def from_centres(
-    boxes_cxcywh: FloatArray,
-    scores: FloatArray,
-    class_ids: NDArray[np.int64],
-    class_scores: FloatArray | None = None,
-) -> Candidates:
-    """Those whose box (centre x, y, width, height) is finite, as corners."""
-    half = boxes_cxcywh[:, 2:] / 2
-    corners = np.empty(boxes_cxcywh.shape, np.float32)
-    np.subtract(boxes_cxcywh[:, :2], half, out=corners[:, :2])
-    np.add(boxes_cxcywh[:, :2], half, out=corners[:, 2:])
-    return finite(Candidates(corners, scores, class_ids, class_scores))
-
-
-def select_corners(
-    boxes_xyxy: FloatArray,
-    scores: FloatArray,
-    class_ids: NDArray[np.int64],
-    min_score: float,
-    class_scores: FloatArray | None = None,
-) -> Candidates:
-    """Keep finite boxes (N, 4) = (left, top, right, bottom), px, whose score reaches ``min_score``."""
-    every = Candidates(boxes_xyxy, scores, class_ids, class_scores)
-    return finite(every[np.flatnonzero(scores >= min_score)])
-
-
-def finite(candidates: Candidates) -> Candidates:
-    """Those whose box is finite."""
-    boxes = candidates.boxes_xyxy
-    return candidates if all_finite(boxes) else candidates[np.flatnonzero(np.isfinite(boxes).all(axis=1))]
-
-
-def counted(
-    count: FloatArray, boxes_xyxy: FloatArray, scores: FloatArray, class_numbers: FloatArray, min_score: float
-) -> Candidates:
-    """As :func:`select_corners`, of the first ``count`` answers, those whose class is no number left out."""
-    real = np.flatnonzero(class_numbers[: int(count.flat[0])] >= 0)  # NaN is not
-    return select_corners(boxes_xyxy[real], scores[real], class_numbers[real].astype(np.int64), min_score)
-
-
-def best(candidates: Candidates, max_detections: int) -> Candidates:
-    """At most ``max_detections``, highest score first: all there is to do where the graph suppresses itself."""
-    return candidates[np.argsort(-candidates.scores, kind="stable")[:max_detections]]
+    found = Candidates(boxes, scores, class_ids, class_scores)
+    strong = scores >= min_score
+    found = found if strong.all() else found[np.flatnonzero(strong)]
+    if not corners:
+        centres, half = found.boxes_xyxy[:, :2], found.boxes_xyxy[:, 2:] / 2
+        with np.errstate(invalid="ignore"):  # boxes that are not finite are left out below
+            found = replace(found, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1))
+    finite = all_finite(found.boxes_xyxy)
+    return found if finite else found[np.flatnonzero(np.isfinite(found.boxes_xyxy).all(axis=1))]
 
 
 def suppress(
-    candidates: Candidates, nms_iou: float, max_detections: int, *, per_class: int | None = None
+    candidates: Candidates, nms_iou: float | None, max_detections: int, *, per_class: int | None = None
 ) -> Candidates:
     """Greedy non-maximum suppression within each class: at most ``max_detections``, highest score first.
 
-    A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``.
-    ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own NonMaxSuppression on the
-    strongest first: weaker ones cannot change what these leave.
+    A box is dropped where a kept box of its class with a higher score overlaps it by more than ``nms_iou``; none
+    where that is None. ``per_class``: at most so many of one class, by default all. Runs onnxruntime's own
+    NonMaxSuppression on the strongest first: weaker ones cannot change what these leave.
     """
-    if len(candidates) <= 1:
-        return candidates
+    order = np.argsort(-candidates.scores, kind="stable")
+    if nms_iou is None or len(order) <= 1:
+        return candidates[order[:max_detections]]
     most = 4 * max_detections
     while True:
-        order = _strongest(candidates.scores, most)
-        kept = _suppressed(candidates[order], nms_iou, per_class or max_detections)[:max_detections]
-        if len(kept) >= max_detections or len(order) == len(candidates):
+        kept = _suppressed(candidates[order[:most]], nms_iou, per_class or max_detections)[:max_detections]
+        if len(kept) >= max_detections or most >= len(order):
             return kept
         most *= 4
-
-
-def _strongest(scores: FloatArray, most: int) -> NDArray[np.int64]:
-    """Places of the ``most`` highest scores, and of those that equal the last: highest first, equals in order."""
-    if len(scores) <= most:
-        return np.argsort(-scores, kind="stable")
-    strong = np.flatnonzero(scores >= np.partition(scores, -most)[-most])
-    return strong[np.argsort(-scores[strong], kind="stable")]
 
 
 def _suppressed(ordered: Candidates, nms_iou: float, per_class: int) -> Candidates:
     """Of candidates with the highest score first, at most ``per_class`` of one class."""
     count = len(ordered)
-    present = np.bincount(ordered.class_ids) > 0
-    rows = (np.cumsum(present) - 1)[ordered.class_ids]
+    rows = (np.cumsum(np.bincount(ordered.class_ids) > 0) - 1)[ordered.class_ids]
     # Ranks stand in for scores: equal scores keep their order, and none is 0, which means "no box".
     ranks = np.zeros((1, rows.max() + 1, count), np.float32)
     ranks[0, rows, np.arange(count)] = np.arange(count, 0, -1)
-    feed = {
-        "boxes": ordered.boxes_xyxy[None],
-        "scores": ranks,
-        "most": np.array([per_class], np.int64),
-        "iou": np.array([nms_iou], np.float32),
-        "least": np.zeros(1, np.float32),
-    }
-    return ordered[np.sort(_suppression().run(None, feed)[0][:, 2])]
+    limits = {"most": np.array([per_class]), "iou": np.array([nms_iou], np.float32)}
+    feeds = {"boxes": ordered.boxes_xyxy[None], "scores": ranks, **limits, "least": np.zeros(1, np.float32)}
+    return ordered[np.sort(_suppression().run(None, feeds)[0][:, 2])]
+
+
+_SUPPRESSION = """<ir_version: 8, opset_import: ["" : 13]>
+suppress (float[1, n, 4] boxes, float[1, c, n] scores, int64[1] most, float[1] iou, float[1] least)
+    => (int64[k, 3] kept) { kept = NonMaxSuppression (boxes, scores, most, iou, least) }"""
 
 
 @lru_cache(maxsize=1)
 def _suppression() -> ort.InferenceSession:
     """The operator as a graph of its own: box corners and scores per class in, indices of kept boxes out."""
-    value, floats, ints = helper.make_tensor_value_info, TensorProto.FLOAT, TensorProto.INT64
-    names = ["boxes", "scores", "most", "iou", "least"]
-    shapes: list[tuple[int, list[object]]] = [
-        (floats, [1, "n", 4]),
-        (floats, [1, "c", "n"]),
-        (ints, [1]),
-        (floats, [1]),
-        (floats, [1]),
-    ]
-    graph = helper.make_graph(
-        [helper.make_node("NonMaxSuppression", names, ["kept"])],
-        "suppress",
-        [value(name, kind, shape) for name, (kind, shape) in zip(names, shapes, strict=True)],
-        [value("kept", ints, ["k", 3])],
-    )
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    return ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    model = parser.parse_model(_SUPPRESSION).SerializeToString()
+    return ort.InferenceSession(model, options, providers=["CPUExecutionProvider"])

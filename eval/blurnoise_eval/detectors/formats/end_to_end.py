@@ -1,7 +1,6 @@
-"""Families whose graph gives the answers themselves, none doubled: they differ in names, columns and units.
-
-An answer is a box, a score and the number of its class, spread over columns of one output or several. Each family
-has a row in :data:`END_TO_END`.
+"""Families whose graph gives the answers themselves, none doubled, and transformers with a row of logits for each
+query. The former differ in names, columns and units: an answer is a box, a score and the number of its class, spread
+over columns of one output or several.
 """
 
 from __future__ import annotations
@@ -13,16 +12,24 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import IMAGENET_255, Contract
-from blurnoise_eval.detectors.formats.candidates import Candidates, select_corners
-from blurnoise_eval.detectors.formats.family import BACKGROUND_FIRST, BAKED, Family
-from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.contract import IMAGENET, IMAGENET_255, Contract
+from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
+from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 from blurnoise_eval.detectors.model import TensorInfo
 from blurnoise_eval.detectors.records import FloatArray
 
 Describe = Callable[[Signature], Layout | None]
 _SIZE_640: dict[str, Any] = {"input_size_px": (640, 640), "nms_iou": None}
+_E2E_NAMES = ("num_dets", "det_boxes", "det_scores", "det_classes")
 _PLUGIN_NAMES = ("num_detections", "detection_boxes", "detection_scores", "detection_classes")
+
+BAKED = "the score threshold and the overlap that are baked into the graph: weaker answers never leave it"
+"""What families that suppress double answers themselves leave unsaid."""
+BACKGROUND_FIRST = (
+    f"{BAKED}; whether 'classes' begins with a name for 0, which its numbers keep for the background"
+)
+"""The same of those that count classes from 1."""
+_QUERIES: dict[str, Any] = {"mean": IMAGENET[0], "std": IMAGENET[1], "resize": "stretch", "nms_iou": None}
 
 
 def decode(
@@ -52,40 +59,22 @@ def decode(
     real = np.isfinite(values["c"]) & (values["c"] >= 0) & (values.get("i", 0) == 0)
     boxes = np.stack([values[letter][real] for letter in "xyXY"], axis=1)
     if shares:
-        boxes = boxes * np.array([size_px[1], size_px[0]] * 2, np.float32)
-    return select_corners(boxes, values["s"][real], values["c"][real].astype(np.int64), min_score)
+        boxes = boxes * _whwh(size_px)
+    class_ids = values["c"][real].astype(np.int64)
+    return select(boxes, values["s"][real], class_ids, min_score, corners=True)
 
 
 def _alone(signature: Signature, rank: int, width: int) -> Layout | None:
     """One output of rows as wide as this, with a batch (rank 3) or without."""
     output = signature.outputs[0]
-    fits = signature.size_px is not None and len(signature.outputs) == 1
-    if not fits or len(output.shape) != rank or output.shape[-1] != width:
-        return None
-    return Layout.of(output, f"rows of {width}")
-
-
-def _named(signature: Signature, *names: Sequence[str], ranks: Sequence[int], widths: str) -> Layout | None:
-    """Outputs of these names or those, of these ranks. widths: of the last axis, a digit each, 0 for any."""
-    found = next((found for each in names if (found := signature.named(each))), None)
-    return _of_form(signature, found, ranks, widths)
-
-
-def _of_form(
-    signature: Signature, found: Sequence[TensorInfo] | None, ranks: Sequence[int], widths: str
-) -> Layout | None:
-    if signature.size_px is None or found is None or [len(output.shape) for output in found] != [*ranks]:
-        return None
-    fits = all(
-        output.shape[-1] == int(width) for output, width in zip(found, widths, strict=True) if width != "0"
-    )
-    return Layout.by_name(found) if fits else None
+    fits = len(signature.outputs) == 1 and len(output.shape) == rank and output.shape[-1] == width
+    return Layout.of(output, f"rows of {width}") if fits else None
 
 
 def _ppyoloe(signature: Signature) -> Layout | None:
     """[N, 6], the answers of the whole batch, and [batch], how many each picture has; asks for scale_factor."""
     asked = "scale_factor" in [entry.name for entry in signature.inputs]
-    return _of_form(signature, signature.outputs, (2, 1), "60") if asked else None
+    return Layout.of_form(signature.outputs, (2, 1), "60") if asked else None
 
 
 def _rtdetr(signature: Signature) -> Layout | None:
@@ -97,22 +86,22 @@ def _rtdetr(signature: Signature) -> Layout | None:
     found = signature.named(("labels", "boxes", "scores"))
     alone = signature.of_one_picture()
     takes_one = signature.inputs[0].axes == "chw"
-    if signature.size_px and alone and (signature.asks_for_size or (found and not takes_one)):
+    if alone and (signature.asks_for_size or (found and not takes_one)):
         boxes, labels, scores = alone
         return Layout.by_name([labels, boxes, scores])
-    return _of_form(signature, found, (2, 3, 2), "040")
+    return Layout.of_form(found, (2, 3, 2), "040")
 
 
 def _torchvision(signature: Signature) -> Layout | None:
     """One [N, 4], one [N] of integers and one [N] of floats: the order differs between its models."""
-    found = None if signature.size_px is None or signature.asks_for_size else signature.of_one_picture()
+    found = None if signature.asks_for_size else signature.of_one_picture()
     return None if found is None else Layout.by_name(found)
 
 
 def _tfod(signature: Signature) -> Layout | None:
     """The API's own output names, the count [batch]; else of four outputs of its shapes those called class, score."""
     found = signature.named(_PLUGIN_NAMES) or _by_shape(signature.outputs)
-    return _of_form(signature, found, (1, 3, 2, 2), "0400")
+    return Layout.of_form(found, (1, 3, 2, 2), "0400")
 
 
 def _by_shape(outputs: Sequence[TensorInfo]) -> list[TensorInfo] | None:
@@ -145,9 +134,8 @@ YOLOV7 = _family(Contract("yolov7", COCO80, **_SIZE_640), partial(_alone, rank=2
 # TensorFlow's API, whose count has no second axis.
 YOLOV6E2E = _family(
     Contract("yolov6e2e", COCO80, **_SIZE_640),
-    lambda signature: _named(
-        signature, ("num_dets", "det_boxes", "det_scores", "det_classes"), _PLUGIN_NAMES,
-        ranks=(2, 3, 2, 2), widths="0400",
+    lambda signature: Layout.of_form(
+        signature.named(_E2E_NAMES) or signature.named(_PLUGIN_NAMES), (2, 3, 2, 2), "0400"
     ),
     "n", "xyXY", "s", "c",
 )  # fmt: skip
@@ -159,7 +147,7 @@ MMDEPLOY = _family(
         "mmdeploy", COCO80, value_range="0-255", mean=IMAGENET_255[0], std=IMAGENET_255[1],
         resize="letterbox-top-left", pad_value=0, input_size_px=(800, 1344), nms_iou=None,
     ),
-    lambda signature: _named(signature, ("dets", "labels"), ranks=(3, 2), widths="50"),
+    lambda signature: Layout.of_form(signature.named(("dets", "labels")), (3, 2), "50"),
     "xyXYs", "c",
 )  # fmt: skip
 # RT-DETR, D-FINE and DEIM.
@@ -180,3 +168,56 @@ TFOD = _family(
     Contract("tfod", COCO91, value_range="0-255", resize="none", nms_iou=None), _tfod, "n", "yxYX", "s", "c",
     unknown=BACKGROUND_FIRST, shares=True, fixed_resize="stretch",
 )  # fmt: skip
+
+
+def _describe_detr(signature: Signature) -> Layout | None:
+    """``logits`` [1, Q, C + 1] and ``pred_boxes`` [1, Q, 4]; the last logit stands for no object.
+
+    So transformers exports it; its own code calls the first ``pred_logits``.
+    """
+    found = signature.named(("logits", "pred_boxes")) or signature.named(("pred_logits", "pred_boxes"))
+    width = found[0].shape[-1] if found else None
+    return Layout.of_form(found, (3, 3), "04", width - 1) if isinstance(width, int) and width > 1 else None
+
+
+def _decode_detr(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = largest softmax but the last; (centre x, y, width, height)."""
+    logits, boxes = (output[0] for output in outputs)
+    powers = np.exp(logits - logits.max(axis=1, keepdims=True))
+    class_scores = powers[:, :-1] / powers.sum(axis=1, keepdims=True)
+    return select(boxes * _whwh(size_px), *best_class(class_scores), min_score, class_scores)
+
+
+def _describe_rfdetr(signature: Signature) -> Layout | None:
+    """``dets`` [batch, Q, 4] with ``labels`` [batch, Q, C], a slot for the background included.
+
+    They are told apart by name: with C = 4 both are 4 wide.
+    """
+    found = signature.named(("dets", "labels"))
+    width = found[1].shape[-1] if found else None
+    return Layout.of_form(found, (3, 3), "40", width) if isinstance(width, int) else None
+
+
+def _decode_rfdetr(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = sigmoid of the largest logit; (centre x, y, width, height)."""
+    boxes, logits = outputs[0][0], outputs[1][0]
+    class_scores = sigmoid(logits)
+    _, class_ids = best_class(logits)  # large ones all give 1
+    scores = class_scores[np.arange(len(class_ids)), class_ids]
+    return select(boxes * _whwh(size_px), scores, class_ids, min_score, class_scores)
+
+
+def _whwh(size_px: tuple[int, int]) -> FloatArray:
+    return np.array([size_px[1], size_px[0]] * 2, np.float32)
+
+
+# Its PostProcess: max over the classes.
+DETR = Family(Contract("detr", COCO91, input_size_px=(800, 800), **_QUERIES), _describe_detr, _decode_detr)
+# Its PostProcess: the best of all queries and classes.
+RFDETR = Family(
+    Contract("rfdetr", COCO91, input_size_px=(560, 560), **_QUERIES),
+    _describe_rfdetr,
+    _decode_rfdetr,
+    unknown="whether one of the class slots, and which, stands for the background",
+    several_classes=True,
+)

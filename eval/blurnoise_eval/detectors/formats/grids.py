@@ -1,17 +1,30 @@
-"""The grid cells of an input, stride after stride, row by row: where grid detectors put their answers."""
+"""Families whose outputs hold a row, or a column, for each cell of their grids: YOLOv5, v6, v8 (v9, v11), YOLOX,
+FastestDet, NanoDet and NanoDet-Plus.
+
+Cells lie stride after stride, row by row. NanoDet states the distances of a box's four sides from a cell's centre,
+each as a distribution.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.detectors.formats.signature import Layout, Signature
+from blurnoise_eval.detectors.class_names import COCO80
+from blurnoise_eval.detectors.contract import Contract
+from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
+from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 from blurnoise_eval.detectors.records import FloatArray
 
 STRIDES = (8, 16, 32)
 STRIDES_64 = (8, 16, 32, 64)
+_V8_STRIDES = ((8,), STRIDES, STRIDES_64)
+_STRIDE = 16  # of FastestDet's only grid
+_BINS = 8  # of a side's distance, 0 to 7 strides
+_SIDES = 4 * _BINS
 
 
 def cells(size_px: tuple[int, int], strides: Sequence[int] = STRIDES) -> int:
@@ -31,18 +44,199 @@ def grid(size_px: tuple[int, int], strides: tuple[int, ...] = STRIDES) -> tuple[
 
 
 def layout_by_cells(
-    signature: Signature, *, columns: int, strides: Sequence[Sequence[int]], anchors: int = 1
+    signature: Signature,
+    *,
+    columns: int,
+    strides: Sequence[Sequence[int]],
+    anchors: int = 1,
+    turned: bool = False,
 ) -> Layout | None:
-    """The layout of one output [batch, anchors · A, columns + classes], A for one of ``strides``; else None."""
-    output = signature.outputs[0]
-    if signature.size_px is None or len(output.shape) != 3:
+    """The layout of an output [batch, anchors · A, columns + classes], A for one of ``strides``; else None.
+
+    turned: or [batch, columns + classes, A]; which of the two it is, is the axis that has A entries, never the longer
+    one. Old exports of YOLOv5 add its raw heads, of 5 dimensions.
+    """
+    output, *further = signature.outputs
+    if len(output.shape) != 3 or any(len(extra.shape) != 5 for extra in further):
         return None
     _, rows, width = output.shape
-    if not isinstance(width, int) or width <= columns:
+    counts = {anchors * cells(signature.size_px, each): each for each in strides}
+    kind = "columns"
+    if turned and width in counts:
+        rows, width, kind = width, rows, "rows"
+    if rows not in counts or not isinstance(width, int) or width <= columns:
         return None
-    for each in strides:
-        if rows == anchors * cells(signature.size_px, each):
-            times = f"{anchors} x " if anchors > 1 else ""
-            counted = f"{rows} = {times}the cells of strides {', '.join(map(str, each))}"
-            return Layout.of(output, f"{counted}; {columns} + {width - columns} columns", width - columns)
-    return None
+    times = f"{anchors} x " if anchors > 1 else ""
+    counted = f"{rows} = {times}the cells of strides {', '.join(map(str, counts[rows]))}"
+    return Layout.of(output, f"{counted}; {columns} + {width - columns} {kind}", width - columns)
+
+
+def _decode_v5(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = objectness · class; (centre x, y, width, height) in px."""
+    rows = outputs[0][0]
+    rows = rows[rows[:, 4] >= min_score]
+    class_scores = rows[:, 5:] * rows[:, 4:5]
+    return select(rows[:, :4], *best_class(class_scores), min_score, class_scores)
+
+
+def _decode_v8(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = class; (centre x, y, width, height) in px."""
+    columns = outputs[0][0]
+    if columns.shape[1] not in [cells(size_px, strides) for strides in _V8_STRIDES]:
+        columns = columns.T
+    # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
+    kept = columns[:, np.flatnonzero(columns[4:].max(axis=0) >= min_score)].T
+    return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])
+
+
+def _decode_x(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = objectness · class; centre = (offset + cell) · stride, size = exp(offset) · stride, px.
+
+    Source: Ge et al., YOLOX (2021), as in the reference code's ``demo_postprocess``.
+    """
+    rows = outputs[0][0]
+    kept = np.flatnonzero(rows[:, 4] >= min_score)
+    class_scores = rows[kept, 5:]
+    class_scores *= rows[kept, 4:5]
+    scores, class_ids = best_class(class_scores)
+    strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
+    kept = kept[strong]
+    column_row, stride = (values[kept] for values in grid(size_px))
+    boxes = rows[kept, :4]
+    boxes[:, :2] += column_row
+    with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+        np.exp(boxes[:, 2:], out=boxes[:, 2:])
+        boxes *= stride
+    return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
+
+
+def _describe_fastest(signature: Signature) -> Layout | None:
+    """[batch, 5 + nc, ceil(H/16), ceil(W/16)]."""
+    output = signature.outputs[0]
+    if len(signature.outputs) != 1 or len(output.shape) != 4:
+        return None
+    channels = output.shape[1]
+    grid = tuple(-(-size // _STRIDE) for size in signature.size_px)
+    if output.shape[2:] != grid or not isinstance(channels, int) or channels < 6:
+        return None
+    return Layout.of(output, f"the cells of stride 16; 5 + {channels - 5} channels", channels - 5)
+
+
+def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = objectness^0.6 · class^0.4; centre = (tanh(offset) + cell) / grid, size = sigmoid(offset).
+
+    Both are shares of the input. Source: the reference code's ``handle_preds``.
+    """
+    height, width = outputs[0].shape[2:]
+    columns = outputs[0][0].reshape(-1, height * width)
+    kept = np.flatnonzero(columns[0] >= min_score ** (1 / 0.6))  # class scores are at most 1
+    rows = columns[:, kept].T
+    class_scores, class_ids = best_class(rows[:, 5:])
+    scores = rows[:, 0] ** 0.6 * class_scores**0.4
+    input_wh = np.array([size_px[1], size_px[0]], np.float32)
+    cell_xy = np.stack([kept % width, kept // width], axis=1).astype(np.float32)
+    boxes = np.empty((len(kept), 4), np.float32)
+    boxes[:, :2] = (np.tanh(rows[:, 1:3]) + cell_xy) * (input_wh / np.array([width, height], np.float32))
+    boxes[:, 2:] = sigmoid(rows[:, 3:5]) * input_wh
+    each = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
+    return select(boxes, scores, class_ids, min_score, each)
+
+
+def _describe_nano(signature: Signature) -> Layout | None:
+    """Two outputs for each stride, of as many rows as it has cells: [n, nc] and [n, 32], or with a batch.
+
+    Of NanoDet before "Plus". Their names can be swapped, so widths decide; with 32 classes nothing does.
+    """
+    by_shape = {output.shape[-2:]: output for output in signature.outputs if len(output.shape) in (2, 3)}
+    others = {shape[1] for shape in by_shape} - {_SIDES}
+    classes = others.pop() if len(others) == 1 else None
+    counts = [cells(signature.size_px, (stride,)) for stride in STRIDES]
+    ordered = [(count, width) for count in counts for width in (classes, _SIDES)]
+    fits = len(signature.outputs) == len(ordered) and by_shape.keys() == set(ordered)
+    if not isinstance(classes, int) or not fits:
+        return None
+    return Layout.by_name([by_shape[shape] for shape in ordered], classes)
+
+
+def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """A side lies the mean of its softmax over 0 to 7 strides from the cell's centre; boxes end at the input's edge.
+
+    A cell's centre is (column, row) · stride + (stride - 1) / 2 px; of NanoDet-Plus, which has one output with class
+    scores and sides in a row, without the half pixel. Source: Li et al., Generalized Focal Loss (2020).
+    """
+    flat = [output.reshape(-1, output.shape[-1]) for output in outputs]
+    if plus := len(flat) == 1:
+        class_scores, sides = flat[0][:, :-_SIDES], flat[0][:, -_SIDES:]
+    else:
+        class_scores, sides = np.concatenate(flat[::2]), np.concatenate(flat[1::2])
+    column_row, stride = grid(size_px, STRIDES_64 if plus else STRIDES)
+    scores, class_ids = best_class(class_scores)
+    kept = np.flatnonzero(scores >= min_score)
+    column_row, stride = column_row[kept], stride[kept]
+    logits = sides[kept].reshape(-1, 4, _BINS)
+    powers = np.exp(logits - logits.max(axis=2, keepdims=True))
+    mean = powers @ np.arange(_BINS, dtype=np.float32) / powers.sum(axis=2)
+    reach = (mean * stride).astype(np.float32)
+    centres = column_row * stride + (0 if plus else (stride - 1) / 2)
+    corners = np.concatenate([centres - reach[:, :2], centres + reach[:, 2:]], axis=1)
+    inside = np.clip(corners, 0, np.array([size_px[1], size_px[0]] * 2, np.float32))
+    return select(inside, scores[kept], class_ids[kept], min_score, class_scores[kept], corners=True)
+
+
+# [batch, 3A, 5 + nc]. YOLOv7 exported with --grid has the same layout and the same pre-processing. Its val.py:
+# multi_label.
+YOLOV5 = Family(
+    Contract("yolov5", COCO80, nms_iou=0.6, input_size_px=(640, 640)),
+    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64), anchors=3),
+    _decode_v5,
+    several_classes=True,
+)
+# [batch, A, 5 + nc], with strides up to 32 or, for the P6 models, 64; the objectness column is always 1. YOLOX
+# exported with its boxes decoded reads the same, with YOLOX's pre-processing. Its Evaler: multi_label.
+YOLOV6 = Family(
+    Contract("yolov6", COCO80, nms_iou=0.65, input_size_px=(640, 640)),
+    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64)),
+    _decode_v5,
+    several_classes=True,
+)
+# [batch, 4 + nc, A] or [batch, A, 4 + nc], with stride 8 alone, or strides up to 32 or 64. DetectionValidator:
+# multi_label.
+YOLOV8 = Family(
+    Contract("yolov8", COCO80, nms_iou=0.7, input_size_px=(640, 640)),
+    partial(layout_by_cells, columns=4, strides=_V8_STRIDES, turned=True),
+    _decode_v8,
+    several_classes=True,
+)
+# [batch, A, 5 + nc]. Its postprocess: torch.max over the classes.
+YOLOX = Family(
+    Contract(
+        "yolox", COCO80, colour="bgr", value_range="0-255", resize="letterbox-top-left", input_size_px=(416, 416),
+        nms_iou=0.65,
+    ),
+    partial(layout_by_cells, columns=5, strides=(STRIDES,)),
+    _decode_x,
+    unknown="whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet",
+)  # fmt: skip
+# Its handle_preds: argmax over the classes.
+FASTESTDET = Family(
+    Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
+    _describe_fastest,
+    _decode_fastest,
+)
+_NANO: dict[str, Any] = {"colour": "bgr", "value_range": "0-255", "input_size_px": (320, 320), "nms_iou": 0.6}
+_NANO |= {"mean": (103.53, 116.28, 123.675), "std": (57.375, 57.12, 58.395)}
+# Both: multiclass_nms.
+NANODET = Family(
+    Contract("nanodet", COCO80, resize="letterbox", pad_value=0, **_NANO),
+    _describe_nano,
+    _decode_nano,
+    several_classes=True,
+)
+NANODETPLUS = Family(
+    Contract("nanodetplus", COCO80, resize="stretch", **_NANO),
+    partial(layout_by_cells, columns=_SIDES, strides=(STRIDES_64,)),  # [batch, A, nc + 32]
+    _decode_nano,
+    several_classes=True,
+)
+
+FAMILIES = (YOLOV5, YOLOV8, YOLOX, YOLOV6, FASTESTDET, NANODET, NANODETPLUS)

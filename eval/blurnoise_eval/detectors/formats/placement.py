@@ -90,24 +90,16 @@ def lay_in(
     blob = np.empty(shape, dtype) if out is None or out.shape != shape else out
     channels = blob if axes == "chw" else blob[0].transpose(2, 0, 1) if axes == "nhwc" else blob[0]
     full_scale = 255.0 if contract.value_range == "0-1" else 1.0
-    bottom, right = top + new_height, left + new_width
     for channel, plane, index in zip(channels, planes, range(3), strict=True):
         mean = contract.mean[index] if contract.mean else 0.0
         std = contract.std[index] if contract.std else 1.0
         gain = np.float32(1 / (full_scale * std))
-        window = channel[top:bottom, left:right]
+        window = channel[top : top + new_height, left : left + new_width]
+        if window.size < channel.size:
+            channel[...] = (contract.pad_value / full_scale - mean) / std
         np.copyto(window, plane)  # converts faster than a multiplication that has to
         if gain != 1:
             np.multiply(window, gain, out=window)
         if mean:
             window -= np.float32(mean / std)
-        grey = (contract.pad_value / full_scale - mean) / std
-        for edge in (
-            channel[:top],
-            channel[bottom:],
-            channel[top:bottom, :left],
-            channel[top:bottom, right:],
-        ):
-            if edge.size:
-                edge[...] = grey
     return blob, Placement(width, height, new_width / width, new_height / height, left, top)

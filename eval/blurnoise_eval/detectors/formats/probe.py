@@ -1,8 +1,7 @@
 """Probe of what a graph answers, once, for families that no shape tells apart.
 
 The picture is drawn, so that no photograph has to travel with the package. It needs structure: on a flat grey
-a detector sees nothing anywhere, and then boxes and objectness say little about what they mean. A road sign
-before a gradient, with edges of several sizes, lets every level of a detector answer.
+a detector sees nothing anywhere, and then boxes and objectness say little about what they mean.
 """
 
 from __future__ import annotations
@@ -27,9 +26,8 @@ def picture(side_px: int = 416) -> NDArray[np.uint8]:
     coded = srgb_from_linear(sign[0]).mul(255).permute(1, 2, 0).numpy()
     y, x = np.mgrid[:side_px, :side_px] / side_px
     scene = 60 + 120 * (1 - y)[..., None] * np.array([0.8, 0.9, 1.0])
-    for left, top, width, height, tone in ((0.05, 0.55, 0.2, 0.4, 30), (0.72, 0.6, 0.24, 0.15, 220)):
-        inside = (x >= left) & (x < left + width) & (y >= top) & (y < top + height)
-        scene[inside] = tone
+    scene[(x >= 0.05) & (x < 0.25) & (y >= 0.55) & (y < 0.95)] = 30
+    scene[(x >= 0.72) & (x < 0.96) & (y >= 0.6) & (y < 0.75)] = 220
     third = slice(side_px // 3 - 2, side_px - side_px // 3 + 2)
     scene[third, third] = coded[third, third]
     return np.asarray(scene.round(), np.uint8)

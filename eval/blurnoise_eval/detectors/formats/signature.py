@@ -1,17 +1,19 @@
-"""Signature of a graph: what it shows of itself; where shapes are dynamic, measured on a grey picture."""
+"""Signature of a graph, what it shows of itself, and families, which read graphs by their signatures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.formats.candidates import Candidates
 from blurnoise_eval.detectors.formats.placement import blob_shape
-from blurnoise_eval.detectors.model import OnnxModel, Shape, TensorInfo
+from blurnoise_eval.detectors.model import OnnxModel, TensorInfo
 from blurnoise_eval.detectors.records import FloatArray
 
 SIZES = "orig_target_sizes"
@@ -23,15 +25,14 @@ class Signature:
     """A graph's inputs, outputs and metadata.
 
     inputs: the picture first, then those of :func:`extra_feeds`.
-    ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``; None where
-    the graph does not take one picture of three channels, or other inputs that are not known.
-    ``answer``: the outputs for a picture's input, to probe a graph whose shapes leave its family open.
+    ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``. ``answer``: the
+    outputs for a picture's input, to probe a graph whose shapes leave its family open.
     """
 
     inputs: tuple[TensorInfo, ...]
     outputs: tuple[TensorInfo, ...]
     metadata: Mapping[str, str]
-    size_px: tuple[int, int] | None
+    size_px: tuple[int, int]
     answer: Callable[[FloatArray], list[FloatArray]] | None = None
 
     def named(self, names: Sequence[str]) -> list[TensorInfo] | None:
@@ -57,14 +58,11 @@ class Signature:
 
     def describe(self) -> str:
         """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
-        lines = [f"  input {entry}" for entry in self.inputs] + [
-            f"  output {entry}" for entry in self.outputs
-        ]
+        lines = [f"  input {entry}" for entry in self.inputs]
+        lines += [f"  output {entry}" for entry in self.outputs]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
-        lines.append(
-            f"  to state what it is, write <model>.contract.json beside it, for example {Contract.EXAMPLE}"
-        )
-        return "\n".join(lines)
+        stated = "to state what it is, write <model>.contract.json beside it, for example"
+        return "\n".join([*lines, f"  {stated} {Contract.EXAMPLE}"])
 
 
 @dataclass(frozen=True)
@@ -83,6 +81,17 @@ class Layout:
     def of(cls, output: TensorInfo, shows: str, classes: int = 0) -> Layout:
         """The layout of one output, which ``shows`` it by its shape."""
         return cls((output.name,), classes, f"output {output.name!r} {list(output.shape)}: {shows}")
+
+    @classmethod
+    def of_form(
+        cls, outputs: Sequence[TensorInfo] | None, ranks: Sequence[int], widths: str, classes: int = 0
+    ) -> Layout | None:
+        """The layout of outputs of these ranks and last axes, a digit each, 0 for any; else None."""
+        if outputs is None or [len(output.shape) for output in outputs] != [*ranks]:
+            return None
+        pairs = zip(outputs, map(int, widths), strict=True)
+        fits = all(width in (0, output.shape[-1]) for output, width in pairs)
+        return cls.by_name(outputs, classes) if fits else None
 
     @classmethod
     def by_name(cls, outputs: Sequence[TensorInfo], classes: int = 0) -> Layout:
@@ -121,29 +130,55 @@ def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
     """Return the graph's signature.
 
     ``size_px``: the picture's (height, width) where the graph leaves it open. Raises :class:`ModelError` for
-    a graph that leaves it open and fails at that size, or takes more than memory holds.
+    a graph that leaves it open and fails at that size.
     """
     inputs, outputs = model.inputs, model.outputs
-    if model.axes is None:
-        return Signature(inputs, outputs, model.metadata, None)
-    known = inputs[0].size_px
+    unread = Signature(inputs, outputs, model.metadata, size_px)
+    known = inputs[0].size_px if model.axes else ()
     height, width = (
-        side if isinstance(side, int) else usual for side, usual in zip(known, size_px, strict=True)
+        side if isinstance(side, int) else usual
+        for side, usual in zip(known or size_px, size_px, strict=True)
     )
-    model.check_size((height, width))
     extras = extra_feeds(inputs[1:], (height, width), model.batch)
-    if extras is None:
-        return Signature(inputs, outputs, model.metadata, None)
+    if not model.axes or not outputs or extras is None:
+        must = "must take one RGB picture, beside it inputs of known names alone, and give an answer"
+        raise ModelError(f"the graph fits no output family known here: {must}\n{unread.describe()}")
     grey = np.full(blob_shape(model.axes, (height, width)), 0.5, np.float32)
-    answer = partial(model.run, extras=extras)
-    fixed = known == (height, width)
-    if not fixed or not all(o.shape and all(isinstance(n, int) for n in o.shape[1:]) for o in outputs):
+    answer = partial(model.infer, extras=extras)
+    stated = [o.shape for o in outputs]
+    if known != (height, width) or not all(s and all(isinstance(n, int) for n in s[1:]) for s in stated):
         try:
-            measured: list[Shape] = [value.shape for value in answer(grey)]
+            stated = [value.shape for value in answer(grey)]
         except ModelError as error:
             raise ModelError(
-                f"the graph claims a dynamic size but fails on a picture of {height} x {width} px; "
-                f"state input_size_px in its contract ({' '.join(str(error).split())[:200]})"
+                f"{error}; state the size that it takes, input_size_px, in its contract"
             ) from None
-        outputs = tuple(TensorInfo(o.name, s, o.type) for o, s in zip(outputs, measured, strict=True))
+        outputs = tuple(TensorInfo(o.name, s, o.type) for o, s in zip(outputs, stated, strict=True))
     return Signature(inputs, outputs, model.metadata, (height, width), answer)
+
+
+@dataclass(frozen=True)
+class Family:
+    """One output layout.
+
+    preset: pre-processing and non-maximum suppression as in the family's own repository, with COCO's classes; its
+    input size is for graphs of dynamic size. describe: how the family reads a graph's outputs, None if they do not
+    have its layout. decode: from the layout's outputs, in its order, the input's (height, width) and the least
+    score, the candidates that reach it, boxes in px of the input. unknown: what neither the graph nor a preset
+    tells. several_classes: whether the family's own evaluator counts a box with every class that reaches its
+    threshold. takes_head: whether the contract states anchors. fixed_resize: how pictures enter a graph of one size
+    where the preset lets them enter at their own.
+    """
+
+    preset: Contract
+    describe: Callable[[Signature], Layout | None]
+    decode: Callable[[Sequence[FloatArray], tuple[int, int], float], Candidates]
+    unknown: str = ""
+    several_classes: bool = False
+    takes_head: bool = False
+    fixed_resize: Literal["stretch", "letterbox-top-left"] = "letterbox-top-left"
+
+    @property
+    def name(self) -> str:
+        """Of the family and its preset."""
+        return self.preset.family

@@ -1,18 +1,13 @@
 """Text recognisers: on boxes that are known, or on those that a text detector finds."""
 
-from blurnoise_eval.detectors.ocr.contract import RegionContract, TextContract
-from blurnoise_eval.detectors.ocr.ctc import Reading
-from blurnoise_eval.detectors.ocr.errors import character_error_rate
+from blurnoise_eval.detectors.ocr.ctc import Reading, character_error_rate
 from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
 from blurnoise_eval.detectors.ocr.recogniser import Recogniser, is_recogniser
-from blurnoise_eval.detectors.ocr.spotter import Spotted, TextSpotter
+from blurnoise_eval.detectors.ocr.spotter import TextSpotter
 
 __all__ = [
     "Reading",
     "Recogniser",
-    "RegionContract",
-    "Spotted",
-    "TextContract",
     "TextSpotter",
     "character_error_rate",
     "is_recogniser",

@@ -41,14 +41,12 @@ class TextContract(_TextNetwork):
     """How a crop becomes a recogniser's input, and what its classes are. Defaults are those of PP-OCR.
 
     family: "ppocr". colour: "rgb" or "bgr". mean, std: per channel in the network's order, of values 0-1.
-    height_px: the input's; the crop keeps its aspect, up to max_width_px, and is padded with zeros on the
-    right to min_width_px. margin: what is read around a known box, in heights of that box. dictionary: a file
+    height_px: the input's; the crop keeps its aspect, and is padded with zeros on the right to min_width_px, but
+    never wider than max_width_px. margin: what is read around a known box, in heights of that box. dictionary: a file
     with a character a line, relative to the contract's folder; None for the graph's metadata ``character``.
     output: "probabilities", or "logits", to which softmax is applied. Raises ``ValueError`` or ``TypeError``
     naming field, value and what is allowed.
     """
-
-    TYPED = "ppocr,colour=rgb,mean=0.485/0.456/0.406,std=0.229/0.224/0.225,dictionary=keys.txt"
 
     family: Literal["ppocr"] = "ppocr"
     height_px: _Count = 48
@@ -57,13 +55,6 @@ class TextContract(_TextNetwork):
     margin: _NonNegative = 0.1
     dictionary: Annotated[Characters | None, "must be the name of a file, or nothing"] = None
     output: Literal["probabilities", "logits"] = "probabilities"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.max_width_px < self.min_width_px:
-            raise ValueError(
-                f"max_width_px = {self.max_width_px}: must be >= min_width_px, {self.min_width_px}"
-            )
 
 
 @dataclass(frozen=True)
@@ -76,19 +67,12 @@ class RegionContract(_TextNetwork):
     a region, its score. unclip: the outline moves outwards by unclip · area / circumference.
     """
 
-    TYPED = "db,colour=rgb,mean=0.485/0.456/0.406,std=0.229/0.224/0.225"
-
     family: Literal["db"] = "db"
     min_side_px: _Count = 736
     max_side_px: _Count = 2000
     threshold: _Share = 0.3
     box_threshold: _Share = 0.5
     unclip: _NonNegative = 1.6
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.max_side_px < self.min_side_px:
-            raise ValueError(f"max_side_px = {self.max_side_px}: must be >= min_side_px, {self.min_side_px}")
 
 
 TEXT_PRESETS = {"ppocr": TextContract()}

@@ -1,4 +1,4 @@
-"""Greedy decoding of connectionist temporal classification (CTC): class probabilities to text.
+"""Greedy decoding of connectionist temporal classification (CTC): class probabilities to text; errors of texts.
 
 Domain: (T, C) float32, a row per step along the text. Class 0 is the blank.
 Source: Graves et al. (2006); dictionary and confidence as in PP-OCR.
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from rapidfuzz.distance import Levenshtein
 
 from blurnoise_eval.detectors.records import FloatArray
 
@@ -33,7 +34,7 @@ def characters(lines: str) -> list[str]:
 
     Only a line feed ends a line: dictionaries hold characters that Unicode counts among the line ends.
     """
-    return ["", *(line.removesuffix("\r") for line in lines.removesuffix("\n").split("\n")), " "]
+    return ["", *lines.removesuffix("\n").split("\n"), " "]
 
 
 def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
@@ -61,3 +62,14 @@ def softmax(logits: FloatArray) -> FloatArray:
     powers: FloatArray = np.exp(logits - logits.max(axis=-1, keepdims=True))
     powers /= powers.sum(axis=-1, keepdims=True)
     return powers
+
+
+def character_error_rate(read: str, truth: str) -> float:
+    """Return the insertions, deletions and substitutions that turn ``read`` into ``truth``, per character of it.
+
+    0 is exact; more than 1 is possible where more was read than is there. Upper and lower case differ.
+    Convention: where there is no text, reading none is 0, and reading any is 1.
+    """
+    if not truth:
+        return float(bool(read))
+    return Levenshtein.distance(read, truth) / len(truth)

@@ -1,4 +1,4 @@
-"""Recogniser of the text in known boxes: crop, normalise, network, CTC."""
+"""Text networks, of one picture in and one tensor out, and the recogniser of the text in known boxes."""
 
 from __future__ import annotations
 
@@ -9,40 +9,66 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from blurnoise._core.files import read_text
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.contract_files import Given, metadata_mapping, stated_contract
+from blurnoise_eval.detectors.contract_files import Given, beside, stated_contract
 from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
-from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, PictureModel
-from blurnoise_eval.detectors.model_files import contract_file, fetched_file, read_mapping
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
+from blurnoise_eval.detectors.model_files import contract_file, fetched_file
 from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS, TextContract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
-from blurnoise_eval.detectors.ocr.network import answer, boxes_array, check_form, fixed_size_px
 from blurnoise_eval.detectors.records import FloatArray
-from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.urls import Location
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
+_UNSTATED = ("assumed", "preset")
 
 
-class Recogniser(PictureModel):
-    """An ONNX text recogniser with its contract. One instance serves any number of threads.
+class TextNetwork(OnnxModel):
+    """A graph that takes floats [N, 3, height, width] and gives one answer.
 
-    It pickles as what opened it: in another process the file is opened again.
+    Raises :class:`ModelError` for another. ``fixed_size_px``: height and width of the input, None where dynamic.
+    """
 
-    ``path``: a file, here or at a URL, or a model that is open. ``contract``: a :class:`TextContract`, a mapping, a
-    contract file or "ppocr"; None looks beside the model and into its metadata, then assumes PP-OCR's (see
-    ``assumptions``). ``dictionary``: a file with a character a line; None takes the contract's, else the metadata's.
-    ``threads``: cores that one inference may use. ``timeout_s``: how long loading and the first answer may take.
-    Raises :class:`ModelError` for a file that is no recogniser, a contract that does not fit it, or a dictionary of
-    another length than its classes, ``TimeoutError``.
+    def __init__(self, source: str | Location | OnnxModel, timeout_s: float) -> None:
+        super().__init__(source, timeout_s)
+        inputs, outputs = self.inputs, self.outputs
+        shape = inputs[0].shape if inputs else ()
+        floats = [entry.type in ("tensor(float)", "tensor(float16)") for entry in inputs]
+        if floats != [True] or len(outputs) != 1 or len(shape) != 4 or shape[1] != 3:
+            raise ModelError(
+                f"{self.path.name}: must take one picture [N, 3, height, width] of floats and give one answer; "
+                f"has {len(inputs)} inputs and {len(outputs)} outputs: {', '.join(map(str, [*inputs, *outputs]))}"
+            )
+        height, width = (side if isinstance(side, int) else None for side in shape[2:])
+        self.fixed_size_px = height, width
 
-    Attributes: ``name`` (file name without suffix), ``path``, ``contract``, ``sha256`` of the file; where the
-    dictionary is a file, of both.
+    def _answer(self, blob: FloatArray) -> FloatArray:
+        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted.
+
+        Raises :class:`ModelError` where the graph fails.
+        """
+        (output,) = self.infer(blob)
+        if output.ndim < 1 or len(output) != self.batch:
+            answers = f"answers {list(output.shape)} to {self.batch} picture(s)"
+            raise ModelError(f"{self.path.name}: {answers}: the first axis must be the batch")
+        found = np.asarray(output[0], np.float32)
+        self._count_non_finite([found])
+        return found
+
+
+class Recogniser(TextNetwork):
+    """An ONNX text recogniser with its contract; what holds of every :class:`OnnxModel` holds of it.
+
+    ``contract``: a :class:`TextContract`, a mapping, a contract file or "ppocr"; None looks beside the model and into
+    its metadata, then assumes PP-OCR's. ``dictionary``: a file with a character a line; None takes the contract's,
+    else the metadata's; a file becomes part of ``sha256``. Raises :class:`ModelError` for a contract that does not
+    fit the graph, or a dictionary of another length than its classes.
     """
 
     contract: TextContract
@@ -53,38 +79,57 @@ class Recogniser(PictureModel):
         *,
         contract: TextContract | Given | None = None,
         dictionary: Location | None = None,
-        threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        model = path if isinstance(path, OnnxModel) else OnnxModel(path, threads, timeout_s)
-        stated: Any = {"contract": contract, "dictionary": dictionary}
-        further: Any = {"threads": model.threads, "timeout_s": model.timeout_s}
-        super().__init__(model, partial(Recogniser, model.source, **stated, **further))
-        check_form(model)
-        self.contract = _sized(model, contract)
-        file = None if dictionary is None else fetched_file(dictionary)
-        if file is not None:
+        super().__init__(path, timeout_s)
+        stated: Any = {"contract": contract, "dictionary": dictionary, "timeout_s": self.timeout_s}
+        self._opened_again = partial(Recogniser, self.source, **stated)
+        suggests = f", which metadata {DICTIONARY_KEY} suggests" * (DICTIONARY_KEY in self.metadata)
+        sources = dict.fromkeys(TextContract.names(), f"assumed: preset ppocr{suggests}")
+        found = stated_contract(TEXT_PRESETS, self.path, self.metadata, contract)
+        self.contract = found or TextContract(sources=sources)
+        height = self.fixed_size_px[0]
+        if height is not None:
+            self._settle("graph", height_px=height)
+        self._characters = characters(self._dictionary(contract, dictionary))
+        self._look_at_answer()
+
+    def _settle(self, source: str, **fields: Any) -> None:
+        """Put into the contract what the graph shows. Raises :class:`ModelError` where it says otherwise."""
+        for name, value in fields.items():
+            stated, where = getattr(self.contract, name), self.contract.sources[name]
+            if stated != value and not where.startswith(_UNSTATED):
+                raise ModelError(
+                    f"{self.path.name}: {name} = {stated!r} ({where}), but the graph's is {value!r}"
+                )
+        sources = {**self.contract.sources, **dict.fromkeys(fields, source)}
+        self.contract = replace(self.contract, **fields, sources=sources)
+
+    def _dictionary(self, contract: object, given: Location | None) -> str:
+        """The characters, a line each; those of a file become part of the model's identity."""
+        stated = self.contract.dictionary
+        if given is None and stated is None:
+            if DICTIONARY_KEY not in self.metadata:
+                raise ModelError(
+                    f"{self.path.name}: nothing says which characters its classes are: "
+                    f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
+                )
+            self._settle(f"metadata {DICTIONARY_KEY}", dictionary=None)
+            return self.metadata[DICTIONARY_KEY]
+        if given is not None:
+            file = fetched_file(given)
             sources = {**self.contract.sources, "dictionary": "given"}
             self.contract = replace(self.contract, dictionary=file.name, sources=sources)
-        elif self.contract.dictionary is not None:
-            given = contract if isinstance(contract, (str, Path)) else None
-            file = (contract_file(self.path, given) or self.path).parent / self.contract.dictionary
-        elif DICTIONARY_KEY in model.metadata:
-            sources = {**self.contract.sources, "dictionary": f"metadata {DICTIONARY_KEY}"}
-            self.contract = replace(self.contract, sources=sources)
-        if file is not None:
-            lines = _read_dictionary(file)
-            both = self.sha256 + hashlib.sha256(lines.encode()).hexdigest()
-            self.sha256 = hashlib.sha256(both.encode()).hexdigest()
-        elif DICTIONARY_KEY in model.metadata:
-            lines = model.metadata[DICTIONARY_KEY]
         else:
-            raise ModelError(
-                f"{self.path.name}: nothing says which characters its classes are: "
-                f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
-            )
-        self._characters = characters(lines)
-        self._look_at_answer()
+            own = Path(contract) if isinstance(contract, (str, Path)) else self.path
+            file = (own if own.is_file() else self.path).parent / str(stated)
+        try:
+            lines = read_text(file)
+        except (OSError, ValueError) as error:
+            raise ModelError(f"dictionary {file.name}: cannot be read: {error}") from None
+        both = self.sha256 + hashlib.sha256(lines.encode()).hexdigest()
+        self.sha256 = hashlib.sha256(both.encode()).hexdigest()
+        return lines
 
     def prepare(self, crop: NDArray[np.uint8]) -> FloatArray:
         """Return the network's input (1, 3, H, W), float32, for an RGB crop (h, w, 3).
@@ -93,9 +138,7 @@ class Recogniser(PictureModel):
         """
         contract = self.contract
         height, natural = contract.height_px, math.ceil(contract.height_px * crop.shape[1] / crop.shape[0])
-        width = fixed_size_px(self._model)[1] or min(
-            max(contract.min_width_px, natural), contract.max_width_px
-        )
+        width = self.fixed_size_px[1] or min(max(contract.min_width_px, natural), contract.max_width_px)
         filled = min(natural, width)
         blob = np.zeros((1, 3, height, width), np.float32)
         lay_in(crop, contract.stretched(), (height, filled), blob[..., :filled])
@@ -104,9 +147,9 @@ class Recogniser(PictureModel):
     def read_crop(self, crop: NDArray[np.uint8]) -> Reading:
         """Return the text of an RGB crop (h, w, 3), uint8, that holds one line.
 
-        An answer with NaN or infinite values is no text; they are counted in ``non_finite_values``.
+        An answer with NaN or infinite values is no text; they are counted in ``non_finite_values_here``.
         """
-        rows = self._answer(crop)
+        rows = self._answer(self.prepare(crop))
         if not np.isfinite(rows).all():
             return NOTHING
         return decode(softmax(rows) if self.contract.output == "logits" else rows, self._characters)
@@ -118,52 +161,36 @@ class Recogniser(PictureModel):
 
         A box is read with the contract's margin around it, to whole pixels, inside the picture, on its own: its
         reading depends on no other box. A box that is empty, or lies outside, reads as no text.
-        Raises ``TypeError`` or ``ValueError`` for a picture or boxes of another type or shape.
+        Raises ``TypeError`` or ``ValueError`` for a picture of another type or shape.
         """
         height, width = picture_size(image)
-        limit = np.array([width, height, width, height], np.float64)
+        limit = np.array([width, height], np.float64)
         readings = []
-        for box in boxes_array(boxes_xyxy):
-            x0, y0, x1, y1 = np.clip(box, 0, limit)
+        for box in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
+            x0, y0, x1, y1 = np.clip(box, 0, np.tile(limit, 2))
             if x1 <= x0 or y1 <= y0:
                 readings.append(NOTHING)
                 continue
             margin = self.contract.margin * (box[3] - box[1])
-            left, top = np.floor(np.clip(box[:2] - margin, 0, limit[:2])).astype(int)
-            right, bottom = np.ceil(np.clip(box[2:] + margin, 0, limit[2:])).astype(int)
+            left, top = np.floor(np.clip(box[:2] - margin, 0, limit)).astype(int)
+            right, bottom = np.ceil(np.clip(box[2:] + margin, 0, limit)).astype(int)
             readings.append(self.read_crop(image[top:bottom, left:right]))
         return readings
 
-    def _answer(self, crop: NDArray[np.uint8]) -> FloatArray:
-        """Values (steps, classes)."""
-        rows = answer(self._model, self.prepare(crop))
-        self._non_finite.count([rows])
-        return rows
-
     def _look_at_answer(self) -> None:
         """Check classes against dictionary, and see what the values are, on a grey crop."""
-        rows = self._answer(np.full((48, 48, 3), 128, np.uint8))
+        rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
         if rows.ndim != 2 or rows.shape[1] != len(self._characters):
             raise ModelError(
                 f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
                 f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
                 f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
             )
-        if not np.isfinite(rows).all():
-            return
-        seen: Literal["probabilities", "logits"] = "probabilities" if are_probabilities(rows) else "logits"
-        stated = not self.contract.sources["output"].startswith(("assumed", "preset"))
-        if stated and self.contract.output != seen:
-            raise ModelError(
-                f"{self.path.name}: output = {self.contract.output!r} ({self.contract.sources['output']}), but its "
-                f"answer to a grey picture is {seen}: rows of probabilities sum to 1"
-            )
-        how = "sum to 1" if seen == "probabilities" else "do not sum to 1, so softmax is applied"
-        sources = {
-            **self.contract.sources,
-            "output": f"graph: the rows of its answer to a grey picture {how}",
-        }
-        self.contract = replace(self.contract, output=seen, sources=sources)
+        if np.isfinite(rows).all():
+            seen, how = "logits", "do not sum to 1, so softmax is applied"
+            if are_probabilities(rows):
+                seen, how = "probabilities", "sum to 1"
+            self._settle(f"graph: the rows of its answer to a grey picture {how}", output=seen)
 
 
 def is_recogniser(model: OnnxModel) -> bool:
@@ -172,40 +199,12 @@ def is_recogniser(model: OnnxModel) -> bool:
     It takes one picture [N, 3, height, width], gives one answer [N, T, C], and either its metadata holds a
     dictionary under ``character`` or a contract, in a file beside it or its metadata, is of family "ppocr".
     """
-    if [len(entry.shape) for entry in model.inputs] != [4] or model.inputs[0].shape[1] != 3:
+    ranks = [[len(entry.shape) for entry in entries] for entries in (model.inputs, model.outputs)]
+    if ranks != [[4], [3]] or model.inputs[0].shape[1] != 3:
         return False
-    if [len(entry.shape) for entry in model.outputs] != [3]:
-        return False
-    if (beside := contract_file(model.path)) is None and DICTIONARY_KEY in model.metadata:
-        return True
     with suppress(ModelError):
-        stated = read_mapping(beside) if beside else metadata_mapping(model.metadata)
-        return isinstance(stated, dict) and stated.get("family") in TEXT_PRESETS
+        found = beside(model.path, model.metadata)
+        if found is None or (contract_file(model.path) is None and DICTIONARY_KEY in model.metadata):
+            return DICTIONARY_KEY in model.metadata
+        return isinstance(found[0], dict) and found[0].get("family") in TEXT_PRESETS
     return False
-
-
-def _sized(model: OnnxModel, given: TextContract | Given | None) -> TextContract:
-    """Return the contract, PP-OCR's where nobody states one, with the graph's height where that is fixed."""
-    contract = stated_contract(TEXT_PRESETS, model.path, model.metadata, given)
-    if contract is None:
-        why = "assumed: preset ppocr"
-        if DICTIONARY_KEY in model.metadata:
-            why += f", which metadata {DICTIONARY_KEY} suggests"
-        contract = TextContract(sources=dict.fromkeys(TextContract.names(), why))
-    height, _ = fixed_size_px(model)
-    if height is None:
-        return contract
-    source = contract.sources["height_px"]
-    if contract.height_px != height and not source.startswith(("assumed", "preset")):
-        raise ModelError(
-            f"{model.path.name}: height_px = {contract.height_px} ({source}), but the graph takes only {height}"
-        )
-    return replace(contract, height_px=height, sources={**contract.sources, "height_px": "graph"})
-
-
-def _read_dictionary(path: Path) -> str:
-    try:
-        check_regular(path)
-        return path.read_bytes().decode("utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise ModelError(f"dictionary {path.name}: cannot be read: {error}") from None

@@ -1,40 +1,37 @@
-"""Detection and recognition: finds the lines of text in a picture, and reads them."""
+"""Detection and recognition: finds the lines of text in a picture, and reads them.
+
+Regions come from a map of probabilities (H, W), float32 in [0, 1], by differentiable binarisation (DB): Liao et al.
+(2020), thresholds and offset as in PP-OCR. There the outline is rounded to whole px before and after it is moved
+outwards; here it is not. Convention: x right, y down, edges at integers; a region's corners are those of a turned
+rectangle, from the upper left one clockwise as displayed.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
-from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, PictureModel
+from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, TextContract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
-from blurnoise_eval.detectors.ocr.network import answer, boxes_array, check_form, fixed_size_px
-from blurnoise_eval.detectors.ocr.recogniser import Recogniser
-from blurnoise_eval.detectors.ocr.regions import Region, find_regions, straighten
+from blurnoise_eval.detectors.ocr.recogniser import Recogniser, TextNetwork
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
 
 _STRIDE_PX = 32  # the network halves the picture five times
-
-Box = tuple[float, float, float, float]
-
-
-@dataclass(frozen=True)
-class Spotted:
-    """A line of text: its box (left, top, right, bottom), px, its reading, and the region's score."""
-
-    box_xyxy: Box
-    reading: Reading
-    score: float
+_LEAST_SIDE_PX = 3  # of the map
+_MOST_REGIONS = 1000
+_UPRIGHT = 1.5  # height / width from which a region holds a line that runs downwards
 
 
 @dataclass(frozen=True)
@@ -45,39 +42,26 @@ class SpottingContract:
     text: TextContract
 
     @property
-    def sources(self) -> dict[str, str]:
-        """For each field where it came from."""
-        sources: dict[str, str] = self.to_dict()["sources"]
-        return sources
-
-    @property
     def assumptions(self) -> list[str]:
         """One sentence per field that nothing stated."""
         return [*self.regions.assumptions, *self.text.assumptions]
 
     def to_dict(self) -> dict[str, Any]:
         """Every field in JSON's types, and ``sources``."""
-        parts = {"regions": self.regions.to_dict(), "text": self.text.to_dict()}
-        sources = {
-            f"{part}.{name}": source
-            for part, stated in parts.items()
-            for name, source in stated.pop("sources").items()
-        }
-        values = {f"{part}.{name}": value for part, stated in parts.items() for name, value in stated.items()}
+        values: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        for part, contract in (("regions", self.regions), ("text", self.text)):
+            for name, source in contract.sources.items():
+                values[f"{part}.{name}"], sources[f"{part}.{name}"] = contract.to_dict()[name], source
         return {**values, "sources": sources}
 
 
-class TextSpotter(PictureModel):
-    """An ONNX text detector (DB) before a recogniser. One instance serves any number of threads.
-
-    It pickles as what opened it: in another process both files are opened again.
+class TextSpotter(TextNetwork):
+    """An ONNX text detector (DB) before a recogniser; what holds of every :class:`OnnxModel` holds of it.
 
     ``contract``: a :class:`RegionContract`, a mapping, a contract file or "db", for the detector; None looks
-    beside it and into its metadata, then assumes PP-OCR's. ``threads``: cores that one inference may use.
-    ``timeout_s``: how long loading and the first answer may take. Raises :class:`ModelError` for a file that is no
-    such detector or a contract that does not fit it, ``TimeoutError``.
-
-    Attributes: ``name`` and ``sha256`` of both, ``path`` of the detector, ``recogniser``, ``contract``.
+    beside it and into its metadata, then assumes PP-OCR's. Raises :class:`ModelError` for a file that is no such
+    detector or a contract that does not fit it. ``name`` and ``sha256`` are those of both.
     """
 
     contract: SpottingContract
@@ -88,43 +72,29 @@ class TextSpotter(PictureModel):
         recogniser: Recogniser,
         *,
         contract: RegionContract | Given | None = None,
-        threads: int = 1,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        model = OnnxModel(detection_path, threads, timeout_s)
-        further: Any = {"contract": contract, "threads": threads, "timeout_s": timeout_s}
-        super().__init__(model, partial(TextSpotter, model.source, recogniser, **further))
-        check_form(model)
+        super().__init__(detection_path, timeout_s)
+        again = partial(TextSpotter, self.source, recogniser, contract=contract, timeout_s=timeout_s)
+        self._opened_again = again
         self.recogniser = recogniser
         self.name = f"{self.path.stem}+{recogniser.name}"
-        self.sha256 = hashlib.sha256((model.sha256 + recogniser.sha256).encode()).hexdigest()
-        regions = stated_contract(REGION_PRESETS, model.path, model.metadata, contract)
-        if regions is None:
-            assumed = dict.fromkeys(RegionContract.names(), "assumed: preset db")
-            regions = RegionContract(sources=assumed)
+        self.sha256 = hashlib.sha256((self.sha256 + recogniser.sha256).encode()).hexdigest()
+        assumed = RegionContract(sources=dict.fromkeys(RegionContract.names(), "assumed: preset db"))
+        regions = stated_contract(REGION_PRESETS, self.path, self.metadata, contract) or assumed
         self.contract = SpottingContract(regions, recogniser.contract)
-        height, width = fixed_size_px(model)
-        # A graph of another form fails here.
-        self._probabilities(np.zeros((1, 3, height or _STRIDE_PX, width or _STRIDE_PX), np.float32))
-
-    @property
-    def non_finite_values(self) -> int:
-        """NaN and infinite output values of both networks seen so far."""
-        return self._non_finite.total + self.recogniser.non_finite_values
+        height, width = (side or _STRIDE_PX for side in self.fixed_size_px)
+        self._probabilities(np.zeros((1, 3, height, width), np.float32))  # a graph of another form fails here
 
     @property
     def non_finite_values_here(self) -> int:
-        """Those of the calling thread."""
-        return self._non_finite.here + self.recogniser.non_finite_values_here
+        """NaN and infinite output values of both networks that the calling thread has seen so far."""
+        return super().non_finite_values_here + self.recogniser.non_finite_values_here
 
     def interrupt(self) -> None:
         """End the inferences that run, in other threads; the next ones run as before."""
         super().interrupt()
         self.recogniser.interrupt()
-
-    def spot(self, image: NDArray[np.uint8]) -> list[Spotted]:
-        """Return the lines of text in an RGB picture (h, w, 3), uint8: row by row, each from the left."""
-        return in_reading_order([self._read(image, region) for region in self._regions(image)])
 
     def read(
         self, image: NDArray[np.uint8], boxes_xyxy: ArrayLike | Sequence[Sequence[float]]
@@ -136,16 +106,17 @@ class TextSpotter(PictureModel):
         drawn around a word, a line or a whole sign, and a detector may break a word in two.
         """
         regions = self._regions(image)
-        centres = np.array([region.corners.mean(axis=0) for region in regions]).reshape(-1, 2)
-        spotted: dict[int, Spotted] = {}
+        centres = np.array([corners.mean(axis=0) for corners in regions]).reshape(-1, 2)
+        read: dict[int, Reading] = {}
         readings = []
-        for x0, y0, x1, y1 in boxes_array(boxes_xyxy):
+        for x0, y0, x1, y1 in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
             inside = (centres >= (x0, y0)).all(axis=1) & (centres < (x1, y1)).all(axis=1)
-            for index in np.flatnonzero(inside).tolist():
-                if index not in spotted:
-                    spotted[index] = self._read(image, regions[index])
-            lines = in_reading_order([spotted[index] for index in np.flatnonzero(inside).tolist()])
-            readings.append(_joined([line.reading for line in lines if line.reading.text]))
+            places = np.flatnonzero(inside).tolist()
+            for place in places:
+                if place not in read:
+                    read[place] = self.recogniser.read_crop(straighten(image, regions[place]))
+            lines = [read[place] for place in in_reading_order(regions, places)]
+            readings.append(_joined([line for line in lines if line.text]))
         return readings
 
     def input_size_px(self, height_px: int, width_px: int) -> tuple[int, int]:
@@ -156,56 +127,42 @@ class TextSpotter(PictureModel):
         height, width = (
             max(_STRIDE_PX, round(side * scale / _STRIDE_PX) * _STRIDE_PX) for side in (height_px, width_px)
         )
-        fixed_height, fixed_width = fixed_size_px(self._model)
+        fixed_height, fixed_width = self.fixed_size_px
         return fixed_height or height, fixed_width or width
 
-    def _regions(self, image: NDArray[np.uint8]) -> list[Region]:
-        """Regions in px of the picture, best first."""
+    def _regions(self, image: NDArray[np.uint8]) -> list[FloatArray]:
+        """Corners (4, 2) of each region in px of the picture, best first."""
         height, width = picture_size(image)
         blob, _ = lay_in(image, self.contract.regions.stretched(), self.input_size_px(height, width))
         probabilities = self._probabilities(blob)
         scale = np.array([width, height], np.float32) / probabilities.shape[::-1]
         found = find_regions(probabilities, self.contract.regions)
-        return [replace(region, corners=(region.corners * scale).astype(np.float32)) for region in found]
+        return [(corners * scale).astype(np.float32) for corners in found]
 
     def _probabilities(self, blob: FloatArray) -> FloatArray:
         """The network's map (h, w) for its input (1, 3, H, W); values that are not finite are no text."""
-        found = answer(self._model, blob)
-        self._non_finite.count([found])
-        if found.ndim != 3 or len(found) != 1:
-            raise ModelError(
-                f"{self.path.name}: answers {list(found.shape)} to a picture; a text detector "
-                "answers [1, height, width], a map of probabilities"
-            )
-        if not np.isfinite(found).all():
-            found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
-        if found.min(initial=0.0) < -0.01 or found.max(initial=0.0) > 1.01:
-            raise ModelError(
-                f"{self.path.name}: answers {found.min():g} to {found.max():g}; "
-                "a map of probabilities is within 0 and 1"
-            )
-        probabilities: FloatArray = found[0]
-        return probabilities
-
-    def _read(self, image: NDArray[np.uint8], region: Region) -> Spotted:
-        height, width = image.shape[:2]
-        low, high = (
-            np.clip(edge, 0, (width, height)) for edge in (region.corners.min(0), region.corners.max(0))
-        )
-        box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        return Spotted(box, self.recogniser.read_crop(straighten(image, region.corners)), region.score)
+        found = self._answer(blob)
+        found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        least, most = found.min(initial=0.0), found.max(initial=0.0)
+        if found.ndim != 3 or len(found) != 1 or least < -0.01 or most > 1.01:
+            seen = f"answers {list(found.shape)}, {least:g} to {most:g}"
+            must = "a text detector answers [1, height, width], a map of probabilities within 0 and 1"
+            raise ModelError(f"{self.path.name}: {seen}, to a picture; {must}")
+        return np.asarray(found[0], np.float32)
 
 
-def in_reading_order(lines: Sequence[Spotted]) -> list[Spotted]:
-    """Return lines from the top down and, where one's middle is above the other's lower edge, from the left."""
-    rows: list[list[Spotted]] = []
-    for line in sorted(lines, key=lambda line: line.box_xyxy[1] + line.box_xyxy[3]):
-        middle = (line.box_xyxy[1] + line.box_xyxy[3]) / 2
-        if rows and middle < rows[-1][0].box_xyxy[3]:
-            rows[-1].append(line)
+def in_reading_order(regions: Sequence[FloatArray], places: Sequence[int]) -> list[int]:
+    """Return places among regions, corners (4, 2) px, from the top down and, where one's middle is above another's
+    lower edge, from the left."""
+    low = {place: regions[place].min(axis=0) for place in places}
+    high = {place: regions[place].max(axis=0) for place in places}
+    rows: list[list[int]] = []
+    for place in sorted(places, key=lambda place: low[place][1] + high[place][1]):
+        if rows and (low[place][1] + high[place][1]) / 2 < high[rows[-1][0]][1]:
+            rows[-1].append(place)
         else:
-            rows.append([line])
-    return [line for row in rows for line in sorted(row, key=lambda line: line.box_xyxy[0])]
+            rows.append([place])
+    return [place for row in rows for place in sorted(row, key=lambda place: low[place][0])]
 
 
 def _joined(readings: Sequence[Reading]) -> Reading:
@@ -214,3 +171,69 @@ def _joined(readings: Sequence[Reading]) -> Reading:
     characters = sum(len(reading.text) for reading in readings)
     confidence = sum(reading.confidence * len(reading.text) for reading in readings) / characters
     return Reading(" ".join(reading.text for reading in readings), confidence)
+
+
+def find_regions(probabilities: FloatArray, contract: RegionContract) -> list[FloatArray]:
+    """Return the corners (4, 2) of the regions of a map (H, W), in its px, best first; at most a thousand.
+
+    Best is the highest mean probability. NaN is no text.
+    """
+    text = (probabilities > contract.threshold).astype(np.uint8)
+    contours, _ = cv2.findContours(text, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+    found: list[tuple[float, FloatArray]] = []
+    for contour in contours:
+        centre, (width, height), angle_deg = cv2.minAreaRect(contour)
+        if min(width, height) < _LEAST_SIDE_PX:
+            continue
+        score = _mean_inside(probabilities, cv2.boxPoints((centre, (width, height), angle_deg)))
+        if score < contract.box_threshold:
+            continue
+        # A rectangle whose outline moves outwards by d, rounded at its corners, fits one larger by 2d. The
+        # sides are those through the outermost pixels' centres, which the ratio is made for.
+        grown = contract.unclip * width * height / (width + height)
+        middle = (centre[0] + 0.5, centre[1] + 0.5)
+        turned = (middle, (width + grown, height + grown), angle_deg)
+        found.append((score, _ordered(cv2.boxPoints(turned))))
+    return [corners for _, corners in sorted(found, key=lambda each: -each[0])[:_MOST_REGIONS]]
+
+
+def straighten(image: NDArray[np.uint8], corners: FloatArray) -> NDArray[np.uint8]:
+    """Return the part of a picture (h, w, 3) that a region covers, turned upright.
+
+    A region at least 1.5 times as high as wide is taken for a line that runs downwards, and laid on its side,
+    as in PP-OCR; one that runs upwards comes out upside down. Outside the picture its border repeats.
+    """
+    upper_left, upper_right, _, lower_left = corners
+    width = max(1, round(float(np.linalg.norm(upper_right - upper_left))))
+    height = max(1, round(float(np.linalg.norm(lower_left - upper_left))))
+    half = np.float32(0.5)  # OpenCV has pixel centres at integers
+    upright = np.array([[0, 0], [width, 0], [0, height]], np.float32) - half
+    turned = np.stack([upper_left, upper_right, lower_left]).astype(np.float32) - half
+    crop = cv2.warpAffine(
+        image,
+        cv2.getAffineTransform(turned, upright),
+        (width, height),
+        flags=cv2.INTER_CUBIC,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.rot90(crop) if height >= _UPRIGHT * width else crop
+
+
+def _mean_inside(probabilities: FloatArray, corners: FloatArray) -> float:
+    """Mean over the pixels of a rectangle whose corners (4, 2) count pixel centres as integers."""
+    limit = np.array(probabilities.shape[::-1]) - 1
+    left, top = np.clip(np.floor(corners.min(axis=0)), 0, limit).astype(int)
+    right, bottom = np.clip(np.ceil(corners.max(axis=0)), 0, limit).astype(int)
+    inside = np.zeros((bottom - top + 1, right - left + 1), np.uint8)
+    cv2.fillPoly(inside, [np.round(corners - (left, top)).astype(np.int32)], 1)
+    window = probabilities[top : bottom + 1, left : right + 1]
+    return float(cv2.mean(window, inside)[0])
+
+
+def _ordered(corners: FloatArray) -> FloatArray:
+    """Return four corners from the upper left one clockwise: of the two leftmost, the upper one is the first."""
+    by_x = corners[np.argsort(corners[:, 0], kind="stable")]
+    (upper_left, lower_left), (upper_right, lower_right) = (
+        pair[np.argsort(pair[:, 1], kind="stable")] for pair in (by_x[:2], by_x[2:])
+    )
+    return np.stack([upper_left, upper_right, lower_right, lower_left])

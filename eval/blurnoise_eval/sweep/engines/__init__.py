@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 from blurnoise._core.checks import one_of
 from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
-from blurnoise_eval.sweep.engines.processes import ProcessEngine, check_not_a_worker
+from blurnoise_eval.sweep.engines.processes import ProcessEngine
 from blurnoise_eval.sweep.engines.ray_tasks import RayEngine
 from blurnoise_eval.sweep.engines.threads import ThreadEngine
 from blurnoise_eval.system.machine import usable_cores
@@ -24,6 +25,7 @@ __all__ = [
     "RayEngine",
     "ThreadEngine",
     "WorkerDied",
+    "engine_facts",
     "engine_of",
     "staying",
 ]
@@ -45,10 +47,16 @@ def engine_of(name: str, workers: int | None, address: str | None = None) -> Eng
 
     Raises ``ValueError`` for another name, for less than one worker, and for an address that goes with no engine.
     """
-    check_not_a_worker()
     one_of("engine", name, ENGINES)
     if address is not None:
         if name != "ray":
             raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
         return RayEngine(workers, address)
     return ENGINES[name](usable_cores() if workers is None else workers)
+
+
+def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:
+    """What a run notes of who computed it."""
+    if not isinstance(engine, str):
+        return {"engine": repr(engine)}
+    return {"engine": engine, "threads": usable_cores() if workers is None else workers}

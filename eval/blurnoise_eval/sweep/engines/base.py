@@ -1,4 +1,4 @@
-"""What all engines share: how they answer, and what runs in each of their worker processes."""
+"""What all engines share: how they answer, how blocks stay in flight, and what runs in each worker process."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pickle
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
 from math import ceil
 from typing import Protocol, Self, TypeVar
@@ -36,8 +37,9 @@ class Engine(Protocol):
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """Yield each block with its results, or with what a worker raised, in any order.
 
-        Blocks are taken as needed, and may be joined with others of the same picture. For each worker that died a
-        :class:`WorkerDied` is yielded with the block that it computed. Closing the generator ends the engine's work.
+        Blocks are taken as needed, and may be joined with others of the same picture. For each worker that is seen
+        to die a :class:`WorkerDied` is yielded with the block that it computed. Closing the generator ends the
+        engine's work.
         """
 
 
@@ -72,6 +74,30 @@ def given_up(picture: str) -> UnreadablePicture:
     )
 
 
+def in_flight(
+    flying: dict[Future[T], Block],
+    submit: Callable[[Block], Future[T]],
+    blocks: Iterator[Block],
+    most: Callable[[], int],
+) -> Iterator[tuple[Block, Future[T]]]:
+    """Keep ``most`` blocks in flight. Yields those that are finished, of several in the order of their beginning."""
+    while True:
+        while len(flying) < most() and (block := next(blocks, None)) is not None:
+            flying[submit(block)] = block
+        if not flying:
+            return
+        finished = wait(flying, return_when=FIRST_COMPLETED).done
+        for future in [each for each in flying if each in finished]:
+            yield flying.pop(future), future
+
+
+def raised(error: BaseException | None) -> Exception | None:
+    """What a worker raised; an interrupt or an exit is raised here, too."""
+    if error is not None and not isinstance(error, Exception):
+        raise error
+    return error
+
+
 def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
     """Join blocks of one picture, so that few workers need to prepare the same picture.
 
@@ -89,10 +115,10 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(engine: str, what: str, pickle_it: Callable[[], T]) -> T:
-    """What ``pickle_it`` makes for another process. Raises ``ValueError`` that names what cannot be sent."""
+def pickled(engine: str, what: str, value: object) -> bytes:
+    """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
-        return pickle_it()
+        return pickle.dumps(value)
     except Exception as error:  # pickling runs anybody's code
         raise ValueError(
             f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
@@ -101,7 +127,7 @@ def pickled(engine: str, what: str, pickle_it: Callable[[], T]) -> T:
 
 def pickled_block(engine: str, block: Block) -> bytes:
     """A block for a worker process."""
-    return pickled(engine, f"picture {block.picture.name!r}", lambda: pickle.dumps(block))
+    return pickled(engine, f"picture {block.picture.name!r}", block)
 
 
 def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockResult:
@@ -123,17 +149,9 @@ def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockR
     return results, [(str(each.message), each.category) for each in caught]
 
 
-class Warnings:
-    """Gives the warnings of worker processes here, each text once."""
-
-    def __init__(self) -> None:
-        self._given = set[str]()
-
-    def results(self, told: BlockResult) -> list[CellResult]:
-        """The results, once the warnings that came with them are given."""
-        results, caught = told
-        for text, category in caught:
-            if text not in self._given:
-                self._given.add(text)
-                warnings.warn(text, category, stacklevel=2)
-        return results
+def results_of(block: BlockResult) -> list[CellResult]:
+    """The results, once the warnings that came with them are given; Python gives each text once."""
+    results, caught = block
+    for text, category in caught:
+        warnings.warn(text, category, stacklevel=2)
+    return results

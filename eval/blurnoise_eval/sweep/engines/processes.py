@@ -8,17 +8,16 @@ import os
 import pickle
 import signal
 import threading
-from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
-from typing import Self, cast
+from typing import cast
 
+from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
@@ -48,65 +47,63 @@ class ProcessEngine(base.Staying):
         if self.processes < 1:
             raise ValueError(f"processes = {self.processes}: must be >= 1")
 
-    def __enter__(self) -> Self:
-        check_not_a_worker()
-        return super().__enter__()
-
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        pickled = base.pickled(_NAME, "models", lambda: pickle.dumps(work))
+        pickled = base.pickled(_NAME, "models", work)
         with self:
-            yield from self._computed(pickled, base.shared_out(blocks, self.processes))
+            try:
+                yield from self._computed(pickled, base.shared_out(blocks, self.processes))
+            except BaseException:  # closed early, or an interrupt
+                self.stop()
+                raise
 
     def _computed(self, work: bytes, blocks: Iterator[Block]) -> Answers:
-        warned, flying = base.Warnings(), dict[Future[BlockResult], Block]()
-        suspects, lost = deque[Block](), dict[str, Exception]()
-        try:
-            while True:
-                alone = bool(suspects)
-                while len(flying) < (1 if alone else self.processes + 1):  # one more waits
-                    block = suspects.popleft() if alone else next(blocks, None)
-                    if block is None:
-                        break
-                    if block.picture.name in lost:
-                        yield block, lost[block.picture.name]
-                        alone = bool(suspects)
-                        continue
-                    flying[self._of(work, warned).submit(block)] = block
-                if not flying:
-                    return
-                done = wait(flying, return_when=FIRST_COMPLETED).done
-                if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
-                    done = wait(flying).done  # all that is in flight has failed
-                for future, block in [(each, flying[each]) for each in flying if each in done]:
-                    del flying[future]
-                    error = future.exception()
-                    if not isinstance(error, BrokenProcessPool):
-                        yield block, _raised(error) or warned.results(future.result())
-                        continue
-                    if self._pool is not None:
-                        self.stop()
-                        yield block, WorkerDied(block.picture.name)
-                    if alone:
-                        lost[block.picture.name] = base.given_up(block.picture.name)
-                    suspects.append(block)
-        finally:
-            if flying:
-                self.stop()
+        lost = dict[str, Exception]()
 
-    def _of(self, work: bytes, warned: base.Warnings) -> _Pool:
+        def submit(block: Block) -> Future[BlockResult]:
+            if block.picture.name in lost:
+                return _failed(lost[block.picture.name])
+            return self._of(work).submit(block)
+
+        def answer(future: Future[BlockResult]) -> list[CellResult] | Exception:
+            return base.raised(future.exception()) or base.results_of(future.result())
+
+        suspects: list[Block] = []
+        while True:
+            flying = base.in_flight({}, submit, blocks, lambda: 0 if suspects else self.processes + 1)
+            for block, future in flying:
+                if isinstance(future.exception(), BrokenProcessPool):  # so fails all that is in flight
+                    suspects.append(block)
+                else:
+                    yield block, answer(future)
+            if not suspects:
+                return
+            self.stop()
+            yield suspects[0], WorkerDied(suspects[0].picture.name)
+            for block in suspects:
+                name, future = block.picture.name, submit(block)
+                if isinstance(future.exception(), BrokenProcessPool):
+                    self.stop()
+                    lost[name] = base.given_up(name)
+                    yield block, WorkerDied(name)
+                    yield block, lost[name]
+                else:
+                    yield block, answer(future)
+            suspects.clear()
+
+    def _of(self, work: bytes) -> _Pool:
         """Processes for this work, one of which has opened its models."""
         if self._pool is not None and self._pool.work == work:
             return self._pool
-        self.stop()
         for _ in range(_OPENINGS):
+            self.stop()
             self._pool = _Pool(work, self.processes)
             try:
-                warned.results(self._pool.submit(None).result())
+                base.results_of(self._pool.submit(None).result())
             except BrokenProcessPool:
-                self.stop()
-            else:
-                return self._pool
+                continue
+            return self._pool
+        self.stop()
         raise ChildProcessError(
             f"engine = {_NAME!r}: {_OPENINGS} workers one after the other died before they had opened the models "
             "(killed, or out of memory, or the program that was started has no if __name__ == '__main__':); what was "
@@ -133,12 +130,10 @@ class _Pool:
         """Compute the block, or only open the models."""
         data = None if block is None else base.pickled_block(_NAME, block)
         try:
-            with _interrupts_held():  # a process that begins now would get them, too
+            with _interrupts_ignored():
                 return self._executor.submit(_compute, data)
         except BrokenProcessPool as error:  # a process has died that had nothing to do
-            failed = Future[BlockResult]()
-            failed.set_exception(error)
-            return failed
+            return _failed(error)
 
     def stop(self) -> None:
         self._open_here.close()
@@ -146,35 +141,23 @@ class _Pool:
         self._held_by_workers.close()
 
 
-def _raised(error: BaseException | None) -> Exception | None:
-    if error is not None and not isinstance(error, Exception):  # an interrupt, an exit
-        raise error
-    return error
-
-
-def check_not_a_worker() -> None:
-    """End this process quietly if it is a worker that is still importing the program that started it.
-
-    That is so where the program has no ``if __name__ == "__main__"``. The error is raised where it was started.
-    """
-    if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise SystemExit(1)
+def _failed(error: Exception) -> Future[BlockResult]:
+    future = Future[BlockResult]()
+    future.set_exception(error)
+    return future
 
 
 _key, _work = "", b""  # of this process, if it is a worker
 
 
 def _begin(until: Connection, work: bytes) -> None:
-    """In a worker, first of all: leave interrupts to the process that started it, and end when that has ended."""
+    """In a worker, first of all: end when the process that started it closes the pipe, or has ended."""
     global _key, _work
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
     parent = multiprocessing.parent_process()
 
     def end() -> None:
-        wait_for_any(
-            [until, *([] if parent is None else [parent.sentinel])]
-        )  # nothing is sent: the pipe is closed
+        wait_for_any([until, *([] if parent is None else [parent.sentinel])])
         os._exit(1)
 
     threading.Thread(target=end, daemon=True).start()
@@ -186,19 +169,13 @@ def _compute(block: bytes | None) -> BlockResult:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Defer interrupts until the context ends; processes started inside get none before they allow them."""
-    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
-        yield  # Windows, or a thread that no interrupt reaches
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes that are started inside leave interrupts to this one, from their first moment on."""
+    if threading.current_thread() is not threading.main_thread():  # which alone may say so
+        yield
         return
-    resource_tracker.ensure_running()  # of multiprocessing: begun inside, it would lift the mask below
-    came: list[int] = []
-    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))  # other threads may take it
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # what processes begun here inherit
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+        signal.signal(signal.SIGINT, before)

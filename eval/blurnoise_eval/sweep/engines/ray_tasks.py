@@ -1,13 +1,14 @@
-"""Tasks of Ray, one for each core of a cluster: cells travel to them, and rows back; pictures do not."""
+"""Tasks of Ray, one for each core of a cluster: cells travel to them, and rows back; models and pictures do not."""
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import logging
 import os
+import pickle
 import socket
 import time
-from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -17,7 +18,6 @@ from typing import Any
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
-from blurnoise_eval.sweep.engines.model_bundle import ModelBundle
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.machine import versions
 
@@ -35,12 +35,12 @@ class RayEngine(base.Staying):
     workers: how many at a time; None: one for each core of the cluster. address: of a cluster that runs, as
     ``ray.init`` takes it; None: the one that this process is connected to, else one on this machine, started and
     stopped again. patience_s: how long to wait while no node has a core. Every node has this package in the same
-    version, and reads pictures by the same names. Used as a context manager, the connection stays from one
+    version, and reads models and pictures by the same names. Used as a context manager, the connection stays from one
     :meth:`map` to the next. Raises ``ValueError`` for less than one worker, without the package ray, and for what
     does not pickle; ``ChildProcessError`` where no worker is available.
 
-    A block whose worker died is computed once more, alone on another one. If that dies, too, the block's picture is
-    given up.
+    Ray computes a block whose worker died once more, on another one that has nothing else to do. If that dies, too,
+    the block's picture is given up.
     """
 
     workers: int | None = None
@@ -62,45 +62,41 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        bundle = base.pickled(_NAME, "models", lambda: ModelBundle.of(work))
-        left = iter(blocks)
-        first = next(left, None)
+        packed = base.pickled(_NAME, "models", work)
+        todo = iter(blocks)
+        first = next(todo, None)
         if first is None:
             return
+        needed = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
         with self:
             ray = _imported()
             if not ray.is_initialized():
                 _connect(ray, self.workers, self.address)
                 self._connected = True
             try:
-                yield from self._computed(ray, bundle, chain([first], left))
+                yield from self._computed(ray, packed, needed, chain([first], todo))
             except ray.exceptions.RayError as error:
                 raise ChildProcessError(
                     f"engine = {_NAME!r}: the cluster is gone ({_line(error)}); what was finished is kept"
                 ) from None
 
-    def _computed(self, ray: Any, bundle: ModelBundle, blocks: Iterable[Block]) -> Answers:
-        task = ray.remote(num_cpus=1, max_retries=0, scheduling_strategy="SPREAD")(_compute)
-        work = (
-            bundle.key,
-            [ray.put(bundle)],
-            versions(),
-        )  # in a list: fetched only where the models are opened
+    def _computed(
+        self, ray: Any, packed: bytes, needed: Mapping[str, str], blocks: Iterable[Block]
+    ) -> Answers:
+        task = ray.remote(num_cpus=1, max_retries=1, scheduling_strategy="SPREAD")(_compute)
+        work = ray.put(packed), needed
         todo = base.shared_out(blocks, self.workers or _cores(ray))
-        again, lost, warned = deque[tuple[Block, int]](), dict[str, Exception](), base.Warnings()
-        flying: dict[Any, tuple[Block, int]] = {}  # how many workers have died on the block
+        lost = dict[str, Exception]()
+        flying: dict[Any, Block] = {}
         last_core_s = time.monotonic()
         try:
             while True:
                 cores = _cores(ray)
-                while len(flying) < (self.workers or max(cores, 1)):
-                    block, deaths = again.popleft() if again else (next(todo, None), 0)
-                    if block is None:
-                        break
+                while len(flying) < (self.workers or max(cores, 1)) and (block := next(todo, None)):
                     if block.picture.name in lost:
                         yield block, lost[block.picture.name]
-                        continue
-                    flying[task.remote(*work, base.pickled_block(_NAME, block))] = block, deaths
+                    else:
+                        flying[task.remote(*work, base.pickled_block(_NAME, block))] = block
                 if not flying:
                     return
                 done, _ = ray.wait(list(flying), timeout=_LOOK_S)
@@ -112,52 +108,42 @@ class RayEngine(base.Staying):
                         "what was finished is kept"
                     )
                 for each in done:
-                    block, deaths = flying.pop(each)
+                    block = flying.pop(each)
                     try:
-                        yield block, warned.results(ray.get(each))
-                    except ray.exceptions.RayTaskError as error:
-                        yield block, _raised(error)
-                    except ray.exceptions.RayError as error:
-                        yield block, WorkerDied(block.picture.name)
-                        deaths += not isinstance(
-                            error, ray.exceptions.NodeDiedError
-                        )  # which is no fault of a picture
-                        if deaths > 1:
-                            lost[block.picture.name] = base.given_up(block.picture.name)
-                        again.append((block, deaths))
+                        yield block, base.results_of(ray.get(each))
+                    except ray.exceptions.RayTaskError as error:  # its own text is a traceback
+                        yield block, base.raised(error.cause) or error
+                    except ray.exceptions.NodeDiedError:  # which is no fault of a picture
+                        flying[task.remote(*work, base.pickled_block(_NAME, block))] = block
+                    except ray.exceptions.RayError:
+                        for _ in range(2):
+                            yield block, WorkerDied(block.picture.name)
+                        lost[block.picture.name] = base.given_up(block.picture.name)
+                        yield block, lost[block.picture.name]
         finally:
             for each in flying:
                 with suppress(ray.exceptions.RayError):
                     ray.cancel(each, force=True)
 
 
-def _compute(key: str, bundle: list[Any], wanted: Mapping[str, str], block: bytes) -> BlockResult:
-    """In a worker of a node. Raises ``ValueError`` unless the packages are those ``wanted``: other bits may come of
-    others."""
+def _compute(packed: bytes, needed: Mapping[str, str], block: bytes) -> BlockResult:
+    """In a worker of a node. Raises ``ValueError`` unless packages and models are those that are ``needed``: other
+    bits may come of others."""
 
     def opened() -> Work:
-        found = versions()
-        if found != wanted:
-            others = [
-                f"{name} {found[name]}, not {wanted[name]}" for name in wanted if found[name] != wanted[name]
-            ]
+        work: Work = pickle.loads(packed)
+        found = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
+        if others := [
+            f"{name} {found.get(name)}, not {needed[name]}"
+            for name in needed
+            if found.get(name) != needed[name]
+        ]:
             raise ValueError(
                 f"engine = {_NAME!r}: node {socket.gethostname()} has {', '.join(others)} as here"
             )
-        import ray
+        return work
 
-        sent: ModelBundle = ray.get(bundle[0])
-        return sent.open()
-
-    return base.compute(key, opened, block)
-
-
-def _raised(error: Any) -> Exception:
-    """What the worker itself raised: the text of a RayTaskError is a traceback."""
-    cause = error.cause
-    if cause is not None and not isinstance(cause, Exception):  # an interrupt, an exit
-        raise cause
-    return cause or error
+    return base.compute(hashlib.sha256(packed).hexdigest(), opened, block)
 
 
 def _cores(ray: Any) -> int:
@@ -175,32 +161,23 @@ def _imported() -> Any:
 
 def _connect(ray: Any, cores: int | None, address: str | None) -> None:
     """To the cluster at the address, or to one that is started here. Raises ``ChildProcessError``."""
-    if address is not None:
-        _check_reached(address)
     logging.getLogger("ray").setLevel(logging.ERROR)
-    here: dict[str, Any] = {
-        "address": "local",
-        "num_cpus": cores,
-        "num_gpus": 0,
-        "include_dashboard": False,
-        "object_store_memory": _STORE_BYTES,
-        "_node_ip_address": "127.0.0.1",
-    }
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-    tries = 2 if address is None else 1  # Ray gives its own node 30 s, few where others compute
-    for tries_left in reversed(range(tries)):
-        try:
-            ray.init(**(here if address is None else {"address": address}), **quiet)
-            return
-        except BaseException as error:
-            ray.shutdown()
-            if not isinstance(error, Exception):
-                raise
-            if not tries_left:
-                hint = "" if address is None else _HINT
-                raise ChildProcessError(
-                    f"engine = {_NAME!r}: no cluster at {address or 'this machine'} ({_line(error)}){hint}"
-                ) from None
+    how: dict[str, Any] = {"address": address}
+    if address is None:
+        how = {"address": "local", "num_cpus": cores, "num_gpus": 0, "include_dashboard": False}
+        how |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
+    else:
+        _check_reached(address)
+    try:
+        ray.init(**how, log_to_driver=False, logging_level=logging.ERROR)
+    except BaseException as error:
+        ray.shutdown()
+        if not isinstance(error, Exception):
+            raise
+        hint = "" if address is None else _HINT
+        raise ChildProcessError(
+            f"engine = {_NAME!r}: no cluster at {address or 'this machine'} ({_line(error)}){hint}"
+        ) from None
 
 
 def _check_reached(address: str) -> None:

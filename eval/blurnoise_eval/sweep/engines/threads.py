@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Iterable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 
 import torch
 
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.engines.base import Answers
+from blurnoise_eval.sweep.engines.base import Answers, in_flight, raised
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.threads import limited_threads
 
@@ -39,28 +39,15 @@ class ThreadEngine:
             pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
             flying: dict[Future[list[CellResult]], Block] = {}
             try:
-                for block in blocks:
-                    flying[pool.submit(worker.compute, block)] = block
-                    while len(flying) >= _IN_FLIGHT * self.threads:
-                        yield from _landed(flying)
-                while flying:
-                    yield from _landed(flying)
+                most = _IN_FLIGHT * self.threads
+                submitted = in_flight(
+                    flying, lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
+                )
+                for block, future in submitted:
+                    yield block, raised(future.exception()) or future.result()
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
                 while running := [each for each in flying if not each.done()]:  # closed early
                     worker.interrupt()
                     wait(running, _POLL_S)
                 pool.shutdown(wait=True)
-
-
-def _landed(
-    flying: dict[Future[list[CellResult]], Block],
-) -> Generator[tuple[Block, list[CellResult] | Exception], None, None]:
-    """Blocks as they are finished; of those finished at a time, in the order of their beginning."""
-    finished = wait(flying, return_when=FIRST_COMPLETED).done
-    for future, block in [(future, block) for future, block in flying.items() if future in finished]:
-        del flying[future]
-        error = future.exception()
-        if error is not None and not isinstance(error, Exception):  # an interrupt, an exit
-            raise error
-        yield block, error or future.result()

@@ -1,4 +1,4 @@
-"""Contracts as they are typed and as files hold them: each way back gives the contract itself."""
+"""Contracts as they are typed and as files hold them: each way back gives it; what is wrong is named."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
     ("typed", "words"),
     [
         ("yolox,mean=0.5", "mean = .*: must be three numbers"),
-        ("yolox,mean=a/b/c", "mean = 'a/b/c': must be typed as in yolox,colour=rgb"),
+        ("yolox,mean=a/b/c", "mean = .*: must be three numbers"),
         ("yolox,tint=rgb", "unknown key 'tint'"),
         ("yolox,colour=grb", "colour = 'grb'"),
         ("yolo99,colour=rgb", "contract 'yolo99': neither a file nor a preset"),
@@ -89,10 +89,63 @@ def test_a_file_may_say_what_differs_from_its_base() -> None:
     stated = {"base": "yolox", "color": "rgb", "range": "0-1", "mean": OLD_YOLOX.mean, "std": OLD_YOLOX.std}
     assert parse_contract(stated, "file x") == OLD_YOLOX
     assert parse_contract({"base": "yolox", "classes": ["a"]}, "file x").classes == ("a",)
-    with pytest.raises(ModelError, match="'color' and 'colour' are one field"):
+    with pytest.raises(ModelError, match="colour is stated twice"):
         parse_contract({"base": "yolox", "color": "rgb", "colour": "bgr"}, "file x")
     with pytest.raises(ModelError, match="family 'yolo99' is unknown"):
         parse_contract({"base": "yolo99"}, "file x")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tint": "rgb"}, "unknown key 'tint'"),
+        ({"colours": "rgb"}, "known are .*; did you mean 'colour'.$"),
+        ({"colour": "grb"}, "colour = 'grb': must be one of"),
+        ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
+        ({"mean": [10**400, 0, 0]}, "mean = .*: must be three numbers"),
+        ({"std": [1, 0, 1]}, "std = .1, 0, 1.: must be three numbers > 0"),
+        ({"pad_value": 300}, "pad_value = 300: must be finite and >= 0 and <= 255"),
+        ({"pad_value": "114"}, "pad_value = '114': must be an integer"),
+        ({"nms_iou": "high"}, "nms_iou = 'high'"),
+        ({"input_size_px": 10**400}, "input_size_px = 1.*0: must be .height, width."),
+        ({"input_size_px": [0, 32]}, "input_size_px = "),
+        ({"classes": ["stop", "\ud800"]}, r"classes = '\\ud800': must be text"),
+        ({"classes": ["a", ["b"] * 10**5]}, "classes = .*: must be a list of names"),
+        ({"classes": "stop sign"}, "classes = 'stop sign'"),
+        ({"classes": []}, "classes = "),
+        ({"classes": {"one": "a"}}, "classes: ids must be integers, got .'one'."),
+        ({"classes": {"1": "a", "3": "b"}}, "classes: ids must be 0 to 1"),
+        ({"family": ["yolox"]}, "family .'yolox'. is unknown"),
+    ],
+)
+def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message) as caught:
+        parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+def test_classes_by_id_and_what_is_no_contract(tmp_path: Path) -> None:
+    for classes, names in (({"1": "b", "0": "a"}, ("a", "b")), ({1: "a", 2: "b"}, ("unused 0", "a", "b"))):
+        assert parse_contract({"family": "tfod", "classes": classes}, "file x").classes == names
+    for stated, fault in (({"family": "yolox"}, "missing key 'classes'"), (["yolox"], "must map")):
+        with pytest.raises(ModelError, match=fault):
+            parse_contract(stated, "file x")
+    with pytest.raises(ModelError, match="neither a file nor a preset"):
+        load_contract(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("m.json", "[" * 100_000), ("m.json", '{"family": "yolox"'), ("m.yaml", "a: ["), ("m.yaml", "aliases")],
+)
+def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, name: str, text: str) -> None:
+    doubled = (f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))
+    bomb = "\n".join(["a0: &a0 [ha]", *doubled, "family: *a11"])
+    (tmp_path / name).write_text(bomb if text == "aliases" else text, encoding="utf-8")
+    with pytest.raises(ModelError, match=f"contract file {name}: cannot be read") as caught:
+        load_contract(tmp_path / name)
+    assert "\n" not in str(caught.value)
 
 
 CONTRACTS: dict[str, Contract] = {

@@ -1,0 +1,189 @@
+"""COCO's instances, BDD100K's frames and PP-OCR's texts: what becomes of sound files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import UnreadablePicture, bdd, coco, texts, write_picture
+
+ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
+BOX = {"x1": 10, "y1": 20, "x2": 40.5, "y2": 60}
+CORNERS = [[10, 20], [50, 22], [50, 40], [10, 38]]
+
+
+def write(path: Path, data: object) -> Path:
+    path.write_text(data if isinstance(data, str) else json.dumps(data), encoding="utf-8")
+    return path
+
+
+def instances(path: Path, **changes: Any) -> Path:
+    """A COCO file of three pictures: two objects, a crowd and two empty boxes; nothing; one small sign."""
+    names = ["a.png", "b.png", "sub/c.png"]
+    boxes = [
+        ([10, 20, 30, 40.5], 13, 0),
+        ([0, 0, 100, 200], 1, 0),
+        ([0, 0, 50, 50], 1, 1),
+        ([5, 5, 0, 9], 1, 0),
+    ]
+    annotations = [
+        {"image_id": 7, "category_id": number, "bbox": box, "iscrowd": crowd} for box, number, crowd in boxes
+    ]
+    data: dict[str, Any] = {
+        "images": [{"id": number, "file_name": name} for number, name in enumerate(names, start=7)],
+        "categories": [{"id": 13, "name": "stop sign"}, {"id": 1, "name": "person"}],
+        "annotations": [*annotations, {"image_id": 9, "category_id": 13, "bbox": [1, 2, 10, 10]}],
+    }
+    return write(path / "instances.json", {**data, **changes})
+
+
+def test_coco_boxes_become_targets(tmp_path: Path) -> None:
+    found = coco(instances(tmp_path))
+    a, b, c = found
+    assert (found.kind, [picture.name for picture in found]) == ("coco", ["a.png", "b.png", "sub/c.png"])
+    assert [picture.image_id for picture in found] == [7, 8, 9]
+    assert found.categories == {"stop sign": 13, "person": 1}
+    assert [(target.label, target.box_xyxy, target.crowd) for target in a.targets or ()] == [
+        ("stop sign", (10.0, 20.0, 40.0, 60.5), False),
+        ("person", (0.0, 0.0, 100.0, 200.0), False),
+        ("person", (0.0, 0.0, 50.0, 50.0), True),
+    ]
+    assert [target.group for target in (*(a.targets or ()), *(c.targets or ()))] == [
+        f"objects, {size}"
+        for size in ("medium (32-96 px)", "large (> 96 px)", "medium (32-96 px)", "small (< 32 px)")
+    ]
+    assert b.targets == ()  # annotated as holding nothing, which differs from not annotated
+    assert found.notes == ("1 box of no area left out",)
+
+
+def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
+    """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
+    beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
+    entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
+    targets = coco(instances(tmp_path, annotations=[*entries, ANNOTATION])).pictures[0].targets or ()
+    kept = [dict(target.annotation) for target in targets]
+    assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}, {}]
+    assert [target.area_px2 for target in targets] == [6.0] * 6 + [None]
+
+
+def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
+    """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one of no size."""
+    outside = [[100, 0, 5, 5], [-5, 0, 5, 5], [0, 80, 5, 5], [0, -9, 5, 5]]
+    across = [[99, 0, 5, 5], [-4.5, -4.5, 5, 5], [0, 79.5, 500, 500]]
+    odd = [[1, 2, float("nan"), 4], [float("-inf"), 2, float("inf"), 4], [1, 2, -3, 4]]
+    entries = [{**ANNOTATION, "bbox": box} for box in (*outside, *across, *odd)]
+    image = {"id": 7.0, "file_name": "a.png"}
+    sized = [{**image, "width": 100, "height": 80}]
+    found = coco(instances(tmp_path, images=sized, annotations=[*entries, {**ANNOTATION, "image_id": 99}]))
+    placed = [target.box_xyxy[:2] for target in found.pictures[0].targets or ()]
+    assert placed == [(99.0, 0.0), (-4.5, -4.5), (0.0, 79.5)]
+    assert found.notes == (
+        "4 boxes outside the picture left out",
+        "2 boxes with numbers that are not finite left out",
+        "1 box of no area left out",
+        "1 box of pictures that are not listed left out",
+    )
+    for size in (
+        {},
+        {"width": None, "height": None},
+        {"width": 0, "height": 0},
+    ):  # unknown: nothing is outside
+        file = instances(tmp_path, images=[{**image, **size}], annotations=entries)
+        assert len(coco(file).pictures[0].targets or ()) == 7
+
+
+def test_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
+    """Crowds alone are no reason to look at a picture."""
+    found = coco(instances(tmp_path), labels=["stop sign"])
+    assert ([picture.name for picture in found], found.chosen) == (["a.png", "sub/c.png"], "stop sign")
+    assert [target.group for picture in found for target in picture.targets or ()] == [
+        "stop sign, medium (32-96 px)",
+        "stop sign, small (< 32 px)",
+    ]
+    kept = coco(instances(tmp_path), labels=["stop sign"], keep_empty=True)
+    assert (len(kept), kept.chosen) == (3, "stop sign, pictures without them")
+    crowd = {**ANNOTATION, "image_id": 8, "iscrowd": 1}
+    file = instances(tmp_path, annotations=[ANNOTATION, crowd])
+    assert [picture.name for picture in coco(file, labels=["stop sign"])] == ["a.png"]
+
+
+def test_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
+    (tmp_path / "pictures" / "sub").mkdir(parents=True)
+    write_picture(tmp_path / "real.png", np.zeros((4, 4), np.uint8))
+    (tmp_path / "pictures" / "a.png").symlink_to(tmp_path / "real.png")  # as subsets of COCO are made
+    found = coco(instances(tmp_path), images=tmp_path / "pictures")
+    assert found.pictures[0].load().shape == (4, 4, 3)
+    with pytest.raises(UnreadablePicture, match=r"b\.png.*No such file"):
+        found.pictures[1].load()
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_bdd_boxes_become_targets_under_their_own_names(tmp_path: Path, wrapped: bool) -> None:
+    """Two boxes and a lane; nothing, in three ways of saying it."""
+    labels = [
+        {"id": "4", "category": "traffic sign", "box2d": BOX, "attributes": {"occluded": False}},
+        {"category": "lane/road curb", "poly2d": [{"vertices": [[1, 2]]}]},
+        {"category": "person", "box2d": {**BOX, "x1": 0}, "attributes": {"crowd": True}},
+    ]
+    frames = [
+        {"name": "b1c6.jpg", "attributes": {"weather": "rainy"}, "labels": labels},
+        *({"name": "day/a.jpg", "labels": None}, {"name": "day/b.jpg"}, {"name": "day/c.jpg", "labels": []}),
+    ]
+    file = write(tmp_path / "det.json", {"frames": frames} if wrapped else frames)
+    found = bdd(file)
+    assert [picture.name for picture in found] == [frame["name"] for frame in frames]
+    assert [picture.image_id for picture in found] == [1, 2, 3, 4]
+    assert (found.kind, found.categories, found.notes) == ("bdd", {"person": 1, "traffic sign": 2}, ())
+    sign, person = found.pictures[0].targets or ()
+    assert (sign.label, sign.box_xyxy, sign.crowd) == ("traffic sign", (10.0, 20.0, 40.5, 60.0), False)
+    assert sign.annotation == {"attributes": {"occluded": False}}
+    assert (person.label, person.crowd) == ("person", True)
+    assert [picture.targets for picture in found.pictures[1:]] == [(), (), ()]
+    (picture,) = bdd(file, labels=["traffic sign"])
+    assert [target.group for target in picture.targets or ()] == ["traffic sign, medium (32-96 px)"]
+
+
+def test_whole_pictures_are_read(tmp_path: Path) -> None:
+    for name, height in (("a.png", 15), ("sub/b.png", 16), ("c.png", 63), ("d.png", 64)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        write_picture(tmp_path / name, np.zeros((height, 200), np.uint8))
+    lines = [
+        "\ufeffa.png\tSTOP\r",
+        "sub/b.png\tzwei Wörter\tund <b>",
+        "",
+        "c.png\t",
+        "d.png\t[1]",
+        "no.png\tSTOP",
+    ]
+    found = texts(write(tmp_path / "gt.txt", "\n".join(lines)))
+    assert (found.kind, found.categories, found.notes) == ("text", {"text": 1}, ())
+    targets = [target for picture in found for target in picture.targets or ()]
+    assert [target.text for target in targets] == ["STOP", "zwei Wörter\tund <b>", "", "[1]"]
+    assert [target.group for target in targets] == [
+        f"text, height {span} px" for span in ("< 16", "16-32", "32-64", "> 64")
+    ]
+    assert (targets[0].label, targets[0].box_xyxy) == ("text", (0.0, 0.0, 200.0, 15.0))
+    assert [picture.image_id for picture in found] == [1, 2, 3, 4, 5]
+    assert found.pictures[4].targets == ()
+    with pytest.raises(UnreadablePicture, match=r"no\.png"):
+        found.pictures[4].load()
+
+
+def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
+    listed = [
+        {"transcription": "STOP", "points": CORNERS, "difficult": False},
+        *({"transcription": mark, "points": CORNERS} for mark in ("###", "*")),
+        {"transcription": "flat", "points": [[1, 1], [5, 1], [9, 1], [4, 1]]},
+        {"transcription": "lost", "points": [[1, 1], [float("nan"), 1], [9, 9], [4, 5]]},
+    ]
+    found = texts(write(tmp_path / "gt.txt", f"a.png\t{json.dumps(listed)}\nb.png\t[]"))
+    stop, *unreadable = found.pictures[0].targets or ()
+    assert (stop.text, stop.box_xyxy, stop.crowd) == ("STOP", (10.0, 20.0, 50.0, 40.0), False)
+    assert stop.group == "text, height 16-32 px"
+    assert stop.annotation == {"points": CORNERS, "difficult": False}
+    assert [target.crowd for target in unreadable] == [True, True]
+    assert found.pictures[1].targets == ()
+    assert found.notes == ("1 box of no area left out", "1 box with numbers that are not finite left out")

@@ -1,0 +1,262 @@
+"""Label files that are almost right, or nothing at all: pictures come of them, or one line that says why not."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from blurnoise_eval.datasets import PictureSet, bdd, coco, texts, write_picture, yolo
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+Read = Callable[..., PictureSet]
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
+    max_leaves=12,
+)
+IMAGE = {"id": 7, "file_name": "a.png", "width": 9, "height": 9}
+SIGN = {"id": 1, "name": "sign"}
+ANNOTATION = {"id": 1, "image_id": 7, "category_id": 1, "bbox": [1, 2, 3, 4], "area": 9, "iscrowd": 0}
+COCO: Any = {"images": [IMAGE], "categories": [SIGN], "annotations": [ANNOTATION]}
+BOX = {"x1": 1, "y1": 2, "x2": 3, "y2": 4}
+BDD = {
+    "frames": [{"name": "a.png", "labels": [{"id": 1, "category": "car", "box2d": BOX, "attributes": {}}]}]
+}
+TEXTS = [{"transcription": "STOP", "points": [[1, 2], [3, 2], [3, 4], [1, 4]]}]
+LINE = "0 0.5 0.5 0.5 0.5\n"
+
+
+def of_coco(part: str, **change: Any) -> dict[str, Any]:
+    return {**COCO, part: [{**COCO[part][0], **change}]}
+
+
+def of_text(**change: Any) -> str:
+    return f"a.png\t{json.dumps([{**TEXTS[0], **change}])}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_picture(tmp_path / "a.png", np.zeros((9, 9), np.uint8))
+    (tmp_path / "classes.txt").write_text("sign\ncar\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "fault"),
+    [
+        (coco, "", "not a COCO instances file"),
+        (coco, "[" * 100_000, "nested too deeply"),
+        (coco, "1" * 10_000, "not a COCO instances file"),
+        (coco, [], "must be a valid dictionary"),
+        (coco, {}, "has no 'images'"),
+        (coco, {**COCO, "images": {"id": 1}}, "images = .*: must be a valid list"),
+        (coco, {**COCO, "images": [IMAGE, IMAGE]}, "images: id 7 twice"),
+        (coco, {**COCO, "images": [{"id": 1}]}, r"images\[0\]: has no 'file_name'"),
+        (coco, {**COCO, "images": [], "annotations": []}, "lists no pictures"),
+        (coco, of_coco("images", file_name="\ud800.png"), r"images\[0\]: file_name = .*: must be a valid string"),
+        (coco, of_coco("images", file_name="sub/../../secret.png"), "leaves the folder"),
+        (coco, of_coco("images", file_name="C:\\secret.png"), "leaves the folder"),
+        (coco, of_coco("images", id="seven"), "id = 'seven': must be a valid integer"),
+        (coco, of_coco("images", id=True), "id = True: must be a valid integer"),
+        (coco, of_coco("images", id=1.5), "id = 1.5: must be a valid integer"),
+        (coco, of_coco("images", id=2**63), "id = 9223372036854775808: must be less than"),
+        (coco, of_coco("images", width="9"), "width = '9': must be a valid number"),
+        (coco, of_coco("categories", name=None), r"categories\[0\]: name = None: must be a valid string"),
+        (coco, {**COCO, "annotations": ["text"]}, r"annotations\[0\] = 'text': must be a valid dictionary"),
+        (coco, of_coco("annotations", bbox=[1, 2, 3]), r"annotations\[0\]: bbox = \[1, 2, 3\]: must be \[x, y"),
+        (coco, of_coco("annotations", bbox=[1, 2, "wide", 4]), r"bbox\[2\] = 'wide': must be \[x, y, width"),
+        (coco, of_coco("annotations", category_id=99), r"annotations\[0\]: category_id = 99: not among"),
+        (coco, of_coco("annotations", area=float("nan")), "area = nan: must be"),
+        (bdd, {}, "frames = None: must be a list"),
+        (bdd, [3], r"frames\[0\] = 3: must be a valid dictionary"),
+        (bdd, [{}], r"frames\[0\]: has no 'name'"),
+        (bdd, [{"name": "../a.jpg"}], "leaves the folder"),
+        (bdd, [{"name": "a.jpg"}, {"name": "./a.jpg"}], r"lists 'a\.jpg' twice"),
+        (bdd, [{"name": "a.jpg", "labels": {"0": 1}}], r"frames\[0\]: labels = .*must be a valid list"),
+        (bdd, [{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: box2d: has no 'y1'"),
+        (bdd, [{"name": "a.jpg", "labels": [{"box2d": {**BOX, "x2": "9"}}]}], "box2d: x2 = '9': must be a "),
+        (bdd, [{"name": "a.jpg", "size": 3}], r"frames\[0\]: size = 3: must be a valid dictionary"),
+        (texts, "", "lists no pictures"),
+        (texts, "a.png STOP", "line 1: 'a.png STOP': must be a picture's name, a tab and its text"),
+        (texts, "a.png\tA\n./a.png\tB", r"lists 'a\.png' twice"),
+        (texts, "a.png\tA\n../a.png\tSTOP", "line 2: .*leaves the folder"),
+        (texts, f"{of_text()}\nb.png\tB", "line 2: not a list of texts and points"),
+        (texts, "a.png\t[{" + "[" * 9_000, "line 1: not a list"),
+        (texts, 'a.png\t[{"points": []}]', r"line 1: texts\[0\]: has no 'transcription'"),
+        (texts, of_text(transcription=5), r"texts\[0\]: transcription = 5: must be a valid string"),
+        (texts, of_text(points=[[1, 2]]), r"points = \[\[1, 2\]\]: must be corners"),
+        (texts, of_text(points=[[1, 2], [3, "4"]]), r"points\[1\]\[1\] = '4': must be corners"),
+    ],
+)  # fmt: skip
+def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) -> None:
+    file = folder / "labels"
+    file.write_text(content if isinstance(content, str) else json.dumps(content))
+    name = "text" if read is texts else read.__name__
+    with pytest.raises(ValueError, match=rf"^{name} = '.*labels': .*{fault}") as caught:
+        read(file)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("0 0.5 0.5 0.5", "must be 'class x y width height' or"),
+        ("0 0.5 0.5 0.5 0.5 0.5 0.5 0.5", "must be 'class x y width height' or"),
+        ("0,0.5,0.5,0.5,0.5", "must be numbers"),
+        ("2 0.5 0.5 0.5 0.5", "class 2: not among the 2 names"),
+        ("0.5 0.5 0.5 0.5 0.5", "class 0.5"),
+        ("nan 0.5 0.5 0.5 0.5", "class nan"),
+        ("0 320 240 50 60", "no pixels"),
+    ],
+)
+def test_a_bad_line_of_yolo_is_named(folder: Path, line: str, fault: str) -> None:
+    (folder / "a.txt").write_text(f"{LINE}\n{line}\n")
+    with pytest.raises(ValueError, match=rf"yolo = .*a\.txt': line 3: .*{fault}") as caught:
+        yolo(folder)
+    assert "\n" not in str(caught.value)
+
+
+def described(**entries: object) -> str:
+    return yaml.safe_dump({"names": ["sign"], **entries})
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (None, "holds neither data.yaml nor classes.txt"),
+        ("", "must be a valid dictionary"),
+        ("names: [", "while parsing"),
+        ("!!python/object:os.system {}", "constructor"),
+        ("names: &a [x, &b [*a, *b]]", "names"),
+        ("names: [" * 100_000, "nested|recursion|longer"),
+        ("val: images", "has no 'names'"),
+        ("names: {zero: sign}", "names: zero: .*must be names"),
+        ("names: {-1: sign}", r"names\[-1\]: .*must be names"),
+        ("names: [yes, no]", r"names\[0\] = True: must be names"),  # which YAML takes for truth values
+        ('names: ["\\ud800"]', "names"),  # half a character
+        ("names: []", "must be names"),
+        (described(val="missing"), "missing': no such folder or list"),
+        (described(val=["images", None]), "split 'val'"),
+        (described(path=[1], val="images"), r"path = \[1\]: must be a valid string"),
+        (described(val="list.txt"), r"list\.txt': line 1: .*leaves the folder"),
+        (described(val="twice.txt"), r"lists 'a\.png' twice"),
+        (described(val="."), "no label file for any of 1 pictures"),
+        (described(kpt_shape=[17, 3]), "poses"),
+    ],
+)
+def test_what_is_no_data_set_of_yolo_is_named(folder: Path, content: str | None, fault: str) -> None:
+    (folder / "list.txt").write_text("../secret.png")
+    (folder / "twice.txt").write_text("a.png\n./a.png")
+    (folder / "classes.txt").unlink()
+    if content is not None:
+        (folder / "data.yaml").write_text(content)
+    if "twice" in str(content):
+        (folder / "a.txt").write_text(LINE)
+    with pytest.raises(ValueError, match=rf"yolo = .*{fault}") as caught:
+        yolo(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_none(folder: Path) -> None:
+    (folder / "binary").write_bytes(b"\xff\xfe\x00\x01")
+    faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory"}
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(folder / "pipe")
+        faults["pipe"] = "pipe, no file"
+    for read in (coco, bdd, texts, yolo):
+        for name, fault in faults.items():
+            if (read, name) != (yolo, "."):
+                with pytest.raises(ValueError, match=f"{name.strip('.')}'.*{fault}"):
+                    read(folder / name)
+    with pytest.raises(ValueError, match="split 'test' = None"):
+        yolo(folder, split="test")
+
+
+@pytest.mark.parametrize("read", [coco, bdd, yolo])
+def test_an_unknown_class_is_named_with_the_known_ones(folder: Path, read: Read) -> None:
+    (folder / "a.txt").write_text(LINE)
+    (folder / "labels.json").write_text(json.dumps(COCO if read is coco else BDD))
+    file = folder if read is yolo else folder / "labels.json"
+    with pytest.raises(ValueError, match=r"target = \['zebra'\]: not among the categories \['"):
+        read(file, labels=["zebra"])
+
+
+# --- anything in any place ---
+
+
+def places(document: Any) -> list[tuple[Any, ...]]:
+    """The paths to every part of a document, the whole first."""
+    parts = document.items() if isinstance(document, dict) else enumerate(document)
+    inner = ((key, path) for key, part in parts if isinstance(part, (dict, list)) for path in places(part))
+    keys = document if isinstance(document, dict) else range(len(document))
+    return [(), *((key,) for key in keys), *((key, *path) for key, path in inner if path)]
+
+
+def replaced(document: Any, place: tuple[Any, ...], part: Any) -> Any:
+    if not place:
+        return part
+    copy = document.copy()
+    copy[place[0]] = replaced(document[place[0]], place[1:], part)
+    return copy
+
+
+def complaint(read: Read, file: Path) -> str:
+    """What ``read`` says against the file, as one line of ValueError; nothing where it takes it."""
+    try:
+        pictures = read(file)
+    except ValueError as error:
+        said = str(error)
+        return said if "\n" not in said and len(said) < 500 else f"too long: {said}"
+    for target in (target for picture in pictures for target in picture.targets or ()):
+        x0, y0, x1, y1 = target.box_xyxy
+        assert 0 < (x1 - x0) * (y1 - y0) < np.inf
+    return ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("read", "sound"), [(coco, COCO), (bdd, BDD), (texts, TEXTS)])
+@given(data=st.data())
+@settings(max_examples=300, deadline=None)
+def test_json_with_anything_in_any_place(
+    tmp_path_factory: pytest.TempPathFactory, read: Read, sound: Any, data: st.DataObject
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "labels.json"
+    before = "a.png\t" if read is texts else ""
+    place = data.draw(st.sampled_from(places(sound)[1 if read is texts else 0 :]))
+    file.write_text(before + json.dumps(replaced(sound, place, data.draw(JSON))))
+    said = complaint(read, file)
+    assert not said or said.startswith(f"{'text' if read is texts else read.__name__} = {str(file)!r}: ")
+
+
+@pytest.mark.parametrize("read", [coco, bdd, texts])
+@given(content=st.binary(max_size=40))
+@example(content=b"\xef\xbb\xbf")
+@example(content=b'a.png\t[{"a": ' + b"[" * 10_000)
+@settings(max_examples=40, deadline=None)
+def test_files_of_any_bytes(tmp_path_factory: pytest.TempPathFactory, read: Read, content: bytes) -> None:
+    file = tmp_path_factory.getbasetemp() / "bytes"
+    file.write_bytes(content)
+    said = complaint(read, file)
+    assert said.startswith(f"{'text' if read is texts else read.__name__} = ") or (read is texts and not said)
+
+
+@pytest.mark.slow
+@given(line=st.lists(st.floats(width=16).map(str) | st.text(max_size=3), max_size=9).map(" ".join))
+@example(line="0 nan inf 0.1 0.1")
+@settings(max_examples=200, deadline=None)
+def test_yolo_lines_of_anything(tmp_path_factory: pytest.TempPathFactory, line: str) -> None:
+    folder = tmp_path_factory.getbasetemp() / "yolo"
+    folder.mkdir(exist_ok=True)
+    write_picture(folder / "a.png", np.zeros((9, 9), np.uint8))
+    (folder / "classes.txt").write_text("sign\n")
+    (folder / "a.txt").write_text(line, encoding="utf-8", errors="replace")
+    said = complaint(yolo, folder)
+    assert not said or said.startswith(f"yolo = {str(folder)!r}: labels = {str(folder / 'a.txt')!r}: ")

@@ -1,0 +1,58 @@
+"""Plans that say two things, or what cannot be computed: one line each, before anything is computed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.objects import Crossing, Objects
+from blurnoise_eval.grid.parts import Part
+
+from blurnoise.motion.ego import Vehicle
+
+AT: Any = {"exposure_s": (0.01,), "illuminance_lux": (5.0,)}
+DRIVEN: Any = {**AT, "ego_speed_m_s": (20.0,)}
+
+
+@pytest.mark.parametrize(
+    ("grid", "fields", "words"),
+    [
+        ({**AT, "exposure_s": ("auto", 0.01)}, {}, "exposure_s: must be auto alone"),
+        ({**AT, "exposure_s": ("auto",), "gain_db": (0.0,)}, {}, "exposure_s: auto sets"),
+        ({**AT, "exposure_s": ("auto",), "velocity_x_px_s": (9e6,)}, {}, "9e\\+06 times exposure_s"),
+        ({**DRIVEN, "velocity_x_px_s": (100.0,)}, {}, "goes without velocity_x_px_s"),
+        ({**DRIVEN, "velocity_y_px_s": (0.0, 3.0)}, {}, "goes without velocity_y_px_s"),
+        ({**DRIVEN, "moves": (0.0, 1.0)}, {}, "goes without moves"),
+        (AT, {"ego": Vehicle()}, "ego: goes with ego_speed_m_s"),
+        (AT, {"objects": Objects(speeds={"car": 2.0})}, "speeds: of what moves for itself; goes with moves"),
+        (
+            AT,
+            {"objects": Objects(crossings={"car": Crossing(36.0, width_m=4.0)})},
+            "crossings: of what moves",
+        ),
+        (AT, {"trajectory": "sine:40,50", "objects": Objects(boxes="half")}, "boxes = 'half': of straight"),
+        *(
+            (AT, {"trajectory": text}, text.partition(":")[0])
+            for text in ("shake", "shake:x", "shake:1,2", "sine:3", "sine:3,80,1,1", "shake:-2", "sine:3,0")
+        ),
+    ],
+)
+def test_refused(grid: dict[str, Any], fields: dict[str, Any], words: str) -> None:
+    with pytest.raises((ValueError, OSError), match=words) as error:
+        SweepPlan(grid, **fields)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["0/4", "5/4", "1", "a/b", "1/0", "-1/2"])
+def test_parts_that_are_none(text: str) -> None:
+    with pytest.raises(ValueError, match="must be K/N"):
+        Part.parse(text)
+
+
+def test_parts_have_every_picture_once_and_depend_on_its_name_alone() -> None:
+    names = [f"{number}.png" for number in range(400)]
+    parts = [[name for name in names if Part(number, 4).has(name)] for number in (1, 2, 3, 4)]
+    assert sorted(name for part in parts for name in part) == sorted(names)
+    assert min(map(len, parts)) > 70  # binomial, n = 400, p = 1/4: 100 - 3.5 sd of 8.7
+    assert Part.parse("2/4").has("3.png") == ("3.png" in parts[1])
