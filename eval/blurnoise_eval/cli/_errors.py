@@ -81,8 +81,9 @@ def usage(error: typer.TyperException) -> str:
     option = str(getattr(error, "option_name", None))
     file, kind = files().get(path.removeprefix("blurnoise "), ("", Settings))
     if _name(option) in kind.names():
-        setting = f"'{_name(option)}: ...' in --{file} FILE.yaml"
-        return f"blurnoise: error: no such option: {option}; it is {setting} (see --save-{file} of {_writer(path)})"
+        writer = "blurnoise sweep" if kind.__name__ == "PlanFile" else path
+        setting = f"'{_name(option)}: ...' in --{file} FILE.yaml (see --save-{file} of {writer})"
+        return f"blurnoise: error: no such option: {option}; it is {setting}"
     text = error.format_message().rstrip(".")
     for theirs, ours in _PYDANTIC:
         text = text.replace(theirs, ours)
@@ -93,20 +94,13 @@ def usage(error: typer.TyperException) -> str:
     return f"blurnoise: error: {' '.join(without_secrets(text).split())}{hint}"
 
 
-def _writer(path: str) -> str:
-    """The command that writes the file: decide and quality take the plan of a sweep."""
-    return "blurnoise sweep" if path in ("blurnoise decide", "blurnoise quality") else path
-
-
 def files() -> dict[str, tuple[str, type[Settings]]]:
     """Of a command: its file's option, and what the file holds."""
     from blurnoise_eval.grid.plan_file import PlanFile
     from blurnoise_eval.grid.program_file import ProgramFile
     from blurnoise_eval.grid.scene_file import SceneFile
 
-    plan = ("plan", PlanFile)
-    return {
-        **dict.fromkeys(("sweep", "decide", "quality"), plan),
-        "simulate": ("scene", SceneFile),
-        "program": ("plan", ProgramFile),
-    }
+    found: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(
+        ("sweep", "decide", "quality"), ("plan", PlanFile)
+    )
+    return found | {"simulate": ("scene", SceneFile), "program": ("plan", ProgramFile)}

@@ -18,11 +18,10 @@ from blurnoise_eval.system.terminal import (
 
 if TYPE_CHECKING:
     from blurnoise.scene.plan import Plan
-    from blurnoise_eval.report.opening import Opening
     from blurnoise_eval.report.run import RunData
 
 
-def print_opening(data: RunData) -> Opening:
+def print_opening(data: RunData) -> None:
     """What a run answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
@@ -42,7 +41,6 @@ def print_opening(data: RunData) -> Opening:
         _say(told.legend + (f"; {hidden} more cells: recommendations.csv" if hidden else ""), 2, 2)
     for title, text in told.notes:
         _say(f"{title}: {text}", hanging=len(title) + 2)
-    return told
 
 
 def _say(text: str, indent: int = 0, hanging: int = 0) -> None:

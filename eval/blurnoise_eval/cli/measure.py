@@ -112,14 +112,8 @@ def measure(
 
         write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
-        facts = {
-            "image": str(image),
-            "mode": mode,
-            "unit": light.unit,
-            "target": vars(target),
-            "notes": notes,
-        }
-        say_json({**facts, "regions": rows})
+        facts = {"image": str(image), "mode": mode, "unit": light.unit, "target": vars(target)}
+        say_json({**facts, "notes": notes, "regions": rows})
         return
     _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
     say(*notes, error=True)
