@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 import yaml
 from blurnoise_eval import cli
-from blurnoise_eval.cli._moved import MODULES, files
+from blurnoise_eval.cli._errors import files
 from numpy.typing import NDArray
 
 from blurnoise.motion.ego import Vehicle
 
 Output = pytest.CaptureFixture[str]
+MODULES = {name: f"blurnoise_eval.{name}" for name in ("bench", "gallery", "maps", "paper", "scenes")}
 FLAGS = {"--no-refine": ("refine", False), "--keep-empty": ("keep_empty", True)}
 VEHICLE = {each.name for each in fields(Vehicle)}
 

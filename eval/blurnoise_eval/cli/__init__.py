@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from importlib import import_module, metadata
 from inspect import cleandoc
 from typing import Annotated, Any
@@ -15,7 +14,6 @@ from typer import Option
 from typer.main import get_command
 
 from blurnoise_eval.cli._errors import in_a_line, usage
-from blurnoise_eval.cli._moved import COMMANDS_MOVED
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
 
 COMMANDS: dict[str, str] = {
@@ -57,9 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [*(sys.argv[1:] if arguments is None else arguments)]
     words = words[words[:1] == ["--"] :]
     name = next((each for each in (" ".join(words[:2]), *words[:1]) if each in COMMANDS), "")
-    if words and (elsewhere := COMMANDS_MOVED.get(words[0])):
-        say(f"blurnoise: error: '{words[0]}' is now '{elsewhere}'", error=True)
-        raise SystemExit(2)
     if name and "_BLURNOISE_COMPLETE" not in os.environ:
         return run_alone(function(name), f"blurnoise {name}", words[len(name.split()) :])
     return _run(get_command(_program()), "blurnoise", words or ["--help"], 0 if words else 2)
@@ -158,8 +153,7 @@ def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:
 
 def _forget_output() -> None:
     """Drop what cannot be written to standard output, which Python would try again when it ends."""
-    with suppress(OSError, ValueError, AttributeError):
+    try:
         sys.stdout.flush()
-        return
-    with suppress(OSError, ValueError, AttributeError):
+    except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

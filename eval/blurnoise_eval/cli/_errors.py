@@ -7,10 +7,10 @@ from contextlib import suppress
 
 import typer
 
-from blurnoise_eval.cli._moved import now_called
 from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.settings import Settings
 
-_SPOKEN: tuple[tuple[str, str, float], ...] = (
+_OPTIONS: tuple[tuple[str, str, float], ...] = (
     *((axis.name, axis.option, axis.per_option) for axis in AXES),
     ("velocity_px_s", "--dx", 1.0),
     ("angle_deg", "--angle", 1.0),
@@ -40,54 +40,67 @@ def in_a_line(error: Exception, options: Collection[str]) -> str:
     from blurnoise_eval.system.urls import without_secrets
 
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        told = f"{error.filename}: {error.strerror}"
+        text = f"{error.filename}: {error.strerror}"
     else:
-        told = _in_options(error, options)
-    return f"blurnoise: error: {shortened(without_secrets(told))}"
+        text = _in_options(error, options)
+    return f"blurnoise: error: {shortened(without_secrets(text))}"
 
 
 def _in_options(error: Exception, options: Collection[str]) -> str:
     from blurnoise._core.checks import OutOfRange
 
-    spoken = {option.lstrip("-").replace("-", "_"): (option, 1.0) for option in options}
-    spoken |= {name: (option, unit) for name, option, unit in _SPOKEN if option in options}
-    if isinstance(error, OutOfRange) and error.name.replace("-", "_") in spoken:
-        option, unit = spoken[error.name.replace("-", "_")]
-        if isinstance(error.value, (int, float)):
-            value, low, high = (float(f"{each / unit:.12g}") for each in (error.value, error.low, error.high))
-            return str(OutOfRange(option, value, low, high, error.above))
+    known = {_name(option): (option, 1.0) for option in options}
+    known |= {name: (option, unit) for name, option, unit in _OPTIONS if option in options}
+    if isinstance(error, OutOfRange) and _name(error.name) in known and isinstance(error.value, (int, float)):
+        option, unit = known[_name(error.name)]
+        typed, low, high = (float(f"{each / unit:.12g}") for each in (error.value, error.low, error.high))
+        return str(OutOfRange(option, typed, low, high, error.above))
     where = "--model-timeout-s" if "--model-timeout-s" in options else "model_timeout_s in --plan FILE.yaml"
-    told = str(error).replace("; timeout_s allows", f"; {where} allows")
-    head, colon, rest = told.partition(": ")
-    name, equals, typed = head.partition(" = ")
-    option, unit = spoken.get(name.replace("-", "_"), ("", 1.0))
-    if equals and option:
-        with suppress(ValueError):
-            typed = f"{float(typed) / unit:g}" if unit != 1.0 else typed
-        return f"{option} = {typed}{colon}{rest}"
-    subject = told.partition(":")[0]
-    names = [name.strip() for name in subject.split(",")]
-    if all(name.replace("-", "_") in spoken for name in names):
-        named = ", ".join(spoken[name.replace("-", "_")][0] for name in names)
-        return named + told[len(subject) :]
-    return told
+    text = str(error).replace("; timeout_s allows", f"; {where} allows")
+    subject, colon, rest = text.partition(":")
+    names, equals, value = subject.partition(" = ")
+    named = [_name(name.strip()) for name in names.split(",")]
+    if not colon or not known.keys() >= set(named):
+        return text
+    unit = known[named[0]][1]
+    with suppress(ValueError):
+        value = f"{float(value) / unit:g}" if unit != 1.0 else value
+    return f"{', '.join(known[name][0] for name in named)}{equals}{value}:{rest}"
+
+
+def _name(option: str) -> str:
+    return option.lstrip("-").replace("-", "_")
 
 
 def usage(error: typer.TyperException) -> str:
-    """What is wrong with the options themselves, with the value and where to look, or what it is called now."""
+    """What is wrong with the options themselves, with the value and where to look; an option that is a setting of the
+    command's file, with its name there."""
     from blurnoise_eval.system.urls import without_secrets
 
-    context = getattr(error, "ctx", None)
-    path = getattr(context, "command_path", "")
-    option = getattr(error, "option_name", None)
-    moved = option and now_called(path.removeprefix("blurnoise "), str(option))
-    if moved:
-        return f"blurnoise: error: {moved}"
-    told = error.format_message().rstrip(".")
+    path = getattr(getattr(error, "ctx", None), "command_path", "")
+    option = str(getattr(error, "option_name", None))
+    file, kind = files().get(path.removeprefix("blurnoise "), ("", Settings))
+    if _name(option) in kind.names():
+        writer = "blurnoise sweep" if kind.__name__ == "PlanFile" else path
+        setting = f"'{_name(option)}: ...' in --{file} FILE.yaml (see --save-{file} of {writer})"
+        return f"blurnoise: error: no such option: {option}; it is {setting}"
+    text = error.format_message().rstrip(".")
     for theirs, ours in _PYDANTIC:
-        told = told.replace(theirs, ours)
+        text = text.replace(theirs, ours)
     for fault in getattr(error.__cause__, "errors", list)():
-        if repr(fault["input"]) not in told:
-            told += f", got {fault['input']!r}"
+        if repr(fault["input"]) not in text:
+            text += f", got {fault['input']!r}"
     hint = f"; see '{path} --help'" if path else ""
-    return f"blurnoise: error: {' '.join(without_secrets(told).split())}{hint}"
+    return f"blurnoise: error: {' '.join(without_secrets(text).split())}{hint}"
+
+
+def files() -> dict[str, tuple[str, type[Settings]]]:
+    """Of a command: its file's option, and what the file holds."""
+    from blurnoise_eval.grid.plan_file import PlanFile
+    from blurnoise_eval.grid.program_file import ProgramFile
+    from blurnoise_eval.grid.scene_file import SceneFile
+
+    found: dict[str, tuple[str, type[Settings]]] = dict.fromkeys(
+        ("sweep", "decide", "quality"), ("plan", PlanFile)
+    )
+    return found | {"simulate": ("scene", SceneFile), "program": ("plan", ProgramFile)}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Context, Option, TyperException
+from typer import Argument, Option, TyperException
 
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.grid.settings import Settings
@@ -18,10 +19,10 @@ from blurnoise_eval.system.terminal import say
 
 if TYPE_CHECKING:
     from blurnoise_eval.system.urls import Location as Location
-else:
-    Location = object  # what it is takes time to import
 
-_QUICKLY_READ = 30_000_000  # bytes; completion must not keep anybody waiting
+    Region = tuple[int, int, int, int]
+else:
+    Location = Region = object  # Typer calls the parser; a URL's class takes time to import
 
 
 def place(text: str) -> Location:
@@ -61,26 +62,13 @@ def new_place(text: str | Location) -> Location:
     return new_folder(str(found)) if isinstance(found, Path) else found
 
 
-class Region(NamedTuple):
-    """A rectangle of a picture, px."""
-
-    left: int
-    top: int
-    width: int
-    height: int
-
-    def __repr__(self) -> str:
-        """As it is typed."""
-        return ",".join(map(str, self))
-
-
 def region(text: str) -> Region:
-    """Parse "x,y,w,h". Raises ``ValueError``."""
+    """Left, top, width and height of "x,y,w,h". Raises ``ValueError``."""
     try:
-        left, top, width, height = (int(part) for part in text.split(","))
+        left, top, width, height = map(int, text.split(","))
     except ValueError:
         raise ValueError(f"{text!r}: must be x,y,w,h, four whole numbers of px") from None
-    return Region(left, top, width, height)
+    return left, top, width, height
 
 
 def camera_names() -> Iterable[str]:
@@ -103,28 +91,16 @@ def _scores() -> Iterable[str]:
     return dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind))
 
 
+def _classes() -> Iterable[str]:
+    from blurnoise_eval.detectors.class_names import COCO80
+
+    in_bash = os.environ.get("_BLURNOISE_COMPLETE") == "complete_bash"  # which takes words as they are typed
+    return (name.replace(" ", "\\ ") if in_bash else name for name in COCO80)
+
+
 def one_of(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Complete a word to the names that begin with it; they are asked for when the shell asks."""
     return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
-
-
-def classes(context: Context, incomplete: str) -> list[str]:
-    """Complete a word to classes: those of the COCO file that is named before it, else COCO's own."""
-    import json
-
-    from blurnoise_eval.detectors.class_names import COCO80
-
-    try:
-        path = Path(str(context.params.get("labels")))
-        if not path.is_file():  # a pipe would never end
-            raise OSError
-        with path.open("rb") as file:
-            told = json.loads(file.read(_QUICKLY_READ))  # cut, it is no JSON
-        known = [str(each["name"]) for each in told["categories"]]
-    except (OSError, ValueError, LookupError, TypeError):
-        known = list(COCO80)
-    in_bash = os.environ.get("_BLURNOISE_COMPLETE") == "complete_bash"  # which takes words as they are typed
-    return [name.replace(" ", "\\ ") if in_bash else name for name in known if name.startswith(incomplete)]
 
 
 _COMPLETED: dict[str, Callable[..., list[str]]] = {
@@ -132,7 +108,7 @@ _COMPLETED: dict[str, Callable[..., list[str]]] = {
     "families": one_of(_families),
     "scores": one_of(_scores),
     "engines": one_of(lambda: ("threads", "processes", "ray")),
-    "classes": classes,
+    "classes": one_of(_classes),
 }
 
 
@@ -142,20 +118,22 @@ def option_of(kind: type[Settings], name: str) -> Any:
 
 
 def _typed(entry: Any) -> Any:
-    told, typed = entry.metadata, str(entry.type)
-    types: dict[str, Any] = {"tuple[str, ...]": list[str] | None, "int | None": int | None, "int": int | None}
-    types |= {"float | None": float | None, "float": float | None, "bool": bool | None}
-    flag = f"--{entry.name.replace('_', '-')}"
+    about = entry.metadata
+    types = {"tuple": list[str], "int": int, "float": float, "bool": bool}
+    word = re.match(r"\w+", str(entry.type))
+    kind: Any = (
+        str if "|" in str(entry.type).removesuffix(" | None") else types.get(word[0] if word else "", str)
+    )
     option = Option(
-        flag,
-        *told["names"],
-        metavar=told["metavar"] or None,
-        help=told["about"],
-        autocompletion=_COMPLETED.get(told["complete"]),
-        rich_help_panel=told["panel"] or None,
+        f"--{entry.name.replace('_', '-')}",
+        *about["names"],
+        metavar=about["metavar"] or None,
+        help=about["about"],
+        autocompletion=_COMPLETED.get(about["complete"]),
+        rich_help_panel=about["panel"] or None,
         show_default=False,
     )
-    return Annotated[types.get(typed, str | None), option]
+    return Annotated[kind | None, option]
 
 
 def settings(
@@ -197,21 +175,19 @@ def settings(
         written = Option(
             f"--save-{file}", parser=new_file, metavar="OUT.yaml", help="write such a file, and end"
         )
-        added = [_parameter(each.name, _typed(each)) for each in chosen]
-        added.append(_parameter("settings_file", Annotated[str | None, read]))
-        added += [_parameter("saved_to", Annotated[Path | None, written])] if save else []
+        added = {each.name: _typed(each) for each in chosen} | {"settings_file": Annotated[str | None, read]}
+        added |= {"saved_to": Annotated[Path | None, written]} if save else {}
         parameters = list(theirs.parameters.values())
         place = list(theirs.parameters).index("given")
-        parameters[place : place + 1] = added
+        parameters[place : place + 1] = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+            for name, kind in added.items()
+        ]
         parameters = [each.replace(default=None) if each.name in needed else each for each in parameters]
         run.__signature__ = theirs.replace(parameters=parameters)  # type: ignore[attr-defined]
         return run
 
     return decorate
-
-
-def _parameter(name: str, annotation: Any) -> Parameter:
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
 
 
 CameraName = option_of(PlanFile, "camera")
@@ -242,5 +218,12 @@ RunRead = Annotated[
 ]
 Folder = Annotated[
     Location, Option("-o", "--output", parser=new_place, metavar="DIR", help="folder or URL for everything")
+]
+NewFolder = Annotated[Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")]
+Linear = Annotated[bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")]
+Srgb = Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")]
+BlackLevel = Annotated[float | None, Option(metavar="DN", help="of no light (default: 0)")]
+FullScale = Annotated[
+    float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]

@@ -65,6 +65,4 @@ def cameras(
         say_json(tables.facts(found))
         return
     show(tables.figures(found))
-    for path in (save, plot):
-        if path:
-            say(path)
+    say(*filter(None, (save, plot)))

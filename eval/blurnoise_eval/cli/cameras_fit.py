@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
@@ -11,7 +12,6 @@ from blurnoise_eval.cli._options import Json, camera_names, new_file, one_of
 from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
     from blurnoise_eval.calibration.fit import Measurement
 
 _UNITS = {
@@ -71,14 +71,20 @@ def cameras_fit(
             "folder, dng: must be one of them, as in 'blurnoise cameras fit FOLDER -o mine.yaml'"
         )
     if dng is not None:
-        for name, given in (
-            ("bit_depth", bit_depth),
-            ("temperature_c", temperature_c),
-            ("raw_size", raw_size),
-        ):
+        frames_only = {"bit_depth": bit_depth, "temperature_c": temperature_c, "raw_size": raw_size}
+        for name, given in frames_only.items():
             if given is not None:
                 raise ValueError(f"{name} = {given}: goes with a folder of frames, not with dng")
-        _from_dng(dng, output, base, as_json)
+        from blurnoise_eval.calibration.to_camera import camera_of_dng
+        from blurnoise_eval.cameras import facts, figures
+
+        camera = camera_of_dng(dng, base=base)
+        camera.save(output)
+        if as_json:
+            say_json(facts(camera))
+            return
+        show(figures(camera))
+        say(output)
         return
     from blurnoise_eval.calibration import figure
     from blurnoise_eval.calibration.fit import measure
@@ -90,78 +96,38 @@ def cameras_fit(
     camera.save(output)
     plot = output.with_suffix(".png")
     write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
+    warnings = [doubt.text for doubt in found.doubts]
     if as_json:
-        say_json(_facts(found, camera))
+        measured = {
+            name: {"value": each.value, "low": each.low, "high": each.high}
+            for name, each in found.estimates.items()
+        }
+        say_json(
+            {"camera": camera.to_dict(), "figures": measured, "warnings": warnings, "notes": found.notes}
+        )
         return
     _print(found)
-    for doubt in found.doubts:
-        say(f"warning: {doubt.text}")
-    for note in found.notes:
-        say(note)
-    say(output, plot)
-
-
-def _from_dng(photo: Path, output: Path, base: str, as_json: bool) -> None:
-    from blurnoise_eval.calibration.to_camera import camera_of_dng
-    from blurnoise_eval.cameras import facts, figures
-
-    camera = camera_of_dng(photo, base=base)
-    camera.save(output)
-    if as_json:
-        say_json(facts(camera))
-        return
-    show(figures(camera))
-    say(output)
+    say(*(f"warning: {warning}" for warning in warnings), *found.notes, output, plot)
 
 
 def _size(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
-    sides = text.lower().split("x")
-    if len(sides) != 2 or not all(
-        side.isascii() and side.isdigit() and 0 < int(side[:9]) < 1 << 17 for side in sides
-    ):
+    sides = re.fullmatch(r"([1-9][0-9]{0,5})x([1-9][0-9]{0,5})", text, re.IGNORECASE)
+    if not sides:
         raise ValueError(f"raw_size = {text!r}: must be WIDTHxHEIGHT, px, as in 640x480")
-    return int(sides[0]), int(sides[1])
+    return int(sides[1]), int(sides[2])
 
 
 def _print(found: Measurement) -> None:
-    from rich import box
     from rich.table import Table
 
     from blurnoise_eval.calibration.to_camera import ends
 
-    table = Table("figure", "value", "95 %", "unit", box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    table.title, table.title_justify = f"photon transfer of {found.frames}", "left"
+    table = Table("figure", "value", "95 %", "unit", title=f"photon transfer of {found.frames}")
     for name, unit in _UNITS.items():
-        told = found.estimates.get(name)
-        table.add_row(
-            name,
-            "not told" if told is None else f"{told.value:.4g}",
-            "" if told is None else " to ".join(ends(told)),
-            unit,
-        )
+        if each := found.estimates.get(name):
+            table.add_row(name, f"{each.value:.4g}", " to ".join(ends(each)), unit)
+        else:
+            table.add_row(name, "not available", "", unit)
     show(table)
-
-
-def _facts(found: Measurement, camera: Camera) -> dict[str, Any]:
-    levels = [
-        {
-            "kind": level.kind,
-            "exposure_s": level.exposure_s,
-            "photons_per_px": level.photons_per_px,
-            "frames": level.frames,
-            "mean_dn": level.mean_dn,
-            "variance_dn2": level.variance_dn2,
-            "variance_error_dn2": level.variance_error_dn2,
-            "fitted": level.kind == "dark" or place - len(found.dark) in found.used,
-        }
-        for place, level in enumerate([*found.dark, *found.flat])
-    ]
-    figures = {
-        name: {"value": told.value, "low": told.low, "high": told.high}
-        for name, told in found.estimates.items()
-    }
-    warnings = [doubt.text for doubt in found.doubts]
-    about = {"method": "photon transfer", "warnings": warnings, "notes": found.notes}
-    return {"camera": camera.to_dict(), **about, "figures": figures, "levels": levels}

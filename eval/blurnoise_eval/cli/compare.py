@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
-from blurnoise_eval.cli._options import Json, new_file
+from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Srgb
 from blurnoise_eval.system.terminal import say, say_json, table_lines
 
 
@@ -17,20 +17,10 @@ def compare(
     ],
     real: Annotated[Path, Argument(metavar="REAL", help="your camera's picture of it, of the same size")],
     *,
-    linear: Annotated[
-        bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")
-    ] = False,
-    srgb: Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")] = False,
-    black_level: Annotated[
-        float | None, Option(metavar="DN", help="of no light, in both (default: 0)")
-    ] = None,
-    full_scale: Annotated[
-        float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
-    ] = None,
-    table: Annotated[
-        Path | None,
-        Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per quantity, for pandas"),
-    ] = None,
+    linear: Linear = False,
+    srgb: Srgb = False,
+    black_level: BlackLevel = None,
+    full_scale: FullScale = None,
     as_json: Json = False,
 ) -> None:
     """Compare a simulated picture with a real one of the same chart: mean, noise at each level, sharpness of slanted
@@ -45,30 +35,22 @@ def compare(
         raise ValueError("linear, srgb: must be one of them")
     for picture in (simulated, real):
         if picture.is_dir():
-            raise ValueError(
-                f"compare = {str(picture)!r}: is a folder; must be a picture of a chart. Models are compared by "
-                "'blurnoise sweep --model A.onnx --model B.onnx'"
-            )
+            raise ValueError(f"compare = {str(picture)!r}: is a folder; must be a picture of a chart")
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import comparison
-    from blurnoise_eval.quality.picture import Coding
-    from blurnoise_eval.system.files import write_whole
-    from blurnoise_eval.system.tables import csv_lines
 
-    coding: Coding = "linear" if linear else "srgb" if srgb else "auto"
     pair = comparison.pair_of(
-        decode(simulated), decode(real), coding, black_level=black_level, full_scale=full_scale
+        decode(simulated),
+        decode(real),
+        "linear" if linear else "srgb" if srgb else "auto",
+        black_level=black_level,
+        full_scale=full_scale,
     )
     quantities, notes = comparison.compare(pair)
     rows = [quantity.row() for quantity in quantities]
-    if table:
-        write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if as_json:
         say_json({"simulated": str(simulated), "real": str(real), "notes": notes, "quantities": rows})
         return
     right = [head in ("simulated", "real", "chance") for head in comparison.HEADS]
     say(*table_lines(comparison.HEADS, [quantity.cells() for quantity in quantities], right))
-    for note in notes:
-        say(note, error=True)
-    if table:
-        say(table)
+    say(*notes, error=True)

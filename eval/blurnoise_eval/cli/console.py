@@ -17,13 +17,11 @@ from blurnoise_eval.system.terminal import (
 )
 
 if TYPE_CHECKING:
-    from blurnoise.optics.camera import Camera
     from blurnoise.scene.plan import Plan
-    from blurnoise_eval.report.opening import Opening
     from blurnoise_eval.report.run import RunData
 
 
-def print_opening(data: RunData) -> Opening:
+def print_opening(data: RunData) -> None:
     """What a run answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
@@ -43,7 +41,6 @@ def print_opening(data: RunData) -> Opening:
         _say(told.legend + (f"; {hidden} more cells: recommendations.csv" if hidden else ""), 2, 2)
     for title, text in told.notes:
         _say(f"{title}: {text}", hanging=len(title) + 2)
-    return told
 
 
 def _say(text: str, indent: int = 0, hanging: int = 0) -> None:
@@ -58,28 +55,17 @@ def _in_ascii(line: str) -> str:
 
 def print_assumptions(contract: Any, model: Path | None) -> None:
     """What a contract assumes for want of a word in the model file, on standard error."""
-    stated = contract.to_dict()
-    assumed = [name for name, source in stated["sources"].items() if source.startswith("assumed")]
+    fields = contract.to_dict()
+    assumed = [name for name, source in fields["sources"].items() if source.startswith("assumed")]
     if not assumed or model is None:
         return
-    values = {name: stated[name] for name in assumed}
-    if "classes" in values:
-        values["classes"] = f"the {len(contract.classes)} of COCO"
-    told = ", ".join(f"{name} {values[name]}" for name in assumed)
-    say_wrapped(f"assumed, since nothing in {model.name} says it: {told}.", error=True)
+    fields["classes"] = f"the {len(contract.classes)} of COCO"
+    text = ", ".join(f"{name} {fields[name]}" for name in assumed)
+    own = model.with_suffix(".contract.json").name
+    say_wrapped(f"assumed, since nothing in {model.name} says it: {text}.", error=True)
     say_wrapped(
-        f"State these in {model.with_suffix('.contract.json').name} beside it, or name a preset with "
-        f"--contract {stated.get('family', 'ppocr')}.",
-        error=True,
+        f"State these in {own} beside it, or name a preset: --contract {contract.family}.", error=True
     )
-
-
-def print_camera(camera: Camera, *, colour: bool) -> None:
-    """Which camera pictures in colour or grey meet, if nobody named one, or if it has three sensors."""
-    from blurnoise_eval.sweep.default_camera import camera_text
-
-    if told := camera_text(camera, colour=colour):
-        say_wrapped(told, hanging=2, error=True)
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:
@@ -106,16 +92,13 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
     for name, value in facts.items():
         if isinstance(value, dict):
             value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
-        for line in value if isinstance(value, list) else [value]:
-            _say_fact(f"{name:{longest}s}  {_number(line)}", longest + 2)
+        for entry in value if isinstance(value, list) else [value]:
+            line, wide = f"{name:{longest}s}  {_number(entry)}", width()
+            fits = (
+                wide and max(map(len, line.split())) <= wide - longest - 2
+            )  # else a path is left whole, to copy
+            say(*paragraph(line, wide, hanging=longest + 2) if fits else [line])
             name = ""
-
-
-def _say_fact(line: str, hanging: int) -> None:
-    """In the terminal's width, a path that does not fit left whole, to be copied."""
-    wide = width()
-    fits = wide and max(map(len, line.split())) <= wide - hanging
-    say(*paragraph(line, wide, hanging=hanging) if fits else [line])
 
 
 def _number(value: object) -> str:

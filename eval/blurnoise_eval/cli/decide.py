@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, RunWritten, settings
-from blurnoise_eval.cli.report import tell
+from blurnoise_eval.cli.sweep import computed
 from blurnoise_eval.grid.plan_file import PlanFile
 
 
@@ -23,26 +22,5 @@ def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> Non
     there. A plan is that of 'blurnoise sweep --save-plan'.
     """
     from blurnoise_eval.deciding.decision import decided
-    from blurnoise_eval.system.working_folder import written_run
 
-    plan = given.sweep_plan()
-    workers = given.threads if given.address else given_by.threads(given.threads)
-    models, pictures = given_by.subject(given)
-    camera, of_camera = given_by.camera_of_run(given, models, pictures)
-    with written_run(output) as folder:
-        done = decided(
-            models,
-            pictures,
-            camera,
-            plan,
-            folder,
-            threshold=given.threshold,
-            keep=given.keep,
-            score=given.score,
-            cluster=given.cluster,
-            engine=given_by.engine(given, workers),
-            threads=workers,
-            progress=True,
-            command=given_by.command(),
-        )
-        tell(done, as_json=as_json, first=done.how(), last=of_camera)
+    computed(decided, given, output, as_json)

@@ -57,13 +57,7 @@ def explore(
     ] = None,
     output: Annotated[
         Path | None,
-        Option(
-            "-o",
-            "--output",
-            parser=new_file,
-            metavar="OUT.png",
-            help="write this picture and what is told of it; no page",
-        ),
+        Option("-o", "--output", parser=new_file, metavar="OUT.png", help="write the picture; no page"),
     ] = None,
     host: Annotated[
         str, Option(metavar="ADDRESS", help="where the page is served; 0.0.0.0 for everybody")
@@ -100,14 +94,11 @@ def explore(
     from blurnoise_eval.explorer.server import serve
 
     catalogue.subject(state)
-    serve(
-        catalogue,
-        state,
-        host=host,
-        port=port,
-        browser=browser,
-        say=lambda url: say(f"explorer: {url}  (Ctrl-C ends it)"),
-    )
+
+    def started(url: str) -> None:
+        say(f"explorer: {url}  (Ctrl-C ends it)")
+
+    serve(catalogue, state, host=host, port=port, browser=browser, say=started)
 
 
 def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> None:

@@ -63,16 +63,18 @@ def models(plan: PlanFile) -> list[Model]:
     """
     from blurnoise_models.detector import STOP_SIGN
 
+    from blurnoise_eval.detectors.ocr import rapidocr_models
     from blurnoise_eval.detectors.opening import open_models
 
     paths = [_place("model", text) for text in plan.model] or [STOP_SIGN]
     finder = _place("text-detector", plan.text_detector)
-    packaged = [path for path in map(str, paths) if path in ("ppocr", "ppocr-find")]
-    if packaged:
+    if packaged := [path for path in map(str, paths) if path in ("ppocr", "ppocr-find")]:
         if len(paths) > 1 or finder:
             raise ValueError(f"model: {packaged[0]} stands alone, with its own text detector")
-        found, recogniser = _packaged()
-        paths, finder = [recogniser], found if packaged[0] == "ppocr-find" else None
+        found = rapidocr_models()
+        if found is None:
+            raise ValueError("model = 'ppocr': needs the package rapidocr: pip install --no-deps rapidocr")
+        paths, finder = [found[1]], found[0] if packaged[0] == "ppocr-find" else None
     further: Any = {"dictionary": _place("dictionary", plan.dictionary), "text_detector": finder}
     return list(open_models(paths, plan.contract or [None], **further, timeout_s=plan.model_timeout_s))
 
@@ -85,23 +87,6 @@ def _place(name: str, text: str | None) -> Any:
         return None if text is None else location(text)
     except ValueError as error:
         raise ValueError(f"{name} = {error}") from None
-
-
-def _packaged() -> tuple[Path, Path]:
-    """Text detector and recogniser of the package rapidocr."""
-    from blurnoise_eval.detectors.ocr import rapidocr_models
-
-    found = rapidocr_models()
-    if found is None:
-        raise ValueError("model = 'ppocr': needs the package rapidocr: pip install --no-deps rapidocr")
-    return found
-
-
-def read(models: Sequence[Model]) -> bool:
-    """Whether these read text."""
-    from blurnoise_eval.detectors.detector import Detector
-
-    return not isinstance(models[0], Detector)
 
 
 def kind_of(labels: Location) -> Labels:
@@ -143,18 +128,15 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
         raise ValueError(
             "labels: text recognisers take PP-OCR's labels, which say what is to be read, or --images alone"
         )
-    largest: Any = {"max_megapixels": plan.max_megapixels}
-    chosen: Any = {"images": images, "labels": plan.target, "keep_empty": plan.keep_empty, **largest}
-    if kind == "coco":
-        found = datasets.coco(labels, **chosen)
-    elif kind == "yolo":
-        found = datasets.yolo(labels, split=plan.split, **chosen)
-    elif kind == "bdd":
-        found = datasets.bdd(labels, **chosen)
-    elif kind == "text":
-        found = datasets.texts(labels, images=images, **largest)
+    most = plan.max_megapixels
+    if kind == "text":
+        found = datasets.texts(labels, images=images, max_megapixels=most)
+    elif kind is not None:
+        chosen: Any = {"images": images, "labels": plan.target, "keep_empty": plan.keep_empty}
+        chosen |= {"split": plan.split} if kind == "yolo" else {}
+        found = getattr(datasets, kind)(labels, max_megapixels=most, **chosen)
     elif images:
-        found = datasets.image_folder(images, **largest)
+        found = datasets.image_folder(images, max_megapixels=most)
     else:
         found = datasets.rendered_texts() if reads else datasets.rendered_signs()
     for note in found.notes:
@@ -164,8 +146,10 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
 
 def subject(plan: PlanFile) -> tuple[list[Model], PictureSet]:
     """Models and pictures of a plan."""
+    from blurnoise_eval.detectors.detector import Detector
+
     opened = models(plan)
-    return opened, pictures(plan, reads=read(opened))
+    return opened, pictures(plan, reads=not isinstance(opened[0], Detector))
 
 
 def command() -> str:

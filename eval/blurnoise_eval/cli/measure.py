@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json, Region, new_file, region
+from blurnoise_eval.cli._options import (
+    BlackLevel,
+    FullScale,
+    Json,
+    Linear,
+    Region,
+    Srgb,
+    new_file,
+    region,
+)
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
@@ -34,14 +41,10 @@ def measure(
         Literal["exact", "iso"],
         Option(help="exact: a spline through every pixel; iso: the steps of ISO 12233, with their errors"),
     ] = "exact",
-    linear: Annotated[
-        bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")
-    ] = False,
-    srgb: Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")] = False,
-    black_level: Annotated[float | None, Option(metavar="DN", help="of no light (default: 0)")] = None,
-    full_scale: Annotated[
-        float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
-    ] = None,
+    linear: Linear = False,
+    srgb: Srgb = False,
+    black_level: BlackLevel = None,
+    full_scale: FullScale = None,
     oecf: Annotated[
         Path | None,
         Option(
@@ -86,6 +89,7 @@ def measure(
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import picture as measuring
     from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
+    from blurnoise_eval.system.tables import csv_lines
 
     if plot:
         plot_suffix(plot)  # before anything is measured
@@ -102,32 +106,18 @@ def measure(
     notes = [*light.notes, *passed]
     rows = [region.row() for region in measured]
     if table:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        write_whole(table, text.getvalue().encode())
+        write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
     if plot:
         from blurnoise_eval.quality.figures import draw_regions
 
         write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
-        facts = {
-            "image": str(image),
-            "mode": mode,
-            "unit": light.unit,
-            "target": {"size_px": target.size_px, "contrast": target.contrast},
-            "notes": notes,
-            "regions": rows,
-        }
-        say_json(facts)
+        facts = {"image": str(image), "mode": mode, "unit": light.unit, "target": vars(target)}
+        say_json({**facts, "notes": notes, "regions": rows})
         return
     _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
-    for note in notes:
-        say(note, error=True)
-    for path in (table, plot):
-        if path:
-            say(path)
+    say(*notes, error=True)
+    say(*filter(None, (table, plot)))
 
 
 def _print(measured: list[Measured], target: str) -> None:

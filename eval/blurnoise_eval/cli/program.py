@@ -46,7 +46,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    least_us = given.least_exposure_us
     limits = Limits(
         frame_rate_hz=given.fps,
         readout_s=given.readout_ms / 1e3,
@@ -54,7 +53,9 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         led=given.led,
         gain_max_db=given.most_gain_db,
         row_time_s=given.line_time_us / 1e6,
-        least_exposure_s=PREGIUS_LEAST_S if least_us is None else least_us / 1e6,
+        least_exposure_s=PREGIUS_LEAST_S
+        if given.least_exposure_us is None
+        else given.least_exposure_us / 1e6,
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
@@ -62,15 +63,13 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
             store, criterion_of(store, given.threshold, given.keep, given.score), given.cluster, given.model
         )
         camera = inputs.metering.camera
-        if least_us is None:
+        if given.least_exposure_us is None:
             limits = replace(limits, least_exposure_s=camera.row_time_s or PREGIUS_LEAST_S)
         asked = inputs.scenario
         scenario = Scenario(
             lights_lux=asked.lights_lux if given.lux is None else half_stops(*bounds(given.lux)),
             speeds_px_s=asked.speeds_px_s if given.speeds is None else speed_shares(given.speeds),
-            targets=asked.targets
-            if given.targets is None
-            else target_shares(given.targets, [*inputs.planes]),
+            targets=target_shares(given.targets, [*inputs.planes]) if given.targets else asked.targets,
             objective=given.objective,
             tail=given.tail,
         )

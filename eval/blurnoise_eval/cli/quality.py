@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-from typer import Option
-
 from blurnoise_eval.cli import given as given_by
-from blurnoise_eval.cli._options import Json, new_folder, settings
+from blurnoise_eval.cli._options import Json, NewFolder, settings
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
@@ -25,9 +20,7 @@ USUAL = {
 def quality(
     *,
     given: PlanFile,
-    output: Annotated[
-        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")
-    ],
+    output: NewFolder,
     as_json: Json = False,
 ) -> None:
     """What exposure, light and motion do to a camera's picture, in numbers: on simulated charts MTF50, edge SNR,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
 from itertools import islice
 from pathlib import Path
@@ -60,15 +60,12 @@ def report(
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
         if coco:
-            say(
-                f"{_write_coco(done)} files in {done.output / 'coco'}, each beside its instances.json",
-                error=True,
-            )
-        tell(done, as_json=as_json, first=done.how())
+            _write_coco(done)
+        tell(done, as_json=as_json)
 
 
-def _write_coco(done: Evaluation) -> int:
-    """Write what the models found as COCO; how many files that are."""
+def _write_coco(done: Evaluation) -> None:
+    """Write what the models found as COCO."""
     from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
@@ -78,18 +75,13 @@ def _write_coco(done: Evaluation) -> int:
     with Store(done.folder, shared=True) as store:
         steps = store.count_different(*CONDITIONS, "model", "repeat")
         with ProgressBar("write", steps) as advance:
-            return len(write_detections(store, done.output / "coco", advance))
+            written = write_detections(store, done.output / "coco", advance)
+    say(f"{len(written)} files in {done.output / 'coco'}, each beside its instances.json", error=True)
 
 
-def tell(
-    done: Evaluation,
-    *,
-    as_json: bool,
-    first: Sequence[str] = (),
-    last: str | None = None,
-) -> None:
-    """Write a run's tables, figures and page; the answer in the terminal, with the lines ``first`` after it and
-    ``last`` before the page's path."""
+def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:
+    """Write a run's tables, figures and page; the answer in the terminal, ``last`` before the page's path."""
+    from blurnoise_eval.deciding.decision import Decision
     from blurnoise_eval.report.findings import alarms
     from blurnoise_eval.report.words import counted
 
@@ -104,7 +96,7 @@ def tell(
     for name, labels in done.summary["targets_found"].items():
         say_wrapped(f"{name}: {_found_text(labels)}", hanging=2)
     print_opening(done.data)
-    for line in first:
+    for line in done.how() if isinstance(done, Decision) else ():
         say_wrapped(line)
     for each in done.summary["withheld"]:
         say_wrapped(

@@ -9,8 +9,9 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, PictureWritten, settings
-from blurnoise_eval.cli.console import print_camera, print_facts, print_stages
+from blurnoise_eval.cli.console import print_facts, print_stages
 from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.system.terminal import say_wrapped
 
 
 @settings(
@@ -38,7 +39,7 @@ def simulate(
       blurnoise simulate photo.jpg -o seen.png --trajectory shake:12
       blurnoise simulate road.jpg -o seen.png --ego-kmh 80 --explain
       blurnoise simulate car.jpg -o seen.png --object 300,120,64,64 --moves targets --dx 1500
-      blurnoise simulate --save-scene scene.yaml       lamps, road speeds, a vehicle, and all the rest
+      blurnoise simulate --save-scene scene.yaml       lamps, a plate, a vehicle, and all the rest
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
     photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
@@ -48,10 +49,10 @@ def simulate(
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.simulation.light import light
     from blurnoise_eval.simulation.taking import take
-    from blurnoise_eval.sweep.default_camera import is_grey_light
+    from blurnoise_eval.sweep.default_camera import camera_text, is_grey_light
 
     given.at()
-    scene = light(image, given.encoding, given.grey_anchor, given.emitters)
+    scene = light(image, given)
     colour = not is_grey_light(scene)
     taken = take(given, given_by.camera(given.camera, given.cfa, colour=colour), scene)
     for place, picture in enumerate(taken.pictures, 1):
@@ -61,6 +62,7 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
     print_facts(facts, as_json)
-    print_camera(taken.camera, colour=colour)
+    if about := camera_text(taken.camera, colour=colour):
+        say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:
         print_stages(taken.plan, given.fidelity)

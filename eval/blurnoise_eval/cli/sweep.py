@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 from blurnoise_eval.cli import given as given_by
-from blurnoise_eval.cli._options import Json, RunWritten, settings
+from blurnoise_eval.cli._options import Json, Location, RunWritten, settings
 from blurnoise_eval.cli.report import tell
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.terminal import say
+
+if TYPE_CHECKING:
+    from blurnoise_eval.evaluation import Evaluation
 
 
 @settings(
@@ -30,17 +36,30 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
     from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.evaluation import evaluate
     from blurnoise_eval.grid.parts import Part
-    from blurnoise_eval.system.working_folder import written_run
 
     cluster_of("", given.cluster)
     if given.part is not None:
         Part.parse(given.part)
+    computed(evaluate, given, output, as_json, part=given.part, refine=given.refine)
+    if given.refine and given.part is not None:
+        say(
+            "ends of windows are not refined in a part: merge the parts, then sweep on in the merged run",
+            error=True,
+        )
+
+
+def computed(
+    compute: Callable[..., Evaluation], given: PlanFile, output: Location, as_json: bool, **further: Any
+) -> None:
+    """Compute what a plan says into a run, and print what it answers."""
+    from blurnoise_eval.system.working_folder import written_run
+
     workers = given.threads if given.address else given_by.threads(given.threads)
     models, pictures = given_by.subject(given)  # before a folder is made
     plan = given.sweep_plan()
     camera, of_camera = given_by.camera_of_run(given, models, pictures)
     with written_run(output) as folder:
-        done = evaluate(
+        done = compute(
             models,
             pictures,
             camera,
@@ -52,14 +71,8 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
             cluster=given.cluster,
             engine=given_by.engine(given, workers),
             threads=workers,
-            part=given.part,
-            refine=given.refine,
             progress=True,
             command=given_by.command(),
+            **further,
         )
         tell(done, as_json=as_json, last=of_camera)
-    if given.refine and given.part is not None:
-        say(
-            "ends of windows are not refined in a part: merge the parts, then sweep on in the merged run",
-            error=True,
-        )

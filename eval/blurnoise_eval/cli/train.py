@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 from typer import Option
 
 from blurnoise_eval.cli import given
-from blurnoise_eval.cli._options import Json, Threads, new_folder
+from blurnoise_eval.cli._options import Json, NewFolder, Threads
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
 
 
 def train(
     *,
-    output: Annotated[
-        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")
-    ],
+    output: NewFolder,
     arm: Annotated[
         Literal["none", "kornia", "exposure"],
         Option(help="what happens to the pictures: nothing; Kornia's motion blur and noise; RandomExposure"),

@@ -252,7 +252,6 @@ def blur_px(row: Mapping[str, Any]) -> float:
 
 BLUR = Coordinate("blur_px", "Motion blur", "px", blur_px, lambda value: f"blur {value:.3g} px", True)
 SPEED = Coordinate("speed_px_s", "Speed", "px/s", speed_px_s, lambda value: f"{value:g} px/s")
-DERIVED: tuple[Coordinate, ...] = (BLUR, SPEED)
 
 
 def velocity_text(velocity_px_s: tuple[float, float]) -> str:

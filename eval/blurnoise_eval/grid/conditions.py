@@ -148,30 +148,22 @@ class Conditions(Mapping[str, float | None]):
             if value is None:
                 continue
             place, _, part = each.into.partition(".")
-            if each.automatic and value == AUTOMATIC:
-                value = automatic[each.name]
+            value = automatic[each.name] if each.automatic and value == AUTOMATIC else value
             if each.choices:
                 fields[place] = each.choices[int(value)]
             elif place == "camera":
                 lens[part] = value
-            elif part:
-                fields[place] = (*fields.get(place, ()), value)  # components stand in order in AXES
-            else:
-                fields[place] = value
+            else:  # components stand in order in AXES
+                fields[place] = (*fields.get(place, ()), value) if part else value
         return Exposure(with_lens(camera, **lens), **fields, seed=seed, vehicle=vehicle or USUAL_VEHICLE)
 
 
+@lru_cache(maxsize=256)
 def with_lens(camera: Camera, **figures: float) -> Camera:
     """The camera with other figures of its lens; a stated ``f_number`` brings diffraction, not light alone."""
-    return _with_lens(camera, tuple(figures.items())) if figures else camera
-
-
-@lru_cache(maxsize=256)
-def _with_lens(camera: Camera, figures: tuple[tuple[str, float], ...]) -> Camera:
-    changed = dict(figures)
-    if "f_number" in changed and camera.diffraction_wavelength_um == 0:
-        changed["diffraction_wavelength_um"] = DIFFRACTION_UM
-    return replace(camera, **changed)  # type: ignore[arg-type]
+    if "f_number" in figures and camera.diffraction_wavelength_um == 0:
+        figures["diffraction_wavelength_um"] = DIFFRACTION_UM
+    return replace(camera, **figures) if figures else camera  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -182,6 +174,7 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (``blurnoise.scene.metering``); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
     value, or one that is not allowed on its axis.
+
     auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
     what moves where not all of a picture does, and the boxes that are the truth.
     trajectory: what pictures do beside their velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each
@@ -202,14 +195,11 @@ class SweepPlan:
     only: tuple[Conditions, ...] = ()
 
     def __post_init__(self) -> None:
-        if isinstance(self.ego, Mapping):
-            object.__setattr__(self, "ego", Vehicle(**self.ego))
+        for name, kind in (("ego", Vehicle), ("auto_exposure", AutoExposure), ("objects", Objects)):
+            if isinstance(value := getattr(self, name), Mapping):  # as :meth:`to_dict` has it
+                object.__setattr__(self, name, kind(**value))
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
-        if isinstance(self.auto_exposure, Mapping):  # as :meth:`to_dict` has it
-            object.__setattr__(self, "auto_exposure", AutoExposure(**self.auto_exposure))
-        if isinstance(self.objects, Mapping):
-            object.__setattr__(self, "objects", Objects(**self.objects))
         if self.trajectory is not None and self.objects.boxes == "half":
             raise ValueError("boxes = 'half': of straight motion; along a trajectory must be object or swept")
         if self.grey_anchor is not None:
@@ -229,25 +219,17 @@ class SweepPlan:
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
-        self._check_ego()
         for name in VELOCITY:  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
-
-    def _check_ego(self) -> None:
-        """Raise ``ValueError`` for what the camera's own drive does not go with; the usual vehicle drives if none is
-        stated."""
-        speeds = self.values(EGO.name)
-        if not speeds:
+        if not self.values(EGO.name):
             if self.ego is not None:
                 raise ValueError(f"ego: goes with {EGO.name}, at which it drives")
             return
-        if self.ego is None:
-            object.__setattr__(self, "ego", USUAL_VEHICLE)
-        others = {name: any(self.values(name)) for name in (*VELOCITY, MOVES.name)}
-        if stated := [name for name, given in others.items() if given]:
+        object.__setattr__(self, "ego", self.ego or USUAL_VEHICLE)
+        if others := [name for name in (*VELOCITY, MOVES.name) if any(self.values(name))]:
             raise ValueError(
-                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(stated)}"
+                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(others)}"
             )
 
     @property
@@ -275,7 +257,7 @@ class SweepPlan:
         """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
         combined = product(*(self.values(name) for name in self.grid))
         grid = self.only or [Conditions(**dict(zip(self.grid, values, strict=True))) for values in combined]
-        return sorted(grid, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
+        return by_blur(grid)
 
     def example_conditions(self) -> set[Conditions]:
         """A few conditions whose pictures are kept: exposures and speeds from end to end, the rest in the middle.
@@ -300,21 +282,25 @@ class SweepPlan:
         return {Conditions(**at) for at in chosen}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; no grey anchor, trajectory or vehicle where there is none, as in runs from before
-        there was any, no auto-exposure where it sets nothing, nothing of objects that is usual. Of a trajectory it is
-        its identity."""
-        values = {**asdict(replace(self, only=())), "objects": self.objects.to_dict()}
-        del values["only"]
-        if not values["objects"]:
-            del values["objects"]
-        if not any(AUTOMATIC in self.values(name) for name in NAMES):
-            del values["auto_exposure"]
-        if self.grey_anchor is None:
-            del values["grey_anchor"]
-        if self.ego is None:
-            del values["ego"]
-        del values["trajectory"]
+        """Plain values for JSON, of what is not as usual; of a trajectory it is its identity."""
+        values = {"grid": dict(self.grid), "examples": self.examples}
+        values |= shared_values(self, any(AUTOMATIC in self.values(name) for name in NAMES))
+        values |= {} if self.ego is None else {"ego": asdict(self.ego)}
         return values | ({"trajectory": self.path[0].identity} if self.path else {})
+
+
+def by_blur(conditions: Iterable[Conditions]) -> list[Conditions]:
+    """Those that share a blur next to each other, in them those of one exposure."""
+    return sorted(conditions, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
+
+
+def shared_values(plan: Any, automatic: bool) -> dict[str, Any]:
+    """What grids and chosen conditions have in common, as plain values; automatic: the camera sets something."""
+    values: dict[str, Any] = {"repeats": plan.repeats, "seed": plan.seed}
+    values |= {} if plan.grey_anchor is None else {"grey_anchor": plan.grey_anchor}
+    values |= {"auto_exposure": asdict(plan.auto_exposure)} if automatic else {}
+    objects = plan.objects.to_dict()
+    return values | ({"objects": objects} if objects else {})
 
 
 @dataclass(frozen=True)

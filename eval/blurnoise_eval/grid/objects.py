@@ -1,7 +1,7 @@
 """Objects of a plan: how what moves for itself is told from the rest of a picture, how fast it is, where it counts.
 
 Convention: of speeds, multiples of the velocity on the axes ``--dx`` and ``--dy``; of what crosses the view at a road
-speed, km/h, to the right. Boxes are (x0, y0, x1, y1) px from the picture's corner.
+speed, km/h, to the right. Boxes are (x0, y0, x1, y1), px.
 """
 
 from __future__ import annotations
@@ -11,10 +11,7 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from blurnoise._core.checks import LIMITS, in_range, limited, one_of
-from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, range_of_depth_m
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
 
@@ -25,65 +22,36 @@ _FASTEST, _FASTEST_KMH = 100.0, 360.0
 
 @dataclass(frozen=True)
 class Crossing:
-    """What crosses the view to the right at kmh, and how that is told in px.
-
-    width_m: the object's, which is as wide as its box; else away_m: its depth along the optical axis, its middle as a
-    point there, through a lens of hfov_deg (None: the camera's own) of the kind ``lens`` (None: as a vehicle). Raises
-    ``ValueError`` unless it is one of the two.
-    """
+    """What crosses the view to the right at kmh; it is width_m wide and as wide as its box."""
 
     kmh: float
-    width_m: float | None = None
-    away_m: float | None = None
-    hfov_deg: float | None = None
-    lens: Lens | None = None
+    width_m: float
 
     def __post_init__(self) -> None:
         in_range("kmh", self.kmh, -_FASTEST_KMH, _FASTEST_KMH)
-        if self.width_m is not None and self.away_m is None:
-            if self.hfov_deg is not None or self.lens is not None:
-                raise ValueError("hfov_deg, lens: go with away_m; width_m needs neither")
-            limited("width_m", self.width_m, "target_width_m")
-            return
-        if self.away_m is None or self.width_m is not None:
-            raise ValueError("kmh: needs away_m, how far it is, or width_m, how wide")
-        limited("away_m", self.away_m, "depth_m")
-        _ = self._vehicle  # whose lens has limits
-
-    @property
-    def _vehicle(self) -> Vehicle:
-        return Vehicle(hfov_deg=self.hfov_deg, lens=self.lens)
+        limited("width_m", self.width_m, "target_width_m")
 
     def velocity_px_s(
         self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
     ) -> tuple[float, float]:
         """Of an object in that box of a picture (H, W), x right and y down. Raises ``ValueError`` beyond limits."""
-        x, y = self._velocity_px_s(box_xyxy, camera, size)
+        left, _, right, _ = box_xyxy
+        velocity = self.kmh / 3.6 * (right - left) / self.width_m
         most = LIMITS["velocity_px_s"].high
-        if not max(abs(x), abs(y)) <= most:
-            raise ValueError(f"kmh = {self}: {max(abs(x), abs(y)):g} px/s, must be <= {most:g} px/s")
-        return x, y
+        if not abs(velocity) <= most:
+            raise ValueError(f"kmh = {self}: {abs(velocity):g} px/s, must be <= {most:g} px/s")
+        return velocity, 0.0
 
     def __str__(self) -> str:
-        far = ("away_m", self.away_m) if self.width_m is None else ("width_m", self.width_m)
-        return f"{self.kmh:g} with {far[0]} = {far[1]:g}"
-
-    def _velocity_px_s(
-        self, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
-    ) -> tuple[float, float]:
-        x0, y0, x1, y1 = box_xyxy
-        speed_m_s = self.kmh / 3.6
-        if self.width_m is not None:
-            return speed_m_s * (x1 - x0) / self.width_m, 0.0
-        view = self._vehicle.view(camera, size)
-        middle = np.array([(x0 + x1) / 2 - 0.5, (y0 + y1) / 2 - 0.5])
-        away_m = range_of_depth_m(view.rays(middle), float(self.away_m or 0))
-        x, y = view.flow_px_s(middle, away_m, EgoMotion((-speed_m_s, 0.0, 0.0))).tolist()
-        return x, y
+        return f"{self.kmh:g} with width_m = {self.width_m:g}"
 
 
-def _crossing(label: str, stated: Mapping[str, Any]) -> Crossing:
+def _crossing(label: str, stated: Mapping[str, Any] | Crossing) -> Crossing:
     """Of a mapping. Raises ``ValueError`` naming the class."""
+    if isinstance(stated, Crossing):
+        return stated
+    if not isinstance(stated, Mapping) or set(stated) != {"kmh", "width_m"}:
+        raise ValueError(f"crossings: {label}: must be {{kmh: ..., width_m: ...}}")
     try:
         return Crossing(**stated)
     except (TypeError, ValueError) as error:
@@ -113,18 +81,14 @@ class Objects:
     def __post_init__(self) -> None:
         one_of("mattes", self.mattes, MATTES)
         one_of("boxes", self.boxes, BOXES)
-        given = self.speeds.items() if isinstance(self.speeds, Mapping) else self.speeds
-        checked = {
-            str(label): in_range(f"speeds: {label}", speed, -_FASTEST, _FASTEST) for label, speed in given
+        speeds = {
+            str(label): in_range(f"speeds: {label}", speed, -_FASTEST, _FASTEST)
+            for label, speed in dict(self.speeds).items()
         }
-        object.__setattr__(self, "speeds", tuple(sorted(checked.items())))
-        stated = self.crossings.items() if isinstance(self.crossings, Mapping) else self.crossings
-        crossings = {
-            str(label): each if isinstance(each, Crossing) else _crossing(str(label), each)
-            for label, each in stated
-        }
-        object.__setattr__(self, "crossings", tuple(sorted(crossings.items(), key=lambda each: each[0])))
-        for label in checked.keys() & crossings:
+        crossings = {str(label): _crossing(label, each) for label, each in dict(self.crossings).items()}
+        object.__setattr__(self, "speeds", tuple(sorted(speeds.items())))
+        object.__setattr__(self, "crossings", tuple(sorted(crossings.items())))
+        for label in speeds.keys() & crossings:
             raise ValueError(f"speeds: {label}: is one of crossings, too; must be one of them")
 
     def check_used(self, cuts: bool) -> None:
@@ -142,10 +106,7 @@ class Objects:
     def own_px_s(
         self, label: str, box_xyxy: Iterable[float], camera: Camera, size: tuple[int, int]
     ) -> tuple[float, float]:
-        """Velocity (x, y), px/s, of what is of a class that crosses, in that box of a picture (H, W); else 0.
-
-        Raises ``ValueError`` naming the class where that is beyond the limit.
-        """
+        """Velocity (x, y), px/s, of what is of a class that crosses, in that box of a picture (H, W); else 0."""
         crossing = self.by_class.get(label)
         try:
             return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy, camera, size)

@@ -26,11 +26,6 @@ class Part:
         return f"{self.number}/{self.count}"
 
     def has(self, picture: str) -> bool:
-        """Whether a picture of this name belongs to it."""
-        return place_of(picture, self.count) == self.number - 1
-
-
-def place_of(picture: str, parts: int) -> int:
-    """The part, from 0 on, that the hash of a picture's name puts it in."""
-    digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
-    return int.from_bytes(digest, "little") % parts
+        """Whether a picture of this name belongs to it, by the name's hash."""
+        digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+        return int.from_bytes(digest, "little") % self.count == self.number - 1

@@ -36,7 +36,36 @@ def with_axes(usual: Mapping[str, str] | None = None, metavar: str = "LIST", pan
 
 
 @dataclass(frozen=True)
-class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of the table
+class Enough(Settings):
+    """What is enough: of a sweep, and of an exposure program."""
+
+    keep: float | None = setting(
+        None,
+        "of what the same model reaches on the original pictures (default on pictures of your own: 0.9)",
+        "SHARE",
+        panel=ENOUGH,
+    )
+    threshold: float | None = setting(
+        None, "in place of keep: of the score itself (default on rendered pictures: 0.6)", "C", panel=ENOUGH
+    )
+    score: str | None = setting(
+        None,
+        "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per original picture), ap50, ap, or of "
+        "text exact_match (default: target_confidence, of texts of your own exact_match)",
+        "NAME",
+        panel=ENOUGH,
+        complete="scores",
+    )
+    cluster: str | None = setting(
+        None,
+        "pictures in whose names this regular expression finds the same count as one, such as frames of a drive "
+        "(default: each picture for itself)",
+        "REGEX",
+    )
+
+
+@dataclass(frozen=True)
+class PlanFile(with_axes(), Enough):  # type: ignore[misc]  # its fields are those of the table
     """A sweep: what runs, under which conditions, what is enough, who computes."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
@@ -113,29 +142,6 @@ class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of th
     )
     repeats: int | None = setting(None, "noise fields per picture (default: 1; of charts 2)")
     seed: int = setting(0, "of the noise, and of the order in which decide takes pictures")
-    keep: float | None = setting(
-        None,
-        "of what the same model reaches on the untouched pictures (default on pictures of your own: 0.9)",
-        "SHARE",
-        panel=ENOUGH,
-    )
-    threshold: float | None = setting(
-        None, "in place of keep: of the score itself (default on rendered pictures: 0.6)", "C", panel=ENOUGH
-    )
-    score: str | None = setting(
-        None,
-        "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per untouched picture), ap50, ap, or of "
-        "text exact_match (default: target_confidence, of texts of your own exact_match)",
-        "NAME",
-        panel=ENOUGH,
-        complete="scores",
-    )
-    cluster: str | None = setting(
-        None,
-        "pictures in whose names this regular expression finds the same count as one, such as frames of a drive "
-        "(default: each picture for itself)",
-        "REGEX",
-    )
     refine: bool = setting(
         True, "compute more exposures about ends of windows and the exposure to use; a part refines nothing"
     )
@@ -175,17 +181,12 @@ class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of th
         replaced = {name for each, values in stated.items() if values is not None for name in each.without}
         grid = {}
         for each, values in stated.items():
+            values = usual.get(each.key) if values is None else values
             if values is not None:
                 grid[each.name] = each.values(values)
-            elif each.key in usual:
-                grid[each.name] = each.values(usual[each.key])
             elif each.default and each.name not in replaced:
                 grid[each.name] = each.default
         return grid
-
-    def noise_fields(self, usual: int = 1) -> int:
-        """How many per picture."""
-        return usual if self.repeats is None else self.repeats
 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
         """What is computed; usual: values, and repeats, where none are stated."""
@@ -194,7 +195,7 @@ class PlanFile(with_axes()):  # type: ignore[misc]  # its fields are those of th
         records: Any = {"objects": self.objects, "auto_exposure": self.auto_exposure, "ego": self.vehicle}
         return SweepPlan(
             self.grid(usual),
-            repeats=self.noise_fields(repeats),
+            repeats=repeats if self.repeats is None else self.repeats,
             seed=self.seed,
             grey_anchor=self.grey_anchor,
             trajectory=self.trajectory,

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from blurnoise_eval.grid.plan_file import ENOUGH
-from blurnoise_eval.grid.settings import Settings, setting
+from blurnoise_eval.grid.plan_file import Enough
+from blurnoise_eval.grid.settings import setting
 from blurnoise_eval.grid.values import bounds
 
 WHAT, LIMITS = "What it is for", "Limits"
 
 
 @dataclass(frozen=True)
-class ProgramFile(Settings):
+class ProgramFile(Enough):
     """An exposure program: what it is for, what is enough, and the camera's limits."""
 
     KIND: ClassVar[str] = "exposure program (blurnoise program --plan FILE)"
@@ -42,17 +42,6 @@ class ProgramFile(Settings):
         panel=WHAT,
     )
     tail: float = setting(0.2, "share of the cases, for the objective tail")
-    keep: float | None = setting(
-        None,
-        "of what the same model reaches on the untouched pictures (default on pictures of your own: 0.9)",
-        "SHARE",
-        panel=ENOUGH,
-    )
-    threshold: float | None = setting(
-        None, "in place of keep: of the score itself (default on rendered pictures: 0.6)"
-    )
-    score: str | None = setting(None, "as of 'blurnoise sweep'", "NAME", panel=ENOUGH, complete="scores")
-    cluster: str | None = setting(None, "a regular expression, as in a plan of a sweep")
     fps: float = setting(
         30.0, "frames a second: an exposure ends before the next frame (default: 30)", "N", panel=LIMITS
     )

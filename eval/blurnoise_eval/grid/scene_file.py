@@ -50,9 +50,6 @@ class SceneFile(with_axes(usual=USUAL, metavar="NUMBER", panel="Conditions, a nu
     )
     object_dx: float = setting(0.0, "motion of the object to the right, px/s; dx is the rest's")
     object_dy: float = setting(0.0, "motion of the object down, px/s")
-    object_kmh: float | None = setting(None, "... or as fast as it crosses the view to the right")
-    object_m: float | None = setting(None, "how far the object is, with vehicle's hfov_deg and lens")
-    object_width_m: float | None = setting(None, "or how wide the object is, whatever the lens")
     plate: str | None = setting(
         None, "a picture of the scene without the object (default: invented from around it)"
     )

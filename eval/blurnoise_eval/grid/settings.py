@@ -71,7 +71,8 @@ class Settings:
         """As YAML, a comment above each field; what has no value stands as a comment, too."""
         lines = [f"# {self.KIND}: what is left out is as here; an option on the command line overrides it."]
         for each in fields(self):
-            lines += ["", *_comment(each.metadata["about"]), _entry(each.name, getattr(self, each.name))]
+            about = textwrap.wrap(each.metadata["about"], 98, break_on_hyphens=False)
+            lines += ["", *(f"# {line}" for line in about), _entry(each.name, getattr(self, each.name))]
         return "\n".join([*lines, ""])
 
     def save(self, path: Path) -> None:
@@ -87,10 +88,6 @@ def check_names(stated: Mapping[Any, object], known: Mapping[str, object]) -> No
         if name not in known:
             near = get_close_matches(str(name), known) or known
             raise ValueError(f"{name}: no such setting; must be one of {', '.join(near)}")
-
-
-def _comment(text: str) -> list[str]:
-    return textwrap.wrap(text, 100, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
 
 
 def _entry(name: str, value: object) -> str:
@@ -118,16 +115,13 @@ def _checked(kind: Any, stated: Mapping[str, object]) -> dict[str, Any]:
     try:
         found = _model(kind).model_validate(dict(stated))
     except ValidationError as error:
-        raise ValueError(_fault(error.errors(include_url=False)[0])) from None
+        fault = error.errors(include_url=False)[0]
+        name, text = str(fault["loc"][0]), fault["msg"].removeprefix("Value error, ")
+        text = text.replace("Input should", "must")
+        if fault["type"] == "value_error" and not text.startswith("must"):
+            raise ValueError(f"{name}.{text}") from None  # of a record, which names its field
+        raise ValueError(f"{name} = {fault['input']!r}: {text}") from None
     return {name: getattr(found, name) for name in stated}
-
-
-def _fault(fault: Mapping[str, Any]) -> str:
-    name = str(fault["loc"][0])
-    own = str(fault["ctx"]["error"]) if fault["type"] == "value_error" else ""
-    if own and not own.startswith("must"):
-        return f"{name}.{own}"  # of a record, which names its field
-    return f"{name} = {fault['input']!r}: {own or fault['msg'].replace('Input should', 'must')}"
 
 
 @lru_cache

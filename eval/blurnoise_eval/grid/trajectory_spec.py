@@ -36,8 +36,7 @@ class TrajectorySpec:
     @classmethod
     def parse(cls, text: str) -> TrajectorySpec:
         """Of an option's text; a file is read now. Raises ``ValueError`` or ``OSError``."""
-        kind, colon, _ = text.partition(":")
-        if colon and kind in _KINDS:
+        if text.partition(":")[0] in _KINDS:
             return cls(text)
         if not text or Path(text).is_dir():
             raise ValueError(f"trajectory = {shown(text)}: {_FORMS}")
@@ -54,11 +53,6 @@ class TrajectorySpec:
             return kind, [float(part) for part in numbers.split(",")]
         except ValueError:
             return kind, []
-
-    @property
-    def kind(self) -> str:
-        """What of: "file", "shake" or "sine"."""
-        return "file" if self.content is not None else self._parts[0]
 
     @property
     def identity(self) -> str:

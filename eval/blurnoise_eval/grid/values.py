@@ -17,13 +17,9 @@ class Range(NamedTuple):
     low: float
     high: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """As it is typed."""
         return f"{self.low:g}:{self.high:g}"
-
-    def __repr__(self) -> str:
-        """As it is typed, too: errors tell it."""
-        return str(self)
 
 
 def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:

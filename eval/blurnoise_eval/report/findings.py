@@ -125,8 +125,7 @@ def run_facts(data: RunData) -> dict[str, str]:
         facts["reflectance"] = reflectance(data)
     crossings = []
     for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).by_class.items():
-        size = f"{of.width_m:g} m wide" if of.width_m is not None else f"{of.away_m:g} m away"
-        crossings.append(f"{label} {of.kmh:g} km/h, {size}")
+        crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")
     if crossings:
         facts["crossings"] = f"{'; '.join(crossings)}; blur_px of such a target is its own"
     facts |= {

@@ -5,16 +5,12 @@ Light is linear, (1, C, H, W), 1 is white; times in s, motion in px/s, right and
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from blurnoise._core.checks import in_range, limited
-from blurnoise.blur.layers import Layer
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.optics.camera import Camera
@@ -24,28 +20,24 @@ from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
-from blurnoise_eval.grid.objects import Crossing
 from blurnoise_eval.grid.scene_file import SceneFile
 
-Encoding = Literal["srgb", "linear"]
 
-
-def light(
-    image: Path, encoding: Encoding, grey_anchor: str | None = None, emitters: str | None = None
-) -> Tensor:
-    """A picture's linear light (1, C, H, W), 1 is white; emitters: "mask.png:FACTOR", times which the masked is."""
-    scene = torch.from_numpy(decode_linear(image)) if encoding == "linear" else _shares(image)
+def light(image: Path, given: SceneFile) -> Tensor:
+    """A picture's linear light (1, C, H, W), 1 is white, as the file's encoding, grey anchor and emitters have it."""
+    linear = given.encoding == "linear"
+    scene = torch.from_numpy(decode_linear(image)) if linear else _shares(image)
     scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
-    scene = anchored(scene if encoding == "linear" else scene_reflectance(scene, "srgb"), grey_anchor)
-    if emitters is None:
+    scene = anchored(scene if linear else scene_reflectance(scene, "srgb"), given.grey_anchor)
+    if given.emitters is None:
         return scene
-    path, _, factor = emitters.rpartition(":")
+    path, _, factor = given.emitters.rpartition(":")
     try:
         times = float(factor)
     except ValueError:
         path = ""
     if not path:
-        raise ValueError(f"emitters = {emitters!r}: must be MASK.png:FACTOR")
+        raise ValueError(f"emitters = {given.emitters!r}: must be MASK.png:FACTOR")
     return scene * (1 + mask(Path(path), scene.shape) * (in_range("emitters: factor", times, 0.0, 1e6) - 1))
 
 
@@ -65,88 +57,57 @@ def mask(path: Path, size: tuple[int, ...]) -> Tensor:
     return shares
 
 
-def matte(where: str, size: tuple[int, int]) -> Matte:
-    """Of an object in a picture (H, W), "mask.png" or "x,y,width,height"."""
+def numbers(text: str) -> list[float]:
+    """Of "1,2.5"; none of another text."""
     try:
-        numbers = [float(part) for part in where.split(",")]
+        return [float(part) for part in text.split(",")]
     except ValueError:
-        numbers = []
-    if len(numbers) == 4:
-        x, y, width, height = numbers
-        found = segmentation.of_box(x, y, width, height, size)
-    elif numbers:
+        return []
+
+
+def _matte(where: str, size: tuple[int, int]) -> Matte:
+    """Of an object in a picture (H, W), "mask.png" or "x,y,width,height"."""
+    box = numbers(where)
+    if box and len(box) != 4:
         raise ValueError(f"object = {where!r}: must be MASK.png or X,Y,WIDTH,HEIGHT")
-    else:
-        found = mask(Path(where), size).numpy()
+    found: Matte = (
+        segmentation.of_box(box[0], box[1], box[2], box[3], size) if box else mask(Path(where), size).numpy()
+    )
     if not found.any():
         raise ValueError(f"object = {where!r}: covers nothing of the picture")
-    return np.asarray(found)
+    return found
 
 
 def moving_parts(
-    given: SceneFile, camera: Camera, scene: Tensor, velocity_px_s: tuple[float, float]
+    given: SceneFile, scene: Tensor, velocity_px_s: tuple[float, float]
 ) -> tuple[Cut | None, tuple[float, float]]:
     """What moves for itself, with its velocity, and that of the rest. Raises ``ValueError`` for what stands alone."""
-    own = (given.object_dx, given.object_dy)
+    own, still = (given.object_dx, given.object_dy), (0.0, 0.0)
+    stated = {"object_dx": own[0], "object_dy": own[1], "plate": given.plate, "moves": given.moving != "all"}
     if given.object is None:
-        stated = {
-            "object_dx": own[0],
-            "object_dy": own[1],
-            "plate": given.plate,
-            "object_kmh": given.object_kmh,
-        }
         if lone := [name for name, value in stated.items() if value]:
-            raise ValueError(f"{', '.join(lone)}: goes with object, which says what moves")
-        if given.moving != "all":
-            raise ValueError(f"moves = {given.moving!r}: goes with --object, which says what moves")
+            raise ValueError(f"{', '.join(lone)}: goes with --object, which says what moves")
         return None, velocity_px_s
     for name, px_s in zip(("object_dx", "object_dy"), own, strict=True):
         limited(name, px_s, "velocity_px_s")
     if given.moving != "all":
         if any(own):
             raise ValueError(
-                "object_dx, object_dy: go without moves, which gives dx and dy to the object or the rest"
+                "object_dx, object_dy: go without moves, which gives dx and dy to object or the rest"
             )
-        own, velocity_px_s = (
-            (velocity_px_s, (0.0, 0.0)) if given.moving == "targets" else ((0.0, 0.0), velocity_px_s)
-        )
+        own, velocity_px_s = (velocity_px_s, still) if given.moving == "targets" else (still, velocity_px_s)
     behind = None
     if given.plate is not None:
         if given.grey_anchor or given.emitters:
             raise ValueError(
-                "plate: goes with neither grey_anchor nor emitters, which change its picture's light alone"
+                "plate: goes with neither grey_anchor nor emitters, which change one picture's light"
             )
-        behind = light(Path(given.plate), given.encoding)
+        behind = light(Path(given.plate), given)
         if behind.shape != scene.shape:
             sizes = f"{tuple(behind.shape)}, {tuple(scene.shape)}"
             raise ValueError(f"{given.plate}: a plate is its picture's twin; they are {sizes}")
-    size = (scene.shape[-2], scene.shape[-1])
-    moving = cutting.cut_out(scene, [matte(given.object, size)], [own], behind)
-    return _crossing(given, camera, moving, own, size), velocity_px_s
-
-
-def _crossing(
-    given: SceneFile, camera: Camera, moving: Cut, own: tuple[float, float], size: tuple[int, int]
-) -> Cut:
-    """The object at its road speed, where one is stated: its matte is its box."""
-    crossing: Any = {"away_m": given.object_m, "width_m": given.object_width_m}
-    if given.object_kmh is None:
-        if any(value is not None for value in crossing.values()):
-            raise ValueError("object_m, object_width_m: go with object_kmh")
-        return moving
-    if any(own):
-        raise ValueError("object_kmh: goes without a motion of the object in px/s")
-    limited("velocity_m_s", given.object_kmh / 3.6)
-    lens: dict[str, Any] = {}
-    if given.vehicle and given.object_m is not None:
-        lens = {"hfov_deg": given.vehicle.hfov_deg, "lens": given.vehicle.lens}
-    layer: Layer
-    (layer,) = moving.layers
-    left, top = layer.place_px
-    high, wide = layer.alpha.shape
-    box = (left, top, left + wide, top + high)
-    velocity = Crossing(given.object_kmh, **crossing, **lens).velocity_px_s(box, camera, size)
-    return moving._replace(layers=(replace(layer, velocity_px_s=velocity),))
+    matte = _matte(given.object, (scene.shape[-2], scene.shape[-1]))
+    return cutting.cut_out(scene, [matte], [own], behind), velocity_px_s
 
 
 def flow(
@@ -158,7 +119,7 @@ def flow(
 ) -> Tensor | None:
     """What a camera sees that drives, px/s."""
     if ego_m_s is None:
-        if given.vehicle is not None and given.object_kmh is None:
+        if given.vehicle is not None:
             raise ValueError("vehicle: goes with ego_kmh, at which it drives")
         return None
     if any(velocity):
@@ -172,15 +133,12 @@ def flicker(given: SceneFile, scene: Tensor) -> Flicker | None:
         if given.pwm_mask is not None:
             raise ValueError("pwm_mask: goes with pwm, whose lamp it shows")
         return None
-    try:
-        numbers = [float(part) for part in given.pwm.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
+    figures = numbers(given.pwm)
+    if len(figures) not in (2, 3):
         raise ValueError(f"pwm = {given.pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
     try:
-        lamp = Pwm(*numbers)
+        lamp = Pwm(*figures)
     except ValueError as error:
         raise ValueError(f"pwm = {given.pwm!r}: {error}") from None
-    lamp = lamp if len(numbers) == 3 else lamp.with_phase_of(given.seed)
+    lamp = lamp if len(figures) == 3 else lamp.with_phase_of(given.seed)
     return Flicker(lamp, None if given.pwm_mask is None else mask(Path(given.pwm_mask), scene.shape))

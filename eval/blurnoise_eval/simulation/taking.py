@@ -1,30 +1,61 @@
-"""A picture is taken: the camera is set, the light exposed, the frames developed."""
+"""A picture is taken: the camera is set, the light exposed, the frames developed; the figures of what happened."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import Any
 
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import AutoExposure, ExposedScene
+from blurnoise import AutoExposure, ExposedScene, plan
 from blurnoise._core.checks import in_range, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.optics.camera import Camera, Capture, staggered
+from blurnoise.blur.layers import object_motion, seen_behind
+from blurnoise.light.conditions import middle_of
+from blurnoise.motion.trajectory import Trajectory
+from blurnoise.optics.camera import Camera, Capture, staggered, windows
+from blurnoise.optics.radiometry import filter_electrons, photoelectrons
 from blurnoise.optics.spectra import Curve, illuminant
 from blurnoise.picture.develop import develop_8bit, in_channels
-from blurnoise.scene.hdr import captured, developed, fuse
+from blurnoise.scene import hdr
+from blurnoise.scene.cutting import Cut
+from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.plan import Plan
 from blurnoise_eval.grid.axes import AXES, EGO
 from blurnoise_eval.grid.conditions import with_lens
+from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
 from blurnoise_eval.grid.scene_file import SceneFile
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.grid.values import AUTOMATIC
-from blurnoise_eval.simulation.figures import Shot, figures, plan_of
 from blurnoise_eval.simulation.light import flicker, flow, moving_parts
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How the camera is set, and what moves before it; flow_px_s: of each pixel, where a camera drives."""
+
+    camera: Camera
+    exposure_s: float
+    gain_db: float
+    digital_db: float
+    lux: float
+    temperature_c: float
+    illuminant: str | Curve
+    captures: tuple[Capture, ...]
+    lamp: Flicker | None
+    path: Trajectory | None
+    moving: Cut | None
+    velocity_px_s: tuple[float, float]
+    flow_px_s: Tensor | None
+
+    @property
+    def white_e(self) -> float:
+        """Electrons of white."""
+        return photoelectrons(self.camera, self.lux, self.exposure_s, self.illuminant)
 
 
 @dataclass(frozen=True)
@@ -48,7 +79,7 @@ def take(given: SceneFile, camera: Camera, scene: Tensor) -> Taken:
         tolerance_dn=given.tolerance_dn,
         layers=shot.moving.layers if shot.moving else (),
     )
-    frames = captured(
+    frames = hdr.captured(
         exposed,
         shot.camera,
         shot.captures,
@@ -60,21 +91,24 @@ def take(given: SceneFile, camera: Camera, scene: Tensor) -> Taken:
         generator=[given.seed],
         flicker=shot.lamp,
     )
-    outputs = _developed(given, shot, frames)
+    outputs = _developed(given, shot, frames, scene.shape[1])
     pictures = tuple(out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0) for out in outputs)
-    return Taken(pictures, figures(given, shot, frames), plan_of(given, shot), shot.camera)
+    size = (scene.shape[-2], scene.shape[-1])
+    found = _figures(shot, frames[0], size)
+    if given.grey_anchor is not None or given.emitters is not None or given.encoding == "linear":
+        found["above_white_percent"] = 100 * share_above_white(scene)
+    found["reflectance"] = reflectance_text(given.grey_anchor)
+    return Taken(pictures, found, _plan(given, shot, size), shot.camera)
 
 
 def _shot(given: SceneFile, camera: Camera, scene: Tensor) -> Shot:
     at, lit_by = given.at(), _illuminant(given.illuminant)
-    figures = {each.into.partition(".")[2]: at[each.name] for each in AXES
-               if each.into.startswith("camera.") and each.name in at}  # fmt: skip
-    stated = dict.fromkeys(figures, "given on the command line")
-    camera = replace(
-        with_lens(_rolling(given.line_time_us, camera), **figures), sources={**camera.sources, **stated}
-    )
+    lens = {each.into.partition(".")[2]: at[each.name] for each in AXES
+            if each.into.startswith("camera.") and each.name in at}  # fmt: skip
+    camera = with_lens(_rolling(given.line_time_us, camera), **lens)
+    camera = replace(camera, sources={**camera.sources, **dict.fromkeys(lens, "given on the command line")})
     velocity = (at["velocity_x_px_s"], at["velocity_y_px_s"])
-    moving, velocity = moving_parts(given, camera, scene, velocity)
+    moving, velocity = moving_parts(given, scene, velocity)
     at |= _exposure_of(given, camera, scene, lit_by, at)
     taker, digital_db = camera.at_gain(at["gain_db"])
     size = (scene.shape[-2], scene.shape[-1])
@@ -82,17 +116,19 @@ def _shot(given: SceneFile, camera: Camera, scene: Tensor) -> Shot:
     if given.trajectory is not None:
         path = TrajectorySpec.parse(given.trajectory).of(taker, size, at["exposure_s"], given.seed)
     return Shot(
-        scene,
-        taker,
-        at,
-        digital_db,
-        lit_by,
-        _captures(given.hdr, taker),
-        flicker(given, scene),
-        path,
-        moving,
-        velocity,
-        flow(given, taker, size, at.get(EGO.name), velocity),
+        camera=taker,
+        exposure_s=at["exposure_s"],
+        gain_db=at["gain_db"],
+        digital_db=digital_db,
+        lux=at["illuminance_lux"],
+        temperature_c=at["temperature_c"],
+        illuminant=lit_by,
+        captures=_captures(given.hdr, taker),
+        lamp=flicker(given, scene),
+        path=path,
+        moving=moving,
+        velocity_px_s=velocity,
+        flow_px_s=flow(given, taker, size, at.get(EGO.name), velocity),
     )
 
 
@@ -117,18 +153,96 @@ def _exposure_of(
     return {"exposure_s": exposure_s, "gain_db": gain_db}
 
 
-def _developed(given: SceneFile, shot: Shot, frames: list[Tensor]) -> list[NDArray[Any]]:
+def _developed(given: SceneFile, shot: Shot, frames: list[Tensor], channels: int) -> list[NDArray[Any]]:
     if given.bit_depth == "native":
         return [each.to(torch.int32).numpy().astype("uint16") for each in frames]
     if len(shot.captures) == 1:
         seen = develop_8bit(frames[0], shot.camera, shot.digital_db, shot.illuminant)
     else:
         white = in_range("hdr_white", given.hdr_white, 1e-6, 1e6)
-        shown_e = max(1e-9, shot.white_e * white / 10 ** (shot.digital_db / 20))
-        fused = fuse(frames, shot.camera, shot.captures)
-        picture = developed(fused, shot.camera, white_e=shown_e, illuminant=shot.illuminant)
+        white_e = max(1e-9, shot.white_e * white / 10 ** (shot.digital_db / 20))
+        fused = hdr.fuse(frames, shot.camera, shot.captures)
+        picture = hdr.developed(fused, shot.camera, white_e=white_e, illuminant=shot.illuminant)
         seen = picture.mul(255.0).round().to(torch.uint8)
-    return [in_channels(seen, max(seen.shape[1], shot.scene.shape[1])).numpy()]
+    return [in_channels(seen, max(seen.shape[1], channels)).numpy()]
+
+
+def _figures(shot: Shot, dn: Tensor, size: tuple[int, int]) -> dict[str, Any]:
+    """Of the first frame, by name; where a camera drives, the blur is the median of the places'."""
+    camera = shot.camera
+    first = camera.at_gain(shot.captures[0].gain_db).camera
+    speeds = None if shot.flow_px_s is None else shot.flow_px_s.square().sum(0).sqrt()
+    speed_px_s = hypot(*shot.velocity_px_s) if speeds is None else float(speeds.median())
+    found: dict[str, Any] = {
+        "camera": camera.name,
+        "exposure_ms": 1e3 * shot.exposure_s,
+        "gain_db": shot.gain_db,
+        "white_electrons": shot.white_e,
+        "saturation_electrons": first.saturation_e,
+        "blur_px": speed_px_s * shot.exposure_s,
+        "mean_dn": float(dn.mean()),
+        "full_scale_dn": camera.full_scale_dn,
+        "clipped_percent": 100 * float((dn >= dn.new_tensor(first.saturated_dn)).float().mean()),
+    }
+    if speeds is not None:
+        found["longest_blur_px"] = float(speeds.max()) * shot.exposure_s
+    if camera.row_time_s:
+        found["readout_ms"] = 1e3 * camera.row_time_s * size[0] / camera.field.per_sensor_px(size)
+    if camera.cfa != "none":
+        found["cfa"] = camera.cfa
+        per_lux_s = filter_electrons(camera, shot.illuminant)
+        found |= {
+            f"white_electrons_{each}": e * shot.lux * shot.exposure_s for each, e in per_lux_s.items() if each
+        }
+    if len(shot.captures) > 1:
+        found["captures"] = len(shot.captures)
+        found["fused_saturation_electrons"] = hdr.saturations_e(camera, shot.captures)[-1]
+        found["dynamic_range_db"] = hdr.dynamic_range_db(camera, shot.captures)
+    if shot.moving:
+        found |= _of_object(shot, shot.moving, size)
+    if shot.lamp:
+        found["pwm_phase"] = shot.lamp.pwm.phase
+        for place, (_, taken_s) in enumerate(windows(shot.captures, shot.exposure_s), 1):
+            suffix = "" if place == 1 else f"_{place}"
+            found[f"pwm_dark_percent{suffix}"] = 100 * shot.lamp.pwm.dark_probability(taken_s)
+    return found
+
+
+def _of_object(shot: Shot, moving: Cut, size: tuple[int, int]) -> dict[str, Any]:
+    """How far it moves, and how much of what is seen in its place was invented."""
+    (layer,), behind = moving.layers, shot.velocity_px_s
+    own = tuple(float(each) for each in layer.velocity_px_s)
+    if shot.flow_px_s is not None:  # as it is on average behind the object
+        left, top = layer.place_px
+        part = shot.flow_px_s[:, max(0, top) :, max(0, left) :]
+        part = part[..., : len(layer.alpha), : layer.alpha.shape[1]]
+        behind = (float(part[0].mean()), float(part[1].mean()))
+    apart = [(each - rest) * shot.exposure_s for each, rest in zip(own, behind, strict=True)]
+    invented = seen_behind(layer, [(layer, apart)], size) if moving.invented.any() else 0.0
+    return {"object_blur_px": hypot(*own) * shot.exposure_s, "invented_percent": 100 * invented}
+
+
+def _plan(given: SceneFile, shot: Shot, size: tuple[int, int]) -> Plan:
+    """What each stage contributes."""
+    motion_px = torch.tensor(shot.velocity_px_s, dtype=torch.float64) * shot.exposure_s
+    varies_px = 0.0
+    if shot.flow_px_s is not None:
+        middle, farthest = middle_of(shot.flow_px_s[None] * shot.exposure_s)
+        motion_px, varies_px = middle[0], float(farthest)
+    layers = shot.moving.layers if shot.moving else ()
+    return plan(
+        shot.camera,
+        exposure_s=shot.exposure_s,
+        illuminance_lux=shot.lux,
+        displacement_px=(float(motion_px[0]), float(motion_px[1])),
+        variation_px=varies_px,
+        trajectory=shot.path,
+        temperature_c=shot.temperature_c,
+        illuminant=shot.illuminant,
+        tolerance_dn=given.tolerance_dn,
+        objects=tuple(object_motion(layer, shot.exposure_s, size) for layer in layers),
+        size=size,
+    )
 
 
 def _illuminant(name: str) -> str | Curve:

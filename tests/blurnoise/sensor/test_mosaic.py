@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.simulation.figures import outside_share
 from generic_filters import behind_generic_filters
 
 from blurnoise import Camera, ExposedScene, Exposure, develop, photoelectrons, plan, simulate
@@ -85,8 +84,6 @@ def test_colours_outside_the_cameras_are_no_light() -> None:
     picture = torch.tensor([[0.2, 0.9, 0.1], [0.9, 0.2, 0.1]]).view(2, 3, 1, 1).expand(-1, -1, 4, 4)
     seen = radiometry.on_sensor(picture, wide)
     assert seen[:, 0, 0, 0].tolist() == pytest.approx([0.0, 1.6 * 0.6])
-    assert outside_share(picture, wide) == 0.5
-    assert outside_share(picture, taker) == outside_share(picture, camera("RGGB")) == 0.0
     assert radiometry.peak(wide) == pytest.approx(1.2)  # red 2 behind a filter of 0.6
     assert radiometry.peak(IMX250) == 1.0
 

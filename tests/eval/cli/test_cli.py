@@ -11,12 +11,11 @@ import pandas as pd
 import pytest
 from blurnoise_eval.cli.chart import CHARTS
 from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.grid.values import numbers
 from blurnoise_eval.report import page
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_models import matched_filter
-from commands import Output, main, pixels, told
+from commands import Output, main, told
 
 from blurnoise import charts
 from blurnoise.optics.colour import srgb_from_linear
@@ -64,49 +63,6 @@ def run(tmp_path_factory: pytest.TempPathFactory, model: Path, pictures: Path) -
 
 def sweep_of(model: Path, pictures: Path) -> list[str]:
     return ["--model", str(model), "--coco", str(pictures / "instances.json"), "--camera", "imx250", *FEW]
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("5", [5]),
-        ("1,5,10", [1, 5, 10]),
-        ("-2.5,1e3", [-2.5, 1000]),
-        ("1:10:3", [1, 4, 7, 10]),
-        ("1:9:3", [1, 4, 7]),
-        ("0:1:0.1", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
-        ("10:0:-5", [10, 5, 0]),
-        ("-500:500:500", [-500, 0, 500]),
-        ("3:3:1", [3]),
-        ("1:1000", [1, 3, 10, 30, 100, 300, 1000]),
-        ("2:250", [2, 3, 10, 30, 100, 250]),
-        ("0:1000", [0, 10, 30, 100, 300, 1000]),
-        ("0.5:5", [0.5, 1, 3, 5]),
-    ],
-)
-def test_lists(text: str, expected: list[float]) -> None:
-    assert numbers(text) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "a", "1,", ",", "2:1", "-1:2", "3:3", "1:inf", "1:2:0", "1:2:-1", "5:5.5:-1",
-     "2:1:1", "1:2:3:4", "0:1:1e-9", "0:inf:1", "nan:1:1"],
-)  # fmt: skip
-def test_bad_lists(text: str) -> None:
-    with pytest.raises(ValueError, match="start:stop:step"):
-        numbers(text)
-
-
-@pytest.mark.slow
-def test_a_sweep_of_photographs_says_what_light_means(tmp_path: Path, model: Path, pictures: Path) -> None:
-    command = ["sweep", *sweep_of(model, pictures), "-o"]
-    assert main([*command, str(tmp_path / "plain")]) == 0
-    assert "brightness is taken for reflectance" in (tmp_path / "plain/report.html").read_text()
-    assert main(["report", str(tmp_path / "plain")]) == 0
-    assert "brightness is taken for reflectance" in (tmp_path / "plain/report.html").read_text()
-    assert main([*command, str(tmp_path / "anchored"), "--grey-anchor", "mean"]) == 0
-    assert "18 % reflectance is the mean of each picture" in (tmp_path / "anchored/report.html").read_text()
 
 
 def test_motion_meets_table_2(capsys: Output) -> None:
@@ -199,16 +155,6 @@ def test_folder_of_another_run_is_refused(
     assert {path: path.stat().st_mtime_ns for path in before} == before
 
 
-@pytest.mark.slow
-def test_sweep_of_pictures_without_any_target(tmp_path: Path, capsys: Output, model: Path) -> None:
-    (tmp_path / "grey").mkdir()
-    write_picture(tmp_path / "grey" / "flat.png", np.full((64, 64, 3), 118, np.uint8))
-    command = ("sweep", "--model", model, "--images", tmp_path / "grey", *FEW, "-o", tmp_path / "run")
-    summary = told(capsys, *command)
-    assert (summary["cells"], summary["answers"]) == (5, [])
-    assert len(pd.read_csv(tmp_path / "run" / "targets.csv")) == 0
-
-
 def test_interrupt_is_told(
     tmp_path: Path, capsys: Output, model: Path, pictures: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -231,95 +177,6 @@ def refused(capsys: Output, named: str, *arguments: object) -> None:
     assert err.startswith("blurnoise: error: ")
     assert len(err.splitlines()) == 1, err
     assert named in err, err
-
-
-@pytest.fixture
-def bad(tmp_path: Path) -> Path:
-    """A folder of things that are not what their names say."""
-    folder = tmp_path / "bad"
-    folder.mkdir()
-    (folder / "text.onnx").write_text("this is no model\n")
-    (folder / "pointer.onnx").write_text(LFS_POINTER)
-    (folder / "empty.onnx").write_bytes(b"")
-    (folder / "empty.png").write_bytes(b"")
-    (folder / "file").write_text("x")
-    (folder / "no_pictures").mkdir()
-    (folder / "instances.json").write_text("{ no json")
-    write_picture(folder / "good.png", pixels((8, 9)))
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("command", "named"),
-    [
-        ("simulate missing.png -o out.png", "missing.png: No such file"),
-        ("simulate empty.png -o out.png", "0 bytes"),
-        ("simulate file -o out.png", "file: not an 8- or 16-bit picture"),
-        ("simulate no_pictures -o out.png", "directory"),
-        ("simulate good.png -o out.png --exposure-ms -1", "--exposure-ms = "),
-        ("simulate good.png -o out.png --exposure-ms nan", "--exposure-ms = "),
-        ("simulate good.png -o out.png --lux -1", "--lux = "),
-        ("simulate good.png -o out.png --dx inf", "--dx = "),
-        ("simulate good.png -o out.png --temperature-c nan", "--temperature-c = "),
-        ("simulate good.png -o out.png --camera pinhole", "pinhole"),
-        ("simulate good.png -o out.png --f-number 0", "--f-number = "),
-        ("simulate good.png -o out.png --seed -1", "-1"),
-        ("simulate good.png -o out.txt", "suffix"),
-        ("simulate good.png -o out", "suffix"),
-        ("simulate good.png -o out.jpg --bit-depth native", "16 bits"),
-        ("simulate good.png -o file/out.png", "file/out.png"),
-        ("simulate good.png -o nowhere/out.png", "nowhere/out.png"),
-        ("inspect missing.onnx", "missing.onnx: no such file"),
-        ("inspect text.onnx", "text file"),
-        ("inspect pointer.onnx", "git lfs pull"),
-        ("inspect empty.onnx", "empty"),
-        ("inspect no_pictures", "directory"),
-        ("sweep --model missing.onnx -o run", "no such file"),
-        ("sweep --model text.onnx -o run", "text file"),
-        ("sweep --model pointer.onnx -o run", "git lfs pull"),
-        ("sweep --contract yolov9 -o run", "yolov9"),
-        ("sweep --images no_pictures -o run", "holds no picture"),
-        ("sweep --images missing -o run", "no such folder"),
-        ("sweep --coco missing.json -o run", "No such file"),
-        ("sweep --coco instances.json -o run", "not a COCO instances file"),
-        ("sweep --target person -o run", "--labels"),
-        ("sweep --camera pinhole -o run", "presets are"),
-        ("sweep --exposure-ms 0 -o run", "--exposure-ms = "),
-        ("sweep --exposure-ms nan -o run", "--exposure-ms = "),
-        ("sweep --exposure-ms 5,-5 -o run", "--exposure-ms = "),
-        ("sweep --lux nan -o run", "--lux = "),
-        ("sweep --dx inf -o run", "--dx = "),
-        ("sweep --repeats 0 -o run", "repeats"),
-        ("sweep --limit 0 -o run", "limit"),
-        ("sweep --threads 0 -o run", "threads"),
-        ("sweep --threshold 1.5 -o run", "threshold"),
-        ("sweep --threshold nan -o run", "threshold"),
-        ("sweep --temperature-c nan -o run", "--temperature-c = "),
-        ("sweep --seed -1 -o run", "seed"),
-        ("bench blur --threads 0 -o run", "threads"),
-        ("bench blur --quick -o file", "file"),
-        ("bench blur --quick -o file/below", "file/below"),
-        ("sweep -o file", "Not a directory"),
-        ("sweep -o file/below", "Not a directory"),
-        ("report nowhere", "blurnoise sweep"),
-        ("report file", "blurnoise sweep"),
-        ("{motion} --speed-kmh -1", "--speed-kmh = -1"),
-        ("{motion} --distance-m 0", "--distance-m = "),
-        ("{motion} --exposure-ms nan", "--exposure-ms = "),
-        ("chart stop-sign -o out.png --size -3", "size"),
-        ("chart stop-sign -o out.png --size nan", "size"),
-        ("chart flat-patch -o out.png --width 0", "--width = "),
-        ("chart slanted-edge -o out.png --angle nan", "angle"),
-        ("chart siemens-star -o file/out.png", "file/out.png"),
-    ],
-)  # fmt: skip
-def test_bad_input_is_one_line_and_leaves_nothing(
-    bad: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, command: str, named: str
-) -> None:
-    monkeypatch.chdir(bad)
-    before = sorted(bad.rglob("*"))
-    refused(capsys, named, *command.format(motion=MOTION).split())
-    assert sorted(bad.rglob("*")) == before
 
 
 def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:

@@ -20,28 +20,6 @@ SMALL = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--exposure-ms", "5:1"], "low:high"),
-        (["--lux", "-1"], "--lux = -1"),
-        (["--keep", "0.9", "--threshold", "0.5"], "keep"),
-        (["--gain", "loud"], "loud"),
-    ],
-)
-def test_bad_options_are_one_line(options: list[str], told: str, tmp_path: Path, capsys: Output) -> None:
-    try:
-        code = main(["decide", "-o", str(tmp_path / "run"), *options])
-    except SystemExit as error:
-        code = int(error.code or 0)
-    assert code == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
-    assert said[0].startswith("blurnoise: error: ")
-    assert told in said[0]
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.slow
 def test_it_decides_and_report_says_the_same(
     tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch

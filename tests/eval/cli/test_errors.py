@@ -18,39 +18,177 @@ from blurnoise.optics.camera import Camera
 Output = pytest.CaptureFixture[str]
 
 
-@pytest.mark.parametrize(
-    ("command", "told"),
-    [
-        ("sweep --exposure-ms -5", "--exposure-ms = -5.0: must be finite and >= 0 and <= 3.6e+06"),
-        ("sweep --ego-kmh 500", "--ego-kmh = 500.0: must be finite and >= 0 and <= 360"),
-        ("sweep --ego-kmh 50 --dx 100", "--ego-kmh: a camera that drives"),
-        ("sweep --exposure-ms auto --gain 5", "--exposure-ms: auto sets the gain, too; gain_db must be auto"),
-        ("sweep --lux nan", "--lux = nan: must be finite and >= 0"),
-        ("sweep --repeats 0", "repeats = 0: must be >= 1"),
-        ("sweep --images nowhere", "--images = 'nowhere': no such folder"),
-        ("simulate a.png --exposure-ms -5", "--exposure-ms = -5.0: must be"),
-        ("simulate a.png --dy 1e9", "--dy = 1000000000.0: must be finite and >= -1e+07"),
-        ("simulate a.png --ego-kmh 500", "--ego-kmh = 500.0: must be"),
-        ("simulate a.png --lux 1,2", "--lux: must be one value here"),
-        ("sweep --exposure-ms 1:x", "--exposure-ms = '1:x': must be numbers as 1,5,10"),
-        ("sweep --gain inf", "--gain = 'inf': must be numbers as 1,5,10"),
-        ("sweep --max-megapixels 0", "max_megapixels = 0.0: must be"),
-        ("chart flat-patch --size nan", "--size = nan: must be finite"),
-        ("chart slanted-edge --angle nan", "--angle = nan: must be finite"),
-        ("chart stop-sign --size 0", "--size = 0.0: must be"),
+ROAD = "--speed-kmh 50 --yaw-deg-s 10 --hfov-deg 60 --lens rectilinear --mount 1.5,2"
+CROSSING = "motion --speed-kmh 50 --distance-m 20 --target-width-m 1 --exposure-ms 10"
+COMMANDS = {
+    "sweep -o run": [
+        ("--exposure-ms -5", "--exposure-ms = -5.0: must be finite and >= 0 and <= 3.6e+06"),
+        ("--exposure-ms 1:x", "--exposure-ms = '1:x': must be numbers as 1,5,10"),
+        ("--exposure-ms auto --gain 5", "--exposure-ms: auto sets the gain, too; gain_db must be auto"),
+        ("--lux nan", "--lux = nan: must be finite and >= 0"),
+        ("--gain inf", "--gain = 'inf': must be numbers as 1,5,10"),
+        ("--ego-kmh 500", "--ego-kmh = 500.0: must be finite and >= 0 and <= 360"),
+        ("--ego-kmh 50 --dx 100", "--ego-kmh: a camera that drives"),
+        ("--repeats 0", "repeats = 0: must be >= 1"),
+        ("--max-megapixels 0", "max_megapixels = 0.0: must be"),
+        ("--images nowhere", "--images = 'nowhere': no such folder"),
+        ("--images no_pictures", "holds no picture"),
+        ("--coco missing.json", "No such file"),
+        ("--coco instances.json", "not a COCO instances file"),
+        ("--model missing.onnx", "no such file"),
+        ("--contract yolov9", "yolov9"),
+        ("--target person", "--labels"),
+        ("--camera pinhole", "presets are"),
+        ("--threads 0", "threads"),
+        ("--threshold 1.5", "threshold"),
+        ("--threshold nan", "threshold"),
+        ("--seed -1", "seed"),
+        ("-o file", "Not a directory"),
     ],
-)
-def test_the_option_that_was_typed_is_named_in_its_unit(
-    command: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
+    "decide -o run": [("--exposure-ms 5:1", "low:high"), ("--lux -1", "--lux = -1"), ("--gain loud", "loud")],
+    "simulate street.png -o out.png": [
+        ("--exposure-ms -5", "--exposure-ms = -5.0: must be"),
+        ("--dy 1e9", "--dy = 1000000000.0: must be finite and >= -1e+07"),
+        ("--lux 1,2", "--lux: must be one value here"),
+        ("--seed -1", "-1"),
+        ("--camera pinhole", "pinhole"),
+        ("-o out.txt", "suffix"),
+        ("-o out.jpg --bit-depth native", "16 bits"),
+        ("-o file/out.png", "file/out.png"),
+        ("--ego-kmh nan", "--ego-kmh = nan"),
+        ("--ego-kmh 80,90", "--ego-kmh: must be one value here"),
+        ("--ego-kmh 80 --dx 3", "--ego-kmh: goes without dx and dy"),
+        ("--ego-kmh 80 --height-m 0", "vehicle.height_m = 0"),
+        ("--ego-kmh 80 --plane-m -1", "vehicle.plane_m = -1"),
+        ("--plane-m 3", "vehicle: goes with ego_kmh"),
+        ("--hdr 16,x", "hdr = '16,x': must be RATIO"),
+        ("--hdr 0.5", "captures: number 2 saturates at"),
+        ("--hdr 0", "exposure_ratio = 0.0: must be"),
+        ("--hdr 16 --hdr-white 0", "hdr_white = 0.0"),
+        ("--pwm 90", "pwm = '90': must be HZ,DUTY"),
+        ("--pwm 90,1.5", "duty = 1.5: must be"),
+        ("--pwm-mask mask.png", "pwm_mask: goes with pwm"),
+        ("--pwm 90,0.1 --pwm-mask small.png", "small.png: a mask has its picture's size; they are 17 x 5"),
+        ("--emitters mask.png", "emitters = 'mask.png': must be MASK.png:FACTOR"),
+        ("--emitters mask.png:-2", "emitters: factor = -2.0: must be"),
+        ("--moves targets", "--moves: goes with --object"),
+        ("--object-dx 5", "goes with --object"),
+        ("--plate street.png", "goes with --object"),
+        ("--object 1,2,3", "must be MASK.png or X,Y,WIDTH,HEIGHT"),
+        ("--object 500,2,3,4", "covers nothing"),
+        ("--object 5,2,-3,4", "box: x, width = -3"),
+        ("--object 0,0,120,80", "there must be a plate"),
+        ("--object none.png", "none.png"),
+        ("--object 50,30,20,16 --object-dx 1e9", "object_dx = 1000000000.0"),
+        ("--object 50,30,20,16 --plate street.png --grey-anchor mean", "neither grey_anchor"),
+        ("--trajectory sine:3", "--trajectory = 'sine:3': must be FILE.csv, shake:PX or sine:PX,HZ[,DEG]"),
+        ("--trajectory shake:x", "trajectory = 'shake:x'"),
+        ("--trajectory none.csv", "none.csv"),
+        ("--trajectory=", "trajectory = '': must be FILE.csv"),
+        ("--trajectory .", "trajectory = '.': must be FILE.csv"),
+        ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
+        ("--line-time-us -3", "line_time_us = -3.0"),
+    ],
+    "simulate -o out.png": [
+        ("missing.png", "missing.png: No such file"),
+        ("empty.png", "0 bytes"),
+        ("file", "file: not an 8- or 16-bit picture"),
+        ("no_pictures", "directory"),
+        ("light.tiff", "not an 8- or 16-bit picture"),
+        ("no.exr --encoding linear", "no.exr: No such file"),
+        ("dark.tiff --encoding linear", "holds light that is negative or not finite"),
+        ("text.exr --encoding linear", "text.exr: "),
+    ],
+    "inspect": [
+        ("missing.onnx", "missing.onnx: no such file"),
+        ("text.onnx", "text file"),
+        ("pointer.onnx", "git lfs pull"),
+        ("empty.onnx", "empty"),
+        ("no_pictures", "directory"),
+    ],
+    "explore -o out.png": [
+        ("--at lux=1,2", "lux = '1,2': must be >= 0"),
+        ("--at picture=sign-99", "picture = 'sign-99': is not here"),
+        ("--at prnu=much", "prnu = 'much': must be a number"),
+        ("--at colour=3", "colour = '3': must be one of"),
+        ("--at f_number=-1", "f_number = -1"),
+        ("--at seed=-1", "seed"),
+        ("--at dx=100&ego-kmh=50", "ego_speed_m_s = 13.8"),
+        ("--cell abc", "cell: goes with a run"),
+        ("--camera nikon", "nikon"),
+        ("nowhere.png", "nowhere.png"),
+        (".", "results.sqlite"),
+    ],
+    CROSSING: [
+        ("--width-px 100", "--hfov-deg: needed"),
+        ("--map a.png", "--distance-m, --target-width-m: go without --map"),
+        ("--width-px 9 --hfov-deg 9 --speed-kmh -1", "--speed-kmh = -1"),
+        ("--width-px 9 --hfov-deg 9 --distance-m 0", "--distance-m = "),
+        ("--width-px 9 --hfov-deg 9 --exposure-ms nan", "--exposure-ms = "),
+    ],
+    f"motion --map a.png {ROAD}": [
+        ("--max-blur-px 0", "--max-blur-px = 0.0: must be finite and > 0"),
+        ("--mount -1", "height_m = -1.0"),
+        ("--mount 1,2,3,4", "mount = '1,2,3,4': must be M[,DEG[,DEG]]"),
+        ("--planes-m 0", "--planes-m = 0.0"),
+        ("--planes-m 1:9:1", "planes-m: at most 7"),
+        ("--hfov-deg 190", "--hfov-deg = 190"),
+        ("--exposure-ms -1", "--exposure-ms = -1.0"),
+        ("--width-px 1", "a map needs 2 px each way"),
+        ("--camera leica", "camera = 'leica'"),
+        ("--map a.txt", "suffix of a.txt"),
+        ("--map none/a.png", "none/a.png"),
+    ],
+    "motion --speed-kmh 50": [
+        ("", "--distance-m, --target-width-m, --exposure-ms, --width-px, --hfov-deg: needed"),
+    ],
+    "report": [("nowhere", "blurnoise sweep"), ("file", "blurnoise sweep")],
+    "chart": [
+        ("flat-patch --size nan -o out.png", "--size = nan: must be finite"),
+        ("slanted-edge --angle nan -o out.png", "--angle = nan: must be finite"),
+        ("stop-sign --size 0 -o out.png", "--size = 0.0: must be"),
+        ("flat-patch -o out.png --width 0", "--width = "),
+        ("siemens-star -o file/out.png", "file/out.png"),
+    ],
+    "bench blur -o run": [("--threads 0", "threads")],
+}
+WRONG = [(f"{command} {words}", text) for command, rows in COMMANDS.items() for words, text in rows]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A street with masks and light, and things that are not what their names say."""
+    folder = tmp_path_factory.mktemp("folder")
+    picture = np.full((80, 120), 90, np.uint8)
+    cv2.imwrite(str(folder / "street.png"), picture)
+    cv2.imwrite(str(folder / "mask.png"), picture // 90 * 255)
+    cv2.imwrite(str(folder / "small.png"), picture[:5, :17])
+    light = np.full((12, 17, 3), 2.5, np.float32)
+    for name, values in {"light.tiff": light, "dark.tiff": -light}.items():
+        (folder / name).write_bytes(cv2.imencode(".tiff", values)[1].tobytes())
+    (folder / "no_pictures").mkdir()
+    texts = {"text.onnx": "no model", "text.exr": "no picture", "file": "x", "instances.json": "{ no json"}
+    texts |= {"empty.onnx": "", "empty.png": ""}
+    texts |= {"pointer.onnx": "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"}
+    for name, text in texts.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(("command", "text"), WRONG, ids=[command for command, _ in WRONG])
+def test_bad_input_is_one_line_and_leaves_nothing(
+    folder: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, command: str, text: str
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    cv2.imwrite("a.png", np.full((20, 31, 3), 120, np.uint8))
-    assert main([*command.split(), "-o", "out.png"]) == 2
+    """The line names the option that was typed, in its unit."""
+    monkeypatch.chdir(folder)
+    before = sorted(folder.rglob("*"))
+    assert main(command.split()) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith(f"blurnoise: error: {told}"), err
-    assert err.count("\n") == 1
-    assert not (tmp_path / "out.png").exists()
+    assert err.startswith("blurnoise: error: "), err
+    assert len(err.splitlines()) == 1, err
+    assert text in err
+    assert sorted(folder.rglob("*")) == before
 
 
 @pytest.mark.parametrize("axis", [axis for axis in AXES if not axis.choices], ids=lambda axis: axis.name)

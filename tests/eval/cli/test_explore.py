@@ -37,37 +37,3 @@ def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Outp
     assert told["blur_px"] == pytest.approx(4.8)
     assert "confidence" not in told
     assert np.array_equal(read_picture(tmp_path / "e.png"), read_picture(tmp_path / "s.png"))
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["--at", "lux=1,2"], "lux = '1,2': must be >= 0"),
-        (["--at", "picture=sign-99"], "picture = 'sign-99': is not here"),
-        (["--cell", "abc"], "cell: goes with a run"),
-        (["--camera", "nikon"], "nikon"),
-        (["--at", "prnu=much"], "prnu = 'much': must be a number"),
-        (["--at", "colour=3"], "colour = '3': must be one of"),
-        (["--at", "f_number=-1"], "f_number = -1"),
-        (["nowhere.png"], "nowhere.png"),
-        (["."], "results.sqlite"),
-        (["--at", "seed=-1"], "seed"),
-        (["--at", "dx=100&ego-kmh=50"], "ego_speed_m_s = 13.8"),
-    ],
-)
-def test_what_is_wrong_is_said_in_a_line(
-    words: list[str], told: str, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["explore", *words, "-o", "seen.png"]) == 2
-    error = capsys.readouterr().err
-    assert told in error
-    assert error.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(("option", "now"), [("--lux", "lux=..."), ("--sign", "picture=sign-N")])
-def test_options_of_before_are_named(option: str, now: str, capsys: Output) -> None:
-    with pytest.raises(SystemExit):
-        main(["explore", option, "5"])
-    assert f"{option} is now --at '{now}'" in capsys.readouterr().err

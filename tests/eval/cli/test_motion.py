@@ -70,35 +70,3 @@ def test_a_cameras_size_and_view(capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(capsys.readouterr().out) == by_name
     assert main(["motion", *CROSSING, "--camera", "lin2024", "--hfov-deg", "60", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["blur_px"] == pytest.approx(by_name["blur_px"] * 99.32 / 60)
-
-
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ([*CROSSING, "--width-px", "100"], "--hfov-deg: needed"),
-        (["--speed-kmh", "50"], "--distance-m, --target-width-m, --exposure-ms, --width-px, --hfov-deg: needed"),
-        ([*CROSSING, "--map", "a.png"], "--distance-m, --target-width-m: go without --map"),
-        (["--map", "a.png", *ROAD, "--max-blur-px", "0"], "--max-blur-px = 0.0: must be finite and > 0"),
-        (["--map", "a.png", *ROAD, "--mount", "-1"], "height_m = -1.0"),
-        (["--map", "a.png", *ROAD, "--planes-m", "0"], "--planes-m = 0.0"),
-        (["--map", "a.png", *ROAD, "--planes-m", "1:9:1"], "planes-m: at most 7"),
-        (["--map", "a.png", *ROAD, "--mount", "1,2,3,4"], "mount = '1,2,3,4': must be M[,DEG[,DEG]]"),
-        (["--map", "a.png", *ROAD, "--hfov-deg", "190"], "--hfov-deg = 190"),
-        (["--map", "a.png", *ROAD, "--exposure-ms", "-1"], "--exposure-ms = -1.0"),
-        (["--map", "a.png", *ROAD, "--width-px", "1"], "a map needs 2 px each way"),
-        (["--map", "a.png", *ROAD, "--camera", "leica"], "camera = 'leica'"),
-        (["--map", "a.txt", *ROAD], "suffix of a.txt"),
-        (["--map", "none/a.png", *ROAD], "none/a.png"),
-    ],
-)  # fmt: skip
-def test_refused_in_one_line(
-    options: list[str], named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    assert main(["motion", *options]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("blurnoise: error: ")
-    assert named in told
-    assert len(told.splitlines()) == 1
-    assert not list(tmp_path.iterdir())

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import pytest
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.grid.nodes import NodePlan
@@ -57,21 +56,6 @@ def test_what_makes_a_run_is_all_but_the_nodes() -> None:
     others: list[dict[str, Any]] = [{"repeats": 2}, {"seed": 1}, {"further": gain}, {"direction": (0.0, 1.0)}]
     others.append({"grey_anchor": "mean"})
     assert all(NodePlan(**other).to_dict() != alike[0].to_dict() for other in others)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
-        ({"further": {"gain_db": 6.0}, "nodes": NODES}, "nodes: Conditions"),
-        ({"further": {"exposure_s": 0.1}}, "further"),
-        ({"repeats": 0}, "repeats"),
-        ({"seed": -1}, "seed"),
-        ({"grey_anchor": "median"}, "median"),
-    ],
-)
-def test_what_is_no_plan(wrong: dict[str, Any], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        NodePlan(**wrong)
 
 
 def _axes(plan: Any) -> dict[str, tuple[float, ...]]:

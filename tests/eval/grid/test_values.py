@@ -14,5 +14,30 @@ def test_a_range_has_its_end_where_steps_meet_it(text: str, count: int) -> None:
     assert len(numbers(text)) == count
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("5", [5]),
+        ("-2.5,1e3", [-2.5, 1000]),
+        ("1:10:3", [1, 4, 7, 10]),
+        ("1:9:3", [1, 4, 7]),
+        ("0:1:0.1", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
+        ("10:0:-5", [10, 5, 0]),
+        ("3:3:1", [3]),
+        ("2:250", [2, 3, 10, 30, 100, 250]),
+        ("0:1000", [0, 10, 30, 100, 300, 1000]),
+        ("0.5:5", [0.5, 1, 3, 5]),
+    ],
+)
+def test_lists(text: str, expected: list[float]) -> None:
+    assert numbers(text) == pytest.approx(expected)
+
+
+def test_bad_lists() -> None:
+    for text in ("", "a", "1,", "2:1", "-1:2", "1:inf", "1:2:0", "1:2:-1", "1:2:3:4", "0:1:1e-9", "nan:1:1"):
+        with pytest.raises(ValueError, match="start:stop:step"):
+            numbers(text)
+
+
 def test_ms_are_the_nearest_numbers_of_s() -> None:
     assert axis("exposure_s").values("9,13,36,43") == (0.009, 0.013, 0.036, 0.043)
