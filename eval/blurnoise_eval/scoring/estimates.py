@@ -84,8 +84,10 @@ def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
 
 def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
     """Totals over clusters of numbers (n, ...), then those without each, (1 + n, ...)."""
-    total = each.sum(axis=0, keepdims=True)
-    return np.concatenate([total, total - each])
+    every = np.empty((1 + len(each), *each.shape[1:]), each.dtype)
+    each.sum(axis=0, out=every[0])
+    np.subtract(every[0], each, out=every[1:])
+    return every
 
 
 def mean_of(estimates: Sequence[Estimate], weights: ArrayLike | None = None) -> Estimate:
