@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.recommendation import averages, curves, recommendations
+from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.report.run import RunData
 from made_tables import table
@@ -89,7 +89,7 @@ def made_run(
                 THRESHOLD,
             )
             found["recommendations"] += recommendations(of)
-            found["averages"] += curves(of)
+            found["averages"].append(average_curve(of))
         for index in range(n_examples):
             at = conditions[(index * 7) % len(conditions)]
             found["examples"].append(_example(folder, index, model, kind, at, best_of))
