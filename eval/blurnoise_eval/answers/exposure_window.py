@@ -48,9 +48,7 @@ def answers(
         at_slowest = dict(zip(slowest.conditions["exposure_s"].tolist(), slowest.mean.tolist(), strict=True))
         for speed, curve in zip(speeds, curves, strict=True):
             slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
-            of = curve.line
-            line = Line(curve.x, of.mean, slower, speed > 0, of.saturated, of.brightness, dark_below)
-            found.append(answer(curve, line, criterion))
+            found.append(answer(curve, Line(curve.line, slower, dark_below), criterion))
     return found
 
 
@@ -66,7 +64,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
 
     verdict: "works": at some tested exposure ``low`` is at or above the level; "no exposure works": ``high`` is at
     none in the range; else "cannot tell", as always below 8 pictures. Then ``pictures_to_tell`` is how many should be
-    enough in half of such cases, ``pictures_to_tell_mostly`` in nine of ten (None: more than 9999).
+    enough in half of such cases (None: more than 9999).
 
     windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
     95 % intervals of their first and last exposures, None at an end that lies outside the tested range or is not
@@ -85,7 +83,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
-    saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
+    saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
     chosen = recommended(curve.x, mean, level, saturated)
     best = int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
@@ -93,7 +91,6 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     verdict = CANNOT_TELL if curve.possible(level) else NONE_WORKS
     if any(first <= x <= last for first, last in sure for x in curve.x):
         verdict = WORKS
-    needed = _pictures_to_tell(table, level) if verdict == CANNOT_TELL else (None, None)
 
     def at(values: Sequence[Any] | None, place: int | None) -> Any:
         return None if values is None or place is None else values[place]
@@ -121,8 +118,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
         "effective_pictures": table.n_effective,
         "few_pictures": table.n_effective < uncertainty.FEW,
         "verdict": verdict,
-        "pictures_to_tell": needed[0],
-        "pictures_to_tell_mostly": needed[1],
+        "pictures_to_tell": _pictures_to_tell(table, level) if verdict == CANNOT_TELL else None,
         "windows_low_s": [list(curve.around(low, level)) for low, _ in windows],
         "windows_high_s": [list(curve.around(high, level)) for _, high in windows],
         "sure_windows_s": [list(window) for window in sure],
@@ -179,25 +175,21 @@ def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> 
     return held.index(True) if any(held) else 0
 
 
-def _pictures_to_tell(line: ScoreTable, level: float) -> tuple[int | None, int | None]:
-    """How many would be enough, in half of the cases and in most: for one exposure to be above, or all below."""
+def _pictures_to_tell(line: ScoreTable, level: float) -> int | None:
+    """How many would be enough in half of such cases: for one exposure to be above, or all below."""
     n = np.isfinite(line.influence).sum(axis=0)
     known = n > 1
     if not known.any():
-        return None, None
-    n, mean, away = n[known], line.mean[known], line.influence[:, known]
-    margin, spread, above = mean - level, np.nanstd(away, axis=0), mean > level
-    pulls = np.where(above, mean, line.most - mean)  # the bound beyond the level
-    asked = zip(np.abs(margin).tolist(), spread.tolist(), pulls.tolist(), strict=True)
+        return None
+    mean = line.mean[known]
+    above = mean > level
+    spread = np.nanstd(line.influence[:, known], axis=0)
+    pull = np.where(above, mean, line.most - mean)  # of the bound beyond the level
+    asked = zip(np.abs(mean - level).tolist(), spread.tolist(), pull.tolist(), strict=True)
     needed = np.array([uncertainty.pictures_needed(*each, _MOST_PICTURES) for each in asked])
-    hardest = int(np.where(above, needed, _MOST_PICTURES + 2).argmin() if above.any() else needed.argmax())
-    count = int(needed[hardest])
-    if count > _MOST_PICTURES:
-        return None, None
+    count = int(needed[above].min() if above.any() else needed.max())
     fewest = max(math.ceil(uncertainty.FEWEST * line.n_clusters / line.n_effective), int(n.max()) + 1)
-    seen = abs(float(margin[hardest])), float(spread[hardest]), float(n[hardest])
-    mostly = uncertainty.pictures_needed_mostly(*seen, count, _MOST_PICTURES)
-    return max(fewest, count), None if mostly > _MOST_PICTURES else max(fewest, mostly)
+    return None if count > _MOST_PICTURES else max(fewest, count)
 
 
 def _regret(curve: Curve, chosen: int) -> float | None:
