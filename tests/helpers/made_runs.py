@@ -165,7 +165,6 @@ def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
     row: dict[str, Any] = {"model": model, "kind": kind, "measure": "AP"}
     names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
-    row["mpc_uniform"] = row["mpc"]
     if kind == "reader":
         row |= {"ap50": None, "ar100": None}
     row |= {"false_positives_per_image": 0.25, "calibration_error": None}
@@ -210,7 +209,6 @@ def _answer(
         "limited_low": "noise" if windows and curve[0] < THRESHOLD else None,
         "limited_high": "blur" if windows and curve[-1] < THRESHOLD else None,
         "limited_by": None if windows else "blur and noise" if speed else "noise",
-        "limits_untold": None,
         "clean_value": best,
         "saturated": [0.0] * len(curve),
         "saturated_at_recommended": 0.0 if windows else None,

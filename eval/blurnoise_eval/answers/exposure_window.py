@@ -77,9 +77,8 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
 
     best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
     best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
-    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them;
-    limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
-    pictures, None where unknown.
+    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them.
+    clean_value: mean score in the untouched pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
@@ -135,7 +134,6 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
         "limited_low": limits.low,
         "limited_high": limits.high,
         "limited_by": limits.by,
-        "limits_untold": limits.untold,
         "clean_value": table.clean,
     }
 

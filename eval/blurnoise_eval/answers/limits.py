@@ -1,7 +1,7 @@
 """Limits: what ends a window of exposures, and what holds the best exposure back where none works.
 
 Domain: exposures in s, values in a criterion's unit. All follow from comparison with
-what was tested beside them; where that is not enough, there is a reason instead of a guess.
+what was tested beside them; where that is not enough, there is no guess.
 """
 
 from __future__ import annotations
@@ -25,12 +25,11 @@ DARK = 0.33
 
 
 class Limits(NamedTuple):
-    """At either end of a window, or at the best exposure ("blur and noise"); untold: why one of them is None."""
+    """At either end of a window, or at the best exposure ("blur and noise"); None where the tests do not tell."""
 
     low: Limit | None = None
     high: Limit | None = None
     by: str | None = None
-    untold: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,27 +78,21 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
     inside = (window[0] <= x) & (x <= window[1])
     here = np.flatnonzero(inside) if inside.any() else np.array([np.abs(x - window[0]).argmin()])
     best = int(here[np.nanargmax(value[here])])
-    reasons: list[str] = []
     low: Limit | None = None
     high: Limit | None = None
     if window[0] > x[0] or value[0] < level:
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
-        reasons += [] if low else ["lower end: the pictures' brightness is not known"]
     if window[1] < x[-1] or value[-1] < level:
         place = min(int((x <= window[1]).sum()), len(x) - 1)
-        saturates, why = line.saturates(place, best), ""
+        saturates = line.saturates(place, best)
         slower = np.nan if line.slower is None else line.slower[place]
         if slower >= level:
             high = "blur"
         elif np.isfinite(slower) or not line.moves:
             high = "saturation" if saturates else None
-            why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
-            why += ", and nothing saturates"
         else:
             high = "blur" if saturates is False else None
-            why = "blur and saturation cannot be told apart, as no slower speed was tested"
-        reasons += [] if high else [f"upper end: {why}"]
-    return Limits(low, high, None, "; ".join(reasons) or None)
+    return Limits(low, high)
 
 
 def of_best(line: Line, best: int) -> Limits:
@@ -130,8 +123,4 @@ def of_best(line: Line, best: int) -> Limits:
             saturates = line.saturates(best + 1, best)
             parts.append("saturation" if saturates else "blur" if line.moves and saturates is False else None)
     named = list(dict.fromkeys(part for part in parts if part is not None))
-    if named:
-        return Limits(by=" and ".join(named))
-    if len(x) == 1:
-        return Limits(untold="only one exposure was tested")
-    return Limits(untold="neither less motion nor another exposure, as far as tested, does better")
+    return Limits(by=" and ".join(named) or None)

@@ -90,24 +90,20 @@ def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
     return every
 
 
-def mean_of(estimates: Sequence[Estimate], weights: ArrayLike | None = None) -> Estimate:
-    """Mean of estimates that are all defined, alike or by weights that sum to 1; undefined of none.
+def mean_of(estimates: Sequence[Estimate]) -> Estimate:
+    """Mean of estimates that are all defined; undefined of none.
 
     A cluster that has no say in one of them leaves that as it is.
     """
     if not estimates:
         return Estimate(None)
-    share = np.full(len(estimates), 1 / len(estimates)) if weights is None else np.asarray(weights, float)
-    value = float(share @ np.array([each.value for each in estimates], float))
-    lower = None
-    if any(each.cautious for each in estimates):
-        lower = mean_of([each.cautious or each for each in estimates], share)
+    value = float(np.mean([each.value for each in estimates if each.value is not None]))
     known = [each.influence for each in estimates if each.influence is not None]
     if len(known) < len(estimates):
         return Estimate(value)
-    every = np.array(known)
-    told = np.isfinite(every).any(axis=0)
-    return Estimate(value, np.where(told, share @ np.nan_to_num(every), np.nan), lower)
+    away = np.where(np.isfinite(known).any(axis=0), np.nan_to_num(known).mean(axis=0), np.nan)
+    lower = [each.cautious or each for each in estimates] if any(each.cautious for each in estimates) else []
+    return Estimate(value, away, mean_of(lower) if lower else None)
 
 
 def ratio(one: Estimate, other: Estimate) -> Estimate:

@@ -116,10 +116,6 @@ SCORES: tuple[Score, ...] = (
         "mpc", "mPC", of_models=BOTH, missing="no condition scored",
         meaning="mean of the same over all conditions but the untouched, each weighted alike",
     ),
-    Score(
-        "mpc_uniform", "mPC, uniform", of_models=BOTH, missing="no condition scored",
-        meaning="mean of the same over light x time and motion, log-uniform over what was tested, whatever the grid",
-    ),
     Score("rpc", "rPC", of_models=BOTH, missing="needs mPC, and P above 0", meaning="mPC / P"),
     Score(
         "auc_exposure", "AUC over exposure", of_models=BOTH, missing=_CURVES,
@@ -138,10 +134,6 @@ SCORES: tuple[Score, ...] = (
         "detection_rate", "Detection rate", DETECTOR,
         of_targets=lambda rows: _found(rows.confidence), charted=True,
         criterion=("detection rate", "detection rate"),
-    ),
-    Score(
-        "confidence_when_found", "Confidence when found", BOTH,
-        of_targets=lambda rows: np.where(_found(rows.confidence) > 0, rows.confidence, np.nan),
     ),
     Score(
         "target_confidence_swept", "Target confidence, swept box", DETECTOR,

@@ -68,7 +68,6 @@ def target_sums(store: Store, model: str, found_score: float) -> Iterator[Row]:
     of = {
         "target_confidence": "confidence",
         "detection_rate": f"confidence >= {found_score}",
-        "confidence_when_found": f"CASE WHEN confidence >= {found_score} THEN confidence END",
         "target_confidence_swept": "confidence_swept",
         "detection_rate_swept": f"confidence_swept >= {found_score}",
         "read_confidence": "read_confidence",

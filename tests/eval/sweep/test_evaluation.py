@@ -276,7 +276,7 @@ def test_answers_are_a_table_too(done: Evaluation) -> None:
     assert set(table["verdict"]) == {"cannot tell"}
     assert table["window_from_low_s"].isna().all()
     models = pd.read_csv(done.output / "models.csv")
-    assert 0 <= models["mpc_uniform"][0] <= 1
+    assert 0 <= models["mpc"][0] <= 1
     exposed = pd.read_csv(done.folder / "results.csv").query("clean == 0")
     assert exposed["saturated"].between(0, 1).all()
 
