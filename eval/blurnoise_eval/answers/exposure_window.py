@@ -67,70 +67,63 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     enough in half of such cases (None: more than 9999).
 
     windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
-    95 % intervals of their first and last exposures, None at an end that lies outside the tested range or is not
-    known. sure_windows_s: where it is surely so. open_low, open_high: a window reaches the shortest or longest
-    exposure tested.
+    95 % intervals of their ends, None where these lie outside the tested range or are not known. sure_windows_s: where
+    it is surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
 
     recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
-    is only the best guess; confidence_at_recommended, its interval recommended_low, recommended_high, and
-    saturated_at_recommended. regret_95: what it loses at most, at 95 %, against the best tested exposure.
+    is only the best guess. regret_95: what it loses at most, at 95 %, against the best tested exposure. best_s: the
+    tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
-    best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
-    best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
-    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them.
-    clean_value: mean score in the untouched pictures, None where unknown.
+    limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first; limited_by:
+    where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean score in the
+    untouched pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
     saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
-    chosen = recommended(curve.x, mean, level, saturated)
-    best = int(np.argmax(table.mean.round(12)))
+    chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
     verdict = CANNOT_TELL if curve.possible(level) else NONE_WORKS
     if any(first <= x <= last for first, last in sure for x in curve.x):
         verdict = WORKS
 
-    def at(values: Sequence[Any] | None, place: int | None) -> Any:
-        return None if values is None or place is None else values[place]
+    def at(place: int | None, *names: str) -> Row:
+        columns = zip(names, (curve.x, mean, low, high, saturated), strict=False)
+        return {name: None if place is None or each is None else each[place] for name, each in columns}
 
-    recommended_s = at(curve.x, chosen)
     if windows:
+        recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
     elif not criterion.kept and table.clean is not None and table.clean < level:
         limits = Limits(by="the model, as the untouched pictures show")
     else:
         limits = of_best(line, best)
     axes = {name: value for name, value in table.at(0).items() if name != "exposure_s"}
-    return {"model": table.model, "group": table.group, **axes} | {
+    to_recommended = "recommended_s", "confidence_at_recommended", "recommended_low", "recommended_high"
+    return {
+        "model": table.model,
+        "group": table.group,
+        **axes,
         "n_targets": table.n_targets,
         "exposures_s": curve.x,
         "confidence": tuple(mean),
         "low": low,
         "high": high,
         "windows_s": [list(window) for window in windows],
+        "windows_low_s": [list(curve.around(end, level)) for end, _ in windows],
+        "windows_high_s": [list(curve.around(end, level)) for _, end in windows],
+        "sure_windows_s": [list(window) for window in sure],
         "open_low": mean[0] >= level,
         "open_high": mean[-1] >= level,
-        "recommended_s": recommended_s,
-        "confidence_at_recommended": at(mean, chosen),
-        "n_pictures": table.n_clusters,
-        "effective_pictures": table.n_effective,
-        "few_pictures": table.n_effective < uncertainty.FEW,
+        **table.sizes,
         "verdict": verdict,
         "pictures_to_tell": _pictures_to_tell(table, level) if verdict == CANNOT_TELL else None,
-        "windows_low_s": [list(curve.around(low, level)) for low, _ in windows],
-        "windows_high_s": [list(curve.around(high, level)) for _, high in windows],
-        "sure_windows_s": [list(window) for window in sure],
-        "recommended_low": at(low, chosen),
-        "recommended_high": at(high, chosen),
+        **at(chosen, *to_recommended, "saturated_at_recommended"),
         "regret_95": None if chosen is None else _regret(curve, chosen),
         "saturated": saturated,
-        "saturated_at_recommended": at(saturated, chosen),
         "criterion": criterion.text,
-        "best_s": curve.x[best],
-        "best_value": mean[best],
-        "best_low": at(low, best),
-        "best_high": at(high, best),
+        **at(best, "best_s", "best_value", "best_low", "best_high"),
         "limited_low": limits.low,
         "limited_high": limits.high,
         "limited_by": limits.by,

@@ -43,21 +43,3 @@ def direction_of(velocity_px_s: tuple[float, float]) -> Direction | None:
         return None
     x, y = (round(each / speed, DIGITS) + 0.0 for each in velocity_px_s)
     return (x, y) if (x, y) > (0.0, 0.0) else (0.0 - x, 0.0 - y)
-
-
-def coordinate(x: ArrayLike, logarithmic: bool) -> tuple[Array, bool]:
-    """Where the values x are on their axis, and whether these are logarithms: lines are straight there."""
-    values = np.asarray(x, float)
-    is_log = logarithmic and bool((values > 0).all())
-    return np.log(values) if is_log else values, is_log
-
-
-def trapezoid_weights(x: Array) -> Array:
-    """Weights (N,) of values at increasing x in their mean over the range, straight between them."""
-    if len(x) < 2 or not np.isfinite(x).all():  # a value that the camera sets has no place on its axis
-        return np.full(len(x), 1 / max(len(x), 1))
-    weights = np.zeros(len(x))
-    steps = np.diff(x)
-    weights[:-1] += steps / 2
-    weights[1:] += steps / 2
-    return np.asarray(weights / steps.sum())
