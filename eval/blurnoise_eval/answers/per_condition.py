@@ -13,7 +13,7 @@ from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.answers.uncertainty import columns
 from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
-from blurnoise_eval.scoring.judged import Judged, Truth
+from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.store import queries
@@ -81,7 +81,7 @@ def scored(
         truth = truth_of(model)
         for row, as_set, sums in every:
             answers = None if truth is None else queries.answers_at(store, model, row)
-            judged = Judged(
+            judged = Evaluated(
                 sums, truth, answers, *((None, None) if row["clean"] else moves(as_set)), clusters
             )
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from blurnoise_eval.scoring.estimates import Estimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
-    from blurnoise_eval.scoring.judged import Judged
+    from blurnoise_eval.scoring.evaluated import Evaluated
     from blurnoise_eval.store.target_columns import TargetColumns
 
 DETECTOR = frozenset({"detector"})
@@ -47,11 +47,11 @@ class Score:
     name: str
     title: str
     kinds: frozenset[str] = BOTH
-    of: Callable[[Judged], Estimate | float | None] | None = None
+    of: Callable[[Evaluated], Estimate | float | None] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
     of_targets: Callable[[TargetColumns], NDArray[np.float64]] | None = None
-    by_size: Callable[[Judged, str], Estimate] | None = None
+    by_size: Callable[[Evaluated, str], Estimate] | None = None
     charted: bool = False
     of_models: frozenset[str] = NEITHER
     meaning: str = ""
@@ -69,7 +69,7 @@ class Score:
         """Whether it scores the answers under a condition, rather than a model as a whole."""
         return bool(self.of or self.of_targets or self.by_size)
 
-    def estimate(self, judged: Judged) -> Estimate:
+    def estimate(self, judged: Evaluated) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
             return self.by_size(judged, "all")
@@ -98,7 +98,7 @@ def _found(confidence: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isnan(confidence), np.nan, confidence >= FOUND_SCORE)
 
 
-def _precision(judged: Judged, size: str, first: int = 0, last: int = 10) -> Estimate:
+def _precision(judged: Evaluated, size: str, first: int = 0, last: int = 10) -> Estimate:
     """COCO's average precision over some of its ten IoUs."""
     return judged.average(size, slice(first, last))
 

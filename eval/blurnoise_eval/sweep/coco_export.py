@@ -11,7 +11,7 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.scoring.judged import Truth, coco_results, moved
+from blurnoise_eval.scoring.evaluated import Truth, coco_results, moved
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.exposing import box_mover

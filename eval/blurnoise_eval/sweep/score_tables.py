@@ -21,7 +21,7 @@ from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
-from blurnoise_eval.scoring.judged import Judged
+from blurnoise_eval.scoring.evaluated import Evaluated
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
@@ -150,5 +150,5 @@ def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
         name = model["name"]
         (clean,) = [row for row in queries.condition_counts(store, name) if row["clean"]]
         answers = queries.answers_at(store, name, clean)
-        found[name] = Judged({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
+        found[name] = Evaluated({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
     return found

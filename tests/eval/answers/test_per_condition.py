@@ -15,7 +15,7 @@ from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.judged import Alarms, Judged, Truth, coco_results
+from blurnoise_eval.scoring.evaluated import Alarms, Evaluated, Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
@@ -37,7 +37,7 @@ class Judge:
     def __call__(
         self, found: list[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
     ) -> dict[str, float | None]:
-        judged = Judged({}, self.truth, Answers.of(found), move_boxes)
+        judged = Evaluated({}, self.truth, Answers.of(found), move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
         return {
             score.name: score.estimate(judged).value for score in table.of_conditions() if score.name in own

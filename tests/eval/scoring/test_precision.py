@@ -10,7 +10,7 @@ import pytest
 from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.estimates import left_out
-from blurnoise_eval.scoring.judged import coco_results
+from blurnoise_eval.scoring.evaluated import coco_results
 from blurnoise_eval.scoring.matching import Targets
 from blurnoise_eval.scoring.precision import Precision
 from blurnoise_eval.scoring.precision import precision as pooled
