@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import NAMES, SETTING, axis
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]

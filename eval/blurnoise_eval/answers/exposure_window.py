@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Curve, Row, Stretch
 from blurnoise_eval.answers.limits import DARK, Limits, Line, of_best, of_window
@@ -22,6 +21,7 @@ from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
@@ -59,7 +59,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
 
     exposures_s: tested, increasing; confidence: of the ``n_targets`` targets (times repeats) at each, in the
     criterion's unit; low, high: its 95 % interval over ``n_pictures`` clusters, which count as ``effective_pictures``
-    (:func:`~blurnoise_eval.answers.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
+    (:func:`~blurnoise_eval.scoring.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
     saturated: mean share of the pictures' values at a limit of the sensor, None where unknown.
 
     verdict: "works": at some tested exposure ``low`` is at or above the level; "no exposure works": ``high`` is at
@@ -67,16 +67,16 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     enough in half of such cases (None: more than 9999).
 
     windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
-    95 % intervals of their ends, None where these lie outside the tested range or are not known. sure_windows_s: where
-    it is surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
+    95 % intervals of their ends, None where these lie outside the tested range or are not known. sure_windows_s:
+    where it is surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
 
     recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
     is only the best guess. regret_95: what it loses at most, at 95 %, against the best tested exposure. best_s: the
     tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
-    limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first; limited_by:
-    where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean score in the
-    untouched pictures, None where unknown.
+    limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first;
+    limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean score
+    in the untouched pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.answers.uncertainty import Ends
+from blurnoise_eval.scoring.uncertainty import Ends
 
 Array = NDArray[np.float64]
 Velocity = tuple[float, float]

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.uncertainty import columns
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
+from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import EGO, EGO_SPEED, GAIN, SETTING
-from blurnoise_eval.scoring.estimates import ratio_of_sums
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
@@ -269,9 +269,8 @@ def recommendations(of: Averages) -> list[Row]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
     there. Axes and speed are None where a row is an average over them; a chosen gain is given. at_common: what the
     exposure for all conditions keeps there, None where it was not tested there."""
-    lights: dict[Setting, dict[float, list[int]]] = {}
-    for place, (setting, speed) in enumerate(zip(of.settings, of.speeds, strict=True)):
-        lights.setdefault(_without(setting, _GAIN, _EGO), {}).setdefault(speed, []).append(place)
+    lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
+    speeds = of.speeds
     whole = of.choose()
     common = None if whole is None else of.exposures_s.index(whole["exposure_s"])
 
@@ -285,12 +284,13 @@ def recommendations(of: Averages) -> list[Row]:
         axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
         return [{"model": of.model, "scope": scope, **axes, "speed": speed, **choice, "at_common": at_common}]
 
-    rows = row("all", None, None, range(len(of.settings)))
-    for light, by_speed in sorted(lights.items(), key=lambda each: each[0]):
-        rows += row("light", light, None, [place for own in by_speed.values() for place in own])
-        found = [
-            each for speed in sorted(by_speed) for each in row("condition", light, speed, by_speed[speed])
-        ]
+    rows = row("all", None, None, range(len(lights)))
+    for light in sorted(set(lights)):
+        here = [place for place, each in enumerate(lights) if each == light]
+        rows += row("light", light, None, here)
+        found = []
+        for speed in sorted({speeds[place] for place in here}):
+            found += row("condition", light, speed, [place for place in here if speeds[place] == speed])
         if of.monotone:
             _nest(found)
         rows += found

@@ -21,11 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers import plane
 from blurnoise_eval.answers.per_condition import Scored
-from blurnoise_eval.answers.uncertainty import FEW, effective
 from blurnoise_eval.grid.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
-from blurnoise_eval.scoring.estimates import influence, ratio, ratio_of_sums
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.precision import SIZES
+from blurnoise_eval.scoring.uncertainty import FEW, effective, influence, ratio, ratio_of_sums
 from blurnoise_eval.store.target_columns import TargetColumns
 
 LEAST_KNOWN = 0.05
@@ -89,7 +88,7 @@ class ScoreTable:
 
     @property
     def effective(self) -> Array:
-        """(N,) how many clusters of one size they are worth: :func:`~.uncertainty.effective`."""
+        """(N,) how many clusters of one size they are worth, by their sizes."""
         return effective(self.counts)
 
     @property

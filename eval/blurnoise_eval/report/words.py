@@ -15,9 +15,9 @@ import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS, WORKS
-from blurnoise_eval.answers.uncertainty import FEW, FEWEST
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
+from blurnoise_eval.scoring.uncertainty import FEW, FEWEST
 
 _MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sensor are reported
 Row = dict[str, Any]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within, xywh, xyxy
-from blurnoise_eval.scoring.estimates import Array, Estimate, left_out, mean
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, Targets, matched
 from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precision
+from blurnoise_eval.scoring.uncertainty import Array, Estimate, left_out, mean
 
 _IOU_50 = slice(1)
 _BINS = 10  # of confidence, for the calibration error

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers
 from blurnoise_eval.scoring.boxes import xywh
-from blurnoise_eval.scoring.estimates import all_and_without
 from blurnoise_eval.scoring.matching import Targets, matched, rank
+from blurnoise_eval.scoring.uncertainty import all_and_without
 
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""

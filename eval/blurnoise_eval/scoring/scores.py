@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring.uncertainty import Estimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
     from blurnoise_eval.scoring.evaluated import Evaluated

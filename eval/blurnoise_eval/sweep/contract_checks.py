@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import contract_option
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.scoring.estimates import left_out
 from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.uncertainty import interval_of, left_out
 from blurnoise_eval.sweep.input_variants import (
     FACTORS,
     Image,

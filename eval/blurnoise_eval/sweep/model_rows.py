@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers.uncertainty import behind_best, columns
-from blurnoise_eval.scoring.estimates import Estimate, mean_of, ratio
 from blurnoise_eval.scoring.scores import of_models
+from blurnoise_eval.scoring.uncertainty import Estimate, behind_best, columns, mean_of, ratio
 
 _ENDS = "", "_low", "_high"
 

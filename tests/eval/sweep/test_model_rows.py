@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
-from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.sweep.model_rows import model_rows
 
 
