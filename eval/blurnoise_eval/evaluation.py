@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
-from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.answers.criterion import Criterion, criterion_for
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
@@ -109,7 +109,7 @@ def evaluate(
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else _of_kind("plan", plan, SweepPlan)
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
-    stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
+    criterion_for(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
     facts = {"command": command, **engine_facts(engine, threads)}
     check_plan(plan, seen_by, shown)
     with (

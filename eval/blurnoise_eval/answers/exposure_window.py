@@ -75,8 +75,8 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
     limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first;
-    limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean score
-    in the untouched pictures, None where unknown.
+    limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean
+    score in the untouched pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)

@@ -80,15 +80,15 @@ def scored(
         truth = truth_of(model)
         for row, as_set, sums in every:
             answers = None if truth is None else queries.answers_at(store, model, row)
-            judged = Evaluated(
+            evaluated = Evaluated(
                 sums, truth, answers, *((None, None) if row["clean"] else moves(as_set)), clusters
             )
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             for score in of_conditions():
-                found |= columns(score.estimate(judged), score.name, score.most)
-            performance = judged.mean("exact_match") if truth is None else judged.average()
-            sizes = {size: of_sizes(judged, size) for size in SIZES} if of_sizes else {}
-            yield Scored(found, performance, sizes, judged.targets_by_size if of_sizes else {})
+                found |= columns(score.estimate(evaluated), score.name, score.most)
+            performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
+            sizes = {size: of_sizes(evaluated, size) for size in SIZES} if of_sizes else {}
+            yield Scored(found, performance, sizes, evaluated.targets_by_size if of_sizes else {})
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:

@@ -30,7 +30,7 @@ class Truth:
     """What is in the pictures, as a COCO data set, and what a model calls it.
 
     coco: annotations and categories as COCO's instances file has them. image_ids: by picture name.
-    category_of: a category's id by the model's number for it; other classes are not judged. sizes_px: width and
+    category_of: a category's id by the model's number for it; other classes do not count. sizes_px: width and
     height by image id.
     """
 
@@ -180,8 +180,7 @@ class Evaluated:
             return Alarms(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(1))
         answers, _, clusters, count = self._pictures
         targets = self._targets(self.truth, self.truth.moved(self.move_boxes))
-        of_class, categories = targets.category_of_class(self.truth.category_of)
-        category = of_class[np.minimum(answers.class_ids, len(of_class) - 1)]
+        category, categories = targets.category_of_class(self.truth.category_of, answers.class_ids)
         certain = np.flatnonzero((answers.scores >= least) & answers.leads & (category >= 0))
         picture = answers.picture[certain]
         taken, beside = matched(
@@ -192,10 +191,10 @@ class Evaluated:
             targets.crowd[None],
             np.array([MATCH_IOU]),
         )
-        judged = ~beside[0, 0]
-        scores, cluster = answers.scores[certain][judged].astype(float), clusters[picture][judged]
+        counted = ~beside[0, 0]
+        scores, cluster = answers.scores[certain][counted].astype(float), clusters[picture][counted]
         return Alarms(
-            scores, taken[0, 0][judged], cluster, np.bincount(clusters, minlength=count).astype(float)
+            scores, taken[0, 0][counted], cluster, np.bincount(clusters, minlength=count).astype(float)
         )
 
     @cached_property

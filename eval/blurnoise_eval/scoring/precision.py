@@ -65,8 +65,7 @@ def precision(
     id by a class's number.
     """
     areas_px2, limits = (AREAS_PX2[:1], _LIMITS[:1]) if ap50_only else (AREAS_PX2, _LIMITS)
-    of_class, categories = targets.category_of_class(category_of)
-    every = of_class[np.minimum(answers.class_ids, len(of_class) - 1)]
+    every, categories = targets.category_of_class(category_of, answers.class_ids)
     index = np.flatnonzero(every >= 0)
     key = (answers.picture * categories + every)[index]
     by_key = np.argsort(key, kind="stable")  # of each category the highest scores first

@@ -69,11 +69,11 @@ class Score:
         """Whether it scores the answers under a condition, rather than a model as a whole."""
         return bool(self.of or self.of_targets or self.by_size)
 
-    def estimate(self, judged: Evaluated) -> Estimate:
+    def estimate(self, evaluated: Evaluated) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
-            return self.by_size(judged, "all")
-        found = judged.mean(self.name) if self.of is None else self.of(judged)
+            return self.by_size(evaluated, "all")
+        found = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
         return found if isinstance(found, Estimate) else Estimate(found)
 
 
@@ -98,9 +98,9 @@ def _found(confidence: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isnan(confidence), np.nan, confidence >= FOUND_SCORE)
 
 
-def _precision(judged: Evaluated, size: str, first: int = 0, last: int = 10) -> Estimate:
+def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) -> Estimate:
     """COCO's average precision over some of its ten IoUs."""
-    return judged.average(size, slice(first, last))
+    return evaluated.average(size, slice(first, last))
 
 
 SCORES: tuple[Score, ...] = (
@@ -148,11 +148,11 @@ SCORES: tuple[Score, ...] = (
         "ap50", "AP50", DETECTOR, by_size=partial(_precision, last=1), charted=True, of_models=DETECTOR,
         missing=_UNKNOWN, criterion=("AP50", "AP50"),
     ),
-    Score("ap75", "AP75", DETECTOR, lambda judged: _precision(judged, "all", 5, 6)),
+    Score("ap75", "AP75", DETECTOR, lambda evaluated: _precision(evaluated, "all", 5, 6)),
     Score("ap50_swept", "AP50, swept box", DETECTOR, attrgetter("swept_ap50"), charted=True),
-    Score("ap_small", "AP, small", DETECTOR, lambda judged: _precision(judged, "small")),
-    Score("ap_medium", "AP, medium", DETECTOR, lambda judged: _precision(judged, "medium")),
-    Score("ap_large", "AP, large", DETECTOR, lambda judged: _precision(judged, "large")),
+    Score("ap_small", "AP, small", DETECTOR, lambda evaluated: _precision(evaluated, "small")),
+    Score("ap_medium", "AP, medium", DETECTOR, lambda evaluated: _precision(evaluated, "medium")),
+    Score("ap_large", "AP, large", DETECTOR, lambda evaluated: _precision(evaluated, "large")),
     Score(
         "ar100", "AR100", DETECTOR, attrgetter("recall"), of_models=DETECTOR, missing=_UNKNOWN,
         meaning="recall with 100 detections a picture",

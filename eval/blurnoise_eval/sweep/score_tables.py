@@ -37,14 +37,14 @@ _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 def criterion_of(
     store: Store, threshold: float | None = None, keep: float | None = None, score: str | None = None
 ) -> Criterion:
-    """The criterion of a run, see :func:`~.answers.criterion.stated`. Raises ``StoreError`` for none that began."""
+    """The criterion of a run, see :func:`.criterion_for`. Raises ``StoreError`` for none that began."""
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     reads = any(model["kind"] == "reader" for model in manifest["models"])
     rendered = manifest["images"]["kind"] == "rendered"
     labelled = manifest["images"]["labelled"]
-    return criteria.stated(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
+    return criteria.criterion_for(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
 
 
 def asked_enough(store: Store) -> dict[str, Any]:
