@@ -16,7 +16,7 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.answers.clusters import check_cluster
-from blurnoise_eval.answers.criterion import stated
+from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
@@ -111,7 +111,7 @@ def evaluate(
             raise ValueError(f"part = {part!r}: none of the {len(whole)} pictures are in it")
     plan = usual_plan() if plan is None else plan
     of_pictures = {"rendered": shown.kind == "rendered", "labelled": shown.labelled}
-    stated(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
+    criterion_for(threshold, keep, score, reads=not isinstance(opened[0], Detector), **of_pictures)
     check_plan(plan, seen_by, shown)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with (

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.recommendation import averages, curves, recommendations
+from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.report.run import RunData
 from made_tables import table
@@ -89,7 +89,7 @@ def made_run(
                 THRESHOLD,
             )
             found["recommendations"] += recommendations(of)
-            found["averages"] += curves(of)
+            found["averages"].append(average_curve(of))
         for index in range(n_examples):
             at = conditions[(index * 7) % len(conditions)]
             found["examples"].append(_example(folder, index, model, kind, at, best_of))
@@ -165,7 +165,6 @@ def _summary(model: str, kind: str, k: int, scored: bool) -> dict[str, Any]:
     row: dict[str, Any] = {"model": model, "kind": kind, "measure": "AP"}
     names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row |= {name: (0.8 - k / 10 - place / 50 if scored else None) for place, name in enumerate(names)}
-    row["mpc_uniform"] = row["mpc"]
     if kind == "reader":
         row |= {"ap50": None, "ar100": None}
     row |= {"false_positives_per_image": 0.25, "calibration_error": None}
@@ -210,7 +209,6 @@ def _answer(
         "limited_low": "noise" if windows and curve[0] < THRESHOLD else None,
         "limited_high": "blur" if windows and curve[-1] < THRESHOLD else None,
         "limited_by": None if windows else "blur and noise" if speed else "noise",
-        "limits_untold": None,
         "clean_value": best,
         "saturated": [0.0] * len(curve),
         "saturated_at_recommended": 0.0 if windows else None,

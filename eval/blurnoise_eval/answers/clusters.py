@@ -6,16 +6,14 @@ Domain: pictures' names as the store has them. Without a pattern each picture is
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.likeness import MOST, scenes
 
 _FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too narrow
-Labels = NDArray[np.int64]
 
 
 def cluster_of(picture: str, pattern: str | None = None) -> str:
@@ -59,30 +57,12 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
     names = sorted(looks)
     if len(names) > MOST:
         names = [names[place] for place in np.linspace(0, len(names) - 1, MOST).round().astype(int).tolist()]
-    shown = scenes([looks[name] for name in names])
-    counted = _labels(names, pattern)
-    together, count = _together(shown, counted), int(counted.max(initial=-1)) + 1
-    if together >= _FEWER * count:
+    clusters = [cluster_of(name, pattern) for name in names]
+    count, apart = len(set(clusters)), len(set(scenes([looks[name] for name in names], clusters).tolist()))
+    if apart >= _FEWER * count:
         return None
     pictures = f"{count} pictures" if pattern is None else f"the {count} clusters of pictures"
-    about = "1 scene" if together == 1 else f"{together} scenes"
     return (
-        f"{pictures} show about {about} but count as independent, so intervals are too narrow: give --cluster a "
-        "pattern that finds the same in the file names of one scene"
+        f"{pictures} show about {apart} scene{'' if apart == 1 else 's'} but count as independent, so intervals are "
+        "too narrow: give --cluster a pattern that finds the same in the file names of one scene"
     )
-
-
-def _labels(names: Sequence[str], pattern: str | None) -> Labels:
-    """Numbers of the names' clusters, (N,)."""
-    numbers: dict[str, int] = {}
-    return np.array([numbers.setdefault(cluster_of(name, pattern), len(numbers)) for name in names], np.int64)
-
-
-def _together(one: Labels, other: Labels) -> int:
-    """How many groups there are of pictures that are together by one or the other."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    shape = one.max(initial=-1) + 1, other.max(initial=-1) + 1
-    table = coo_array((np.ones(len(one), bool), (one, other + shape[0])), shape=(sum(shape), sum(shape)))
-    return int(connected_components(table, directed=False)[0]) if len(one) else 0

@@ -84,7 +84,7 @@ class Criterion:
         return f"kept {self.noun}" if self.kept else self.noun
 
 
-def stated(
+def criterion_for(
     threshold: float | None = None,
     keep: float | None = None,
     score: str | None = None,
@@ -101,7 +101,7 @@ def stated(
     or not on such pictures.
     """
     if threshold is not None and keep is not None:
-        raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; state one of them")
+        raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; give one of them")
     kept = keep is not None or (threshold is None and not rendered)
     default = (KEPT if kept else ENOUGH), (MATCHES if reads and kept and not rendered else CONFIDENCE)
     level = keep if keep is not None else threshold

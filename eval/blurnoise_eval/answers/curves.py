@@ -19,11 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.plane import coordinate, trapezoid_weights
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import NAMES, SETTING, axis
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
@@ -40,7 +39,7 @@ def windows(
     x: Sequence[float], y: Sequence[float], threshold: float, logarithmic: bool = True
 ) -> list[Stretch]:
     """Stretches of x, increasing, in which y(x) is at or above ``threshold``."""
-    at, is_log = coordinate(x, logarithmic)
+    at, is_log = _coordinate(x, logarithmic)
     above = np.asarray(y, float) >= threshold
     ends = [x[0]] if above[:1].any() else []
     for place in np.flatnonzero(above[1:] != above[:-1]).tolist():
@@ -111,7 +110,7 @@ class Curve:
     @cached_property
     def fine(self) -> Array:
         """The values of x at which the interval is known."""
-        at, is_log = coordinate(self.x, self.logarithmic)
+        at, is_log = _coordinate(self.x, self.logarithmic)
         fine = np.exp(self._between(at)) if is_log else self._between(at)
         fine[:: self._steps] = self.x
         return fine
@@ -123,7 +122,7 @@ class Curve:
 
     def area(self) -> tuple[float, Bounds]:
         """Area under the mean, straight between the values of x, by the range of x; and its 95 % interval."""
-        weights = trapezoid_weights(np.array(self.x))
+        weights = _trapezoid_weights(np.array(self.x))
         area, measured = float(self.line.mean @ weights), np.isfinite(self.line.influence)
         part = np.where(measured, self.line.influence, 0.0) @ weights
         away = np.where(measured.any(axis=1), part, np.nan)
@@ -138,14 +137,13 @@ class Curve:
 
     def sure(self, level: float) -> list[Stretch]:
         """Where the low end of the interval is; nothing from too few clusters."""
-        return self._reached(np.nan_to_num(self.ends.low, nan=-_UNKNOWN), level)
+        low = np.nan_to_num(self.ends.low, nan=-_UNKNOWN)
+        return windows(self.fine.tolist(), low.tolist(), level, self.logarithmic)
 
     def possible(self, level: float) -> list[Stretch]:
         """Where the high end of the interval is; everything from too few clusters."""
-        return self._reached(np.nan_to_num(self.ends.high, nan=_UNKNOWN), level)
-
-    def _reached(self, end: Array, level: float) -> list[Stretch]:
-        return windows(self.fine.tolist(), end.tolist(), level, self.logarithmic)
+        high = np.nan_to_num(self.ends.high, nan=_UNKNOWN)
+        return windows(self.fine.tolist(), high.tolist(), level, self.logarithmic)
 
     def around(self, end: float, level: float) -> Bounds:
         """The interval of a window's end: the stretch about it in which the curve is not sure to be above or below,
@@ -231,7 +229,21 @@ def _endurance(curve: Curve, over: str, fixed: Collection[str], criterion: Crite
         "non_monotonic": bool((above[1:] & ~above[:-1]).any()),
         "auc_low": auc_low,
         "auc_high": auc_high,
-        "n_pictures": line.n_clusters,
-        "few_pictures": line.n_effective < uncertainty.FEW,
+        **{name: line.sizes[name] for name in ("n_pictures", "few_pictures")},
         "criterion": criterion.text,
     }
+
+
+def _coordinate(x: Sequence[float], logarithmic: bool) -> tuple[Array, bool]:
+    """Where the values x are on their axis, and whether these are logarithms: lines are straight there."""
+    values = np.asarray(x, float)
+    is_log = logarithmic and bool((values > 0).all())
+    return np.log(values) if is_log else values, is_log
+
+
+def _trapezoid_weights(x: Array) -> Array:
+    """Weights (N,) of values at increasing x in their mean over the range, straight between them."""
+    if len(x) < 2 or not np.isfinite(x).all():  # a value that the camera sets has no place on its axis
+        return np.full(len(x), 1 / max(len(x), 1))
+    steps = np.diff(x, prepend=x[0], append=x[-1])
+    return np.asarray((steps[:-1] + steps[1:]) / 2 / (x[-1] - x[0]))

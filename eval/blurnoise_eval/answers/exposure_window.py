@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Curve, Row, Stretch
 from blurnoise_eval.answers.limits import DARK, Limits, Line, of_best, of_window
@@ -22,6 +21,7 @@ from blurnoise_eval.answers.monotone import is_uniform, nested, pooled
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
@@ -48,9 +48,7 @@ def answers(
         at_slowest = dict(zip(slowest.conditions["exposure_s"].tolist(), slowest.mean.tolist(), strict=True))
         for speed, curve in zip(speeds, curves, strict=True):
             slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
-            of = curve.line
-            line = Line(curve.x, of.mean, slower, speed > 0, of.saturated, of.brightness, dark_below)
-            found.append(answer(curve, line, criterion))
+            found.append(answer(curve, Line(curve.line, slower, dark_below), criterion))
     return found
 
 
@@ -61,85 +59,74 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
 
     exposures_s: tested, increasing; confidence: of the ``n_targets`` targets (times repeats) at each, in the
     criterion's unit; low, high: its 95 % interval over ``n_pictures`` clusters, which count as ``effective_pictures``
-    (:func:`~blurnoise_eval.answers.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
+    (:func:`~blurnoise_eval.scoring.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
     saturated: mean share of the pictures' values at a limit of the sensor, None where unknown.
 
     verdict: "works": at some tested exposure ``low`` is at or above the level; "no exposure works": ``high`` is at
     none in the range; else "cannot tell", as always below 8 pictures. Then ``pictures_to_tell`` is how many should be
-    enough in half of such cases, ``pictures_to_tell_mostly`` in nine of ten (None: more than 9999).
+    enough in half of such cases (None: more than 9999).
 
     windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
-    95 % intervals of their first and last exposures, None at an end that lies outside the tested range or is not
-    known. sure_windows_s: where it is surely so. open_low, open_high: a window reaches the shortest or longest
-    exposure tested.
+    95 % intervals of their ends, None where these lie outside the tested range or are not known. sure_windows_s:
+    where it is surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
 
     recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
-    is only the best guess; confidence_at_recommended, its interval recommended_low, recommended_high, and
-    saturated_at_recommended. regret_95: what it loses at most, at 95 %, against the best tested exposure.
+    is only the best guess. regret_95: what it loses at most, at 95 %, against the best tested exposure. best_s: the
+    tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
-    best_s: the tested exposure with the highest confidence (of equals the shortest), best_value, with its interval
-    best_low, best_high. limited_low, limited_high: what ends the window that holds the recommended exposure, or else
-    the first; limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them;
-    limits_untold: why one of these is None, though there is such an end. clean_value: mean score in the untouched
-    pictures, None where unknown.
+    limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first;
+    limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean
+    score in the untouched pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
-    saturated = tuple(line.saturated.tolist()) if np.isfinite(line.saturated).all() else None
-    chosen = recommended(curve.x, mean, level, saturated)
-    best = int(np.argmax(table.mean.round(12)))
+    saturated = tuple(table.saturated.tolist()) if np.isfinite(table.saturated).all() else None
+    chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
     verdict = CANNOT_TELL if curve.possible(level) else NONE_WORKS
     if any(first <= x <= last for first, last in sure for x in curve.x):
         verdict = WORKS
-    needed = _pictures_to_tell(table, level) if verdict == CANNOT_TELL else (None, None)
 
-    def at(values: Sequence[Any] | None, place: int | None) -> Any:
-        return None if values is None or place is None else values[place]
+    def at(place: int | None, *names: str) -> Row:
+        columns = zip(names, (curve.x, mean, low, high, saturated), strict=False)
+        return {name: None if place is None or each is None else each[place] for name, each in columns}
 
-    recommended_s = at(curve.x, chosen)
     if windows:
+        recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
     elif not criterion.kept and table.clean is not None and table.clean < level:
         limits = Limits(by="the model, as the untouched pictures show")
     else:
         limits = of_best(line, best)
     axes = {name: value for name, value in table.at(0).items() if name != "exposure_s"}
-    return {"model": table.model, "group": table.group, **axes} | {
+    to_recommended = "recommended_s", "confidence_at_recommended", "recommended_low", "recommended_high"
+    return {
+        "model": table.model,
+        "group": table.group,
+        **axes,
         "n_targets": table.n_targets,
         "exposures_s": curve.x,
         "confidence": tuple(mean),
         "low": low,
         "high": high,
         "windows_s": [list(window) for window in windows],
+        "windows_low_s": [list(curve.around(end, level)) for end, _ in windows],
+        "windows_high_s": [list(curve.around(end, level)) for _, end in windows],
+        "sure_windows_s": [list(window) for window in sure],
         "open_low": mean[0] >= level,
         "open_high": mean[-1] >= level,
-        "recommended_s": recommended_s,
-        "confidence_at_recommended": at(mean, chosen),
-        "n_pictures": table.n_clusters,
-        "effective_pictures": table.n_effective,
-        "few_pictures": table.n_effective < uncertainty.FEW,
+        **table.sizes,
         "verdict": verdict,
-        "pictures_to_tell": needed[0],
-        "pictures_to_tell_mostly": needed[1],
-        "windows_low_s": [list(curve.around(low, level)) for low, _ in windows],
-        "windows_high_s": [list(curve.around(high, level)) for _, high in windows],
-        "sure_windows_s": [list(window) for window in sure],
-        "recommended_low": at(low, chosen),
-        "recommended_high": at(high, chosen),
+        "pictures_to_tell": _pictures_to_tell(table, level) if verdict == CANNOT_TELL else None,
+        **at(chosen, *to_recommended, "saturated_at_recommended"),
         "regret_95": None if chosen is None else _regret(curve, chosen),
         "saturated": saturated,
-        "saturated_at_recommended": at(saturated, chosen),
         "criterion": criterion.text,
-        "best_s": curve.x[best],
-        "best_value": mean[best],
-        "best_low": at(low, best),
-        "best_high": at(high, best),
+        **at(best, "best_s", "best_value", "best_low", "best_high"),
         "limited_low": limits.low,
         "limited_high": limits.high,
         "limited_by": limits.by,
-        "limits_untold": limits.untold,
         "clean_value": table.clean,
     }
 
@@ -179,25 +166,21 @@ def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> 
     return held.index(True) if any(held) else 0
 
 
-def _pictures_to_tell(line: ScoreTable, level: float) -> tuple[int | None, int | None]:
-    """How many would be enough, in half of the cases and in most: for one exposure to be above, or all below."""
+def _pictures_to_tell(line: ScoreTable, level: float) -> int | None:
+    """How many would be enough in half of such cases: for one exposure to be above, or all below."""
     n = np.isfinite(line.influence).sum(axis=0)
     known = n > 1
     if not known.any():
-        return None, None
-    n, mean, away = n[known], line.mean[known], line.influence[:, known]
-    margin, spread, above = mean - level, np.nanstd(away, axis=0), mean > level
-    pulls = np.where(above, mean, line.most - mean)  # the bound beyond the level
-    asked = zip(np.abs(margin).tolist(), spread.tolist(), pulls.tolist(), strict=True)
+        return None
+    mean = line.mean[known]
+    above = mean > level
+    spread = np.nanstd(line.influence[:, known], axis=0)
+    pull = np.where(above, mean, line.most - mean)  # of the bound beyond the level
+    asked = zip(np.abs(mean - level).tolist(), spread.tolist(), pull.tolist(), strict=True)
     needed = np.array([uncertainty.pictures_needed(*each, _MOST_PICTURES) for each in asked])
-    hardest = int(np.where(above, needed, _MOST_PICTURES + 2).argmin() if above.any() else needed.argmax())
-    count = int(needed[hardest])
-    if count > _MOST_PICTURES:
-        return None, None
+    count = int(needed[above].min() if above.any() else needed.max())
     fewest = max(math.ceil(uncertainty.FEWEST * line.n_clusters / line.n_effective), int(n.max()) + 1)
-    seen = abs(float(margin[hardest])), float(spread[hardest]), float(n[hardest])
-    mostly = uncertainty.pictures_needed_mostly(*seen, count, _MOST_PICTURES)
-    return max(fewest, count), None if mostly > _MOST_PICTURES else max(fewest, mostly)
+    return None if count > _MOST_PICTURES else max(fewest, count)
 
 
 def _regret(curve: Curve, chosen: int) -> float | None:

@@ -1,7 +1,7 @@
 """Limits: what ends a window of exposures, and what holds the best exposure back where none works.
 
-Domain: lines of exposures as :class:`Line` has them, values in a criterion's unit. All follow from comparison with
-what was tested beside them; where that is not enough, there is a reason instead of a guess.
+Domain: exposures in s, values in a criterion's unit. All follow from comparison with
+what was tested beside them; where that is not enough, there is no guess.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from blurnoise_eval.answers.table import ScoreTable
 
 Limit = Literal["noise", "darkness", "blur", "saturation"]
 Array = NDArray[np.float64]
@@ -23,41 +25,44 @@ DARK = 0.33
 
 
 class Limits(NamedTuple):
-    """At either end of a window, or at the best exposure ("blur and noise"); untold: why one of them is None."""
+    """At either end of a window, or at the best exposure ("blur and noise"); None where the tests do not tell."""
 
     low: Limit | None = None
     high: Limit | None = None
     by: str | None = None
-    untold: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """Tested exposures of one light and velocity, all (E,), NaN where something is not known.
+    """Tested exposures of one light and velocity.
 
-    value: mean of the score. slower: the same at the slowest speed tested under this light; None: this is it. moves:
-    whether this moves at all. saturated: share of the pictures' values at a limit of the sensor; brightness: mean of
-    the pictures, coded; dark_below: what of it is half of auto-exposure's aim.
+    of: a table of one exposure after the other. slower: mean score at the slowest speed tested under this light (E,),
+    NaN where unknown; None: this is it. dark_below: brightness of a picture that is half of auto-exposure's aim.
     """
 
-    exposures_s: tuple[float, ...]
-    value: Array
-    slower: Array | None
-    moves: bool
-    saturated: Array
-    brightness: Array
+    of: ScoreTable
+    slower: Array | None = None
     dark_below: float = DARK
+
+    @property
+    def x(self) -> Array:
+        """Exposures, s."""
+        return self.of.conditions["exposure_s"]
+
+    @property
+    def moves(self) -> bool:
+        """Whether this moves at all."""
+        return bool(self.of.speeds_px_s.any())
 
     def lacks(self, place: int) -> Limit | None:
         """What too little light means at an exposure: darkness in a picture that is darker than half of
         auto-exposure's aim, since gain has ended or was fixed; noise in one as bright as it should be."""
-        if not np.isfinite(self.brightness[place]):
-            return None
-        return "darkness" if self.brightness[place] < self.dark_below else "noise"
+        brightness = self.of.brightness[place]
+        return None if np.isnan(brightness) else "darkness" if brightness < self.dark_below else "noise"
 
     def saturates(self, place: int, before: int) -> bool | None:
         """Whether more is saturated at one exposure than at another."""
-        more = self.saturated[place] - self.saturated[before]
+        more = self.of.saturated[place] - self.of.saturated[before]
         return bool(more > SATURATES) if np.isfinite(more) else None
 
 
@@ -69,31 +74,25 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
     if more of the picture is saturated than at the window's best. With no slower speed tested it is saturation at
     rest; of a line that moves it is blur where nothing saturates, else unknown.
     """
-    x = np.array(line.exposures_s)
+    x, value = line.x, line.of.mean
     inside = (window[0] <= x) & (x <= window[1])
     here = np.flatnonzero(inside) if inside.any() else np.array([np.abs(x - window[0]).argmin()])
-    best = int(here[np.nanargmax(line.value[here])])
-    reasons: list[str] = []
+    best = int(here[np.nanargmax(value[here])])
     low: Limit | None = None
     high: Limit | None = None
-    if window[0] > x[0] or line.value[0] < level:
+    if window[0] > x[0] or value[0] < level:
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
-        reasons += [] if low else ["lower end: the pictures' brightness is not known"]
-    if window[1] < x[-1] or line.value[-1] < level:
+    if window[1] < x[-1] or value[-1] < level:
         place = min(int((x <= window[1]).sum()), len(x) - 1)
-        saturates, why = line.saturates(place, best), ""
+        saturates = line.saturates(place, best)
         slower = np.nan if line.slower is None else line.slower[place]
         if slower >= level:
             high = "blur"
         elif np.isfinite(slower) or not line.moves:
             high = "saturation" if saturates else None
-            why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
-            why += ", and nothing saturates"
         else:
             high = "blur" if saturates is False else None
-            why = "blur and saturation cannot be told apart, as no slower speed was tested"
-        reasons += [] if high else [f"upper end: {why}"]
-    return Limits(low, high, None, "; ".join(reasons) or None)
+    return Limits(low, high)
 
 
 def of_best(line: Line, best: int) -> Limits:
@@ -105,7 +104,7 @@ def of_best(line: Line, best: int) -> Limits:
     itself: what has the value fall on either side of the best, and too little light if it still rises at the longest
     tested.
     """
-    value, x = line.value, line.exposures_s
+    value, x = line.of.mean, line.x
     parts: list[Limit | None] = []
     if line.slower is not None and np.isfinite(line.slower[best]):
         own, after = line.slower[best], slice(best + 1, None)
@@ -124,8 +123,4 @@ def of_best(line: Line, best: int) -> Limits:
             saturates = line.saturates(best + 1, best)
             parts.append("saturation" if saturates else "blur" if line.moves and saturates is False else None)
     named = list(dict.fromkeys(part for part in parts if part is not None))
-    if named:
-        return Limits(by=" and ".join(named))
-    if len(x) == 1:
-        return Limits(untold="only one exposure was tested")
-    return Limits(untold="neither less motion nor another exposure, as far as tested, does better")
+    return Limits(by=" and ".join(named) or None)

@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from blurnoise_eval.answers.plane import plane_weights
-from blurnoise_eval.answers.uncertainty import behind_best, columns
-from blurnoise_eval.scoring.estimates import Estimate, mean_of, ratio
 from blurnoise_eval.scoring.scores import of_models
+from blurnoise_eval.scoring.uncertainty import Estimate, behind_best, columns, mean_of, ratio
 
 _ENDS = "", "_low", "_high"
 
@@ -69,17 +67,14 @@ def _summary(
     curves: list[dict[str, Any]],
     labelled: bool,
 ) -> dict[str, Any]:
-    """One row of the table of models. mPC: mean over the grid's conditions, all weighted alike;
-    uniform: over the plane that they cover, whatever the grid. Of a detector without labels P is None: it is 1.
+    """One row of the table of models. mPC: mean over the grid's conditions, all weighted alike.
+    Of a detector without labels P is None: it is 1.
 
     P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
     """
     own = [row for row in scores if row["model"] == model["name"]]
     p = next((each for row, each in told if row["clean"]), Estimate(None))
     against_itself = model["kind"] == "detector" and not labelled
-    exposed = [(row, each) for row, each in told if not row["clean"]]
-    weights = plane_weights([row for row, _ in exposed])
-    uniform = Estimate(None) if weights is None else mean_of([each for _, each in exposed], weights)
     rpc = ratio(mpc, p)
     held = [each for each in curves if each["model"] == model["name"]]
     untouched = next((row for row in own if row["clean"]), {})
@@ -92,7 +87,6 @@ def _summary(
         **columns(Estimate(None) if against_itself else p, "p", 1.0),
         **columns(mpc, "mpc", 1.0),
         **columns(rpc, "rpc", 1 / p.value if p.value else math.inf),
-        **columns(uniform, "mpc_uniform", 1.0),
         "auc_exposure": _mean_auc(held, "exposure_s"),
         "auc_blur": _mean_auc(held, "blur_px"),
         **{f"{name}{end}": untouched.get(f"{name}{end}") for name in original for end in _ENDS},

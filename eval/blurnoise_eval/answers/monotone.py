@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.answers.uncertainty import Ends
+from blurnoise_eval.scoring.uncertainty import Ends
 
 Array = NDArray[np.float64]
 Velocity = tuple[float, float]
@@ -58,17 +58,20 @@ def nested(curves: Sequence[Curve], velocities: Sequence[Velocity]) -> list[Curv
 
     They are compared at the exposures that they share, and between two of these where neither has another.
     """
-    branches, root = _branches(velocities)
-    found = list(curves)
-    for v, curve in enumerate(curves):
+    speeds, directions = [math.hypot(*each) for each in velocities], [_direction(each) for each in velocities]
+    found = []
+    for curve, speed, direction in zip(curves, speeds, directions, strict=True):
         low, high = [curve.ends.low], [curve.ends.high]
-        for chain in ([*root, *branch] for branch in branches if v in root or v in branch):
-            place = chain.index(v)
-            low += [_shared(curves[faster], curves[faster].ends.low, curve) for faster in chain[place + 1 :]]
-            high += [_shared(curves[slower], curves[slower].ends.high, curve) for slower in chain[:place]]
+        for other, its_speed, its_direction in zip(curves, speeds, directions, strict=True):
+            if speed and its_speed and direction != its_direction:
+                continue
+            if its_speed > speed:
+                low.append(_shared(other, other.ends.low, curve))
+            elif its_speed < speed:
+                high.append(_shared(other, other.ends.high, curve))
         known = np.isfinite(curve.ends.low)
         ends = np.fmax.reduce(low), np.fmin.reduce(high)
-        found[v] = replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends)))
+        found.append(replace(curve, given=Ends(*(np.where(known, end, np.nan) for end in ends))))
     return found
 
 
@@ -80,16 +83,17 @@ def _shared(other: Curve, end: Array, curve: Curve) -> Array:
     return np.where(np.abs(other.fine[place] - curve.fine) <= _SAME * curve.fine, end[place], np.nan)
 
 
+def _direction(velocity: Velocity) -> float:
+    return round(math.atan2(velocity[1], velocity[0]), 9)
+
+
 def _branches(velocities: Sequence[Velocity]) -> tuple[list[list[int]], list[int]]:
     """Places of the velocities of each direction, by increasing speed, and that of rest, if it is there."""
-    speed = [math.hypot(*velocity) for velocity in velocities]
     directions: dict[float, list[int]] = {}
-    for v in sorted(range(len(speed)), key=speed.__getitem__):
-        if speed[v]:
-            x, y = velocities[v]
-            directions.setdefault(round(math.atan2(y, x), 9), []).append(v)
-    root = [v for v, each in enumerate(speed) if not each]
-    return list(directions.values()) or [[]], root
+    for v in sorted(range(len(velocities)), key=lambda v: math.hypot(*velocities[v])):
+        if any(velocities[v]):
+            directions.setdefault(_direction(velocities[v]), []).append(v)
+    return list(directions.values()) or [[]], [v for v, each in enumerate(velocities) if not any(each)]
 
 
 def _blocks(mean: Array, weight: Array, branches: Sequence[list[int]], root: list[int]) -> list[list[int]]:

@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blurnoise_eval.answers.clusters import cluster_of
-from blurnoise_eval.answers.uncertainty import columns
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.estimates import MOST_CLUSTERS, Array, Estimate
-from blurnoise_eval.scoring.judged import Judged, Truth
+from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
+from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
@@ -81,15 +80,15 @@ def scored(
         truth = truth_of(model)
         for row, as_set, sums in every:
             answers = None if truth is None else queries.answers_at(store, model, row)
-            judged = Judged(
+            evaluated = Evaluated(
                 sums, truth, answers, *((None, None) if row["clean"] else moves(as_set)), clusters
             )
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             for score in of_conditions():
-                found |= columns(score.estimate(judged), score.name, score.most)
-            performance = judged.mean("exact_match") if truth is None else judged.average()
-            sizes = {size: of_sizes(judged, size) for size in SIZES} if of_sizes else {}
-            yield Scored(found, performance, sizes, judged.targets_by_size if of_sizes else {})
+                found |= columns(score.estimate(evaluated), score.name, score.most)
+            performance = evaluated.mean("exact_match") if truth is None else evaluated.average()
+            sizes = {size: of_sizes(evaluated, size) for size in SIZES} if of_sizes else {}
+            yield Scored(found, performance, sizes, evaluated.targets_by_size if of_sizes else {})
 
 
 def numbered(pictures: Sequence[str], cluster: str | None) -> dict[str, int]:

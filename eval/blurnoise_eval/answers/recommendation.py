@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import EGO, EGO_SPEED, GAIN, SETTING
-from blurnoise_eval.scoring.estimates import ratio_of_sums
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import ratio_of_sums
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
@@ -117,21 +117,26 @@ class Averages:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
         Of several gains that were tested at a light, the one that keeps most is used. value: what it keeps on average
-        over the ``conditions``; low, high: the 95 % interval, None from too few pictures. verdict: whether the level
-        is reached: "sure", "no", "cannot tell". loss: how much less this is than the best exposure of each condition
-        would keep. saturated: the largest share of saturated values, None where unknown. sure, fails: in how many
-        conditions the level is surely reached, surely missed. gain_db: where it is one.
+        over the ``conditions``; low, high: the 95 % interval, errors of prediction as if they were all alike, None
+        from too few pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". loss: how much less
+        this is than the best exposure of each condition would keep. saturated: the largest share of saturated
+        values, None where unknown. sure, fails: in how many conditions the level is surely reached, surely missed.
+        gain_db: where it is one.
         """
         every, counted = self._line(range(len(self.settings)) if places is None else places)
         e = best_exposure(self.exposures_s, counted)
         if e is None:
             return None
         own = every[:, e]
-        value, share = self.value[own, e], self.saturated[own, e]
-        low, high = (float(end[0]) for end in self.interval(own, np.array([e])))
-        of_each = (each[own, e] for each in (self.sigma, self.effective))
-        ends = uncertainty.of_level(value, self.influence[:, own, e], self.most[own], *of_each)
+        value, sigma, effective, share = (
+            each[own, e] for each in (self.value, self.sigma, self.effective, self.saturated)
+        )
+        away, most = self.influence[:, own, e], self.most[own]
+        ends = uncertainty.of_level(value, away, most, sigma, effective)
         verdicts = [self._verdict(*each) for each in zip(*ends, strict=True)]
+        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(own), np.nan)
+        together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
+        low, high = map(float, together)
         best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
         gains = {self.settings[place][_GAIN] for place in own}
         return {
@@ -203,14 +208,6 @@ class Averages:
         share = ratio_of_sums(np.nan_to_num(saturated), np.isfinite(saturated))
         return own, without_saturated(value.mean(axis=0), share, self.level)
 
-    def interval(self, places: Sequence[int] | Places, e: Sequence[int] | Places) -> uncertainty.Ends:
-        """95 % intervals (E,) of means over conditions, errors of prediction as if they were all alike."""
-        some = np.ix_(np.asarray(places), np.asarray(e))
-        away = self.influence[:, some[0], some[1]]
-        mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(some[0]), np.nan)
-        value, sigma, most = self.value[some].mean(axis=0), self.sigma[some].mean(axis=0), self.most[places]
-        return uncertainty.of_level(value, mean, most.mean(), sigma, self.effective[some].min(axis=0))
-
     def _verdict(self, low: float, high: float) -> str:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
@@ -255,17 +252,16 @@ def averages(
     together = np.where(known.any(axis=1), (each * weights).sum(axis=1), np.nan)
     sizes = np.nan_to_num(counts / np.maximum(np.nansum(counts, axis=0), 1e-300)).sum(axis=1)
     of_targets = ratio_of_sums(np.nan_to_num(share), np.isfinite(share))
-    for place, (setting, velocity) in enumerate(conditions if saturated else ()):
-        for at_exposure, exposure_s in enumerate(exposures.tolist()):
-            found = (saturated or {}).get((*setting, *velocity, exposure_s))
-            if found is not None:
-                of_targets[place, at_exposure] = found
+    of_pictures = saturated or {}
+    at_all = [[of_pictures.get((*s, *v, x)) for x in exposures.tolist()] for s, v in conditions]
+    found = np.array(at_all, float)
     settings, velocities = zip(*conditions, strict=True)
     means = [np.where(complete, (np.nan_to_num(of) * weights).sum(axis=0), np.nan) for of in (value, sigma)]
     greatest = np.nansum(np.where(measured, most, np.nan), axis=(0, 2)) / np.maximum(measured.sum((0, 2)), 1)
     return Averages(
         tables[0].model, level, settings, velocities, tuple(exposures.tolist()),
-        means[0], together, uncertainty.effective(sizes), means[1], greatest, of_targets, monotone,
+        means[0], together, uncertainty.effective(sizes), means[1], greatest,
+        np.where(np.isnan(found), of_targets, found), monotone,
     )  # fmt: skip
 
 
@@ -273,9 +269,8 @@ def recommendations(of: Averages) -> list[Row]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
     there. Axes and speed are None where a row is an average over them; a chosen gain is given. at_common: what the
     exposure for all conditions keeps there, None where it was not tested there."""
-    lights: dict[Setting, dict[float, list[int]]] = {}
-    for place, (setting, speed) in enumerate(zip(of.settings, of.speeds, strict=True)):
-        lights.setdefault(_without(setting, _GAIN, _EGO), {}).setdefault(speed, []).append(place)
+    lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
+    speeds = of.speeds
     whole = of.choose()
     common = None if whole is None else of.exposures_s.index(whole["exposure_s"])
 
@@ -289,12 +284,13 @@ def recommendations(of: Averages) -> list[Row]:
         axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
         return [{"model": of.model, "scope": scope, **axes, "speed": speed, **choice, "at_common": at_common}]
 
-    rows = row("all", None, None, range(len(of.settings)))
-    for light, by_speed in sorted(lights.items(), key=lambda each: each[0]):
-        rows += row("light", light, None, [place for own in by_speed.values() for place in own])
-        found = [
-            each for speed in sorted(by_speed) for each in row("condition", light, speed, by_speed[speed])
-        ]
+    rows = row("all", None, None, range(len(lights)))
+    for light in sorted(set(lights)):
+        here = [place for place, each in enumerate(lights) if each == light]
+        rows += row("light", light, None, here)
+        found = []
+        for speed in sorted({speeds[place] for place in here}):
+            found += row("condition", light, speed, [place for place in here if speeds[place] == speed])
         if of.monotone:
             _nest(found)
         rows += found
@@ -310,19 +306,12 @@ def _nest(by_speed: list[Row]) -> None:
             fast |= {"verdict": FAILS, "sure": 0, "fails": fast["conditions"]}
 
 
-def curves(of: Averages) -> list[Row]:
-    """A row for all speeds (None) and one for each: means over lights and targets at exposures tested in all."""
-    rows, speeds = [], np.array(of.speeds)
-    for speed in (None, *np.unique(speeds).tolist()):
-        places = np.flatnonzero(np.isin(speeds, speeds if speed is None else speed))
-        value = of.value[places].mean(axis=0)
-        tested = np.flatnonzero(np.isfinite(value))
-        exposures = np.array(of.exposures_s)[tested]
-        columns = exposures, value[tested], *of.interval(places, tested)
-        names = "exposures_s", "values", "low", "high"
-        of_speed = {name: each.tolist() for name, each in zip(names, columns, strict=True)}
-        rows.append({"model": of.model, "speed": speed} | of_speed)
-    return rows
+def average_curve(of: Averages) -> Row:
+    """The mean over all conditions at the exposures that were tested in all."""
+    value = of.value.mean(axis=0)
+    tested = np.flatnonzero(np.isfinite(value))
+    exposures = np.array(of.exposures_s)[tested]
+    return {"model": of.model, "exposures_s": exposures.tolist(), "values": value[tested].tolist()}
 
 
 def _without(setting: Setting, *axes: int) -> Setting:

@@ -21,11 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers import plane
 from blurnoise_eval.answers.per_condition import Scored
-from blurnoise_eval.answers.uncertainty import effective
 from blurnoise_eval.grid.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
-from blurnoise_eval.scoring.estimates import influence, ratio, ratio_of_sums
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.precision import SIZES
+from blurnoise_eval.scoring.uncertainty import FEW, effective, influence, ratio, ratio_of_sums
 from blurnoise_eval.store.target_columns import TargetColumns
 
 LEAST_KNOWN = 0.05
@@ -89,7 +88,7 @@ class ScoreTable:
 
     @property
     def effective(self) -> Array:
-        """(N,) how many clusters of one size they are worth: :func:`~.uncertainty.effective`."""
+        """(N,) how many clusters of one size they are worth, by their sizes."""
         return effective(self.counts)
 
     @property
@@ -101,6 +100,16 @@ class ScoreTable:
     def n_effective(self) -> float:
         """How many clusters of one size they are worth over all conditions."""
         return float(effective(self.counts.sum(axis=1)))
+
+    @property
+    def sizes(self) -> dict[str, Any]:
+        """As tables have them: how many pictures there are, as how many they count, whether these are few."""
+        effective = self.n_effective
+        return {
+            "n_pictures": self.n_clusters,
+            "effective_pictures": effective,
+            "few_pictures": effective < FEW,
+        }
 
     @property
     def standard_error(self) -> Array:

@@ -42,17 +42,20 @@ def look(picture: Image) -> str:
     return np.packbits(bits).tobytes().hex()
 
 
-def scenes(looks: Sequence[str]) -> NDArray[np.int64]:
+def scenes(looks: Sequence[str], clusters: Sequence[str] = ()) -> NDArray[np.int64]:
     """The scene of each picture, (N,) numbered from 0: pictures within ``NEAR`` bits, or linked by others that are.
 
-    A picture without a hash is a scene of its own.
+    A picture without a hash is a scene of its own. clusters: the name of each one's; pictures of one cluster are one
+    scene, too.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     there = np.flatnonzero([bool(each) for each in looks])
     hashes = np.array([int(looks[place], 16) for place in there.tolist()], np.uint64)
-    links: list[NDArray[np.int64]] = [np.zeros((2, 0), np.int64)]
+    first = {name: place for place, name in reversed(list(enumerate(clusters)))}
+    of_cluster = [(place, first[name]) for place, name in enumerate(clusters)]
+    links: list[NDArray[np.int64]] = [np.array(of_cluster, np.int64).reshape(-1, 2).T]
     for start in range(0, len(hashes), _BLOCK):
         apart = np.bitwise_count(hashes[start : start + _BLOCK, None] ^ hashes[None, start:])
         links.append(there[np.stack(np.nonzero(apart <= NEAR)) + start])

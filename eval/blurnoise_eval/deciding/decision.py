@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.clusters import check_cluster
-from blurnoise_eval.answers.criterion import Criterion, stated
+from blurnoise_eval.answers.criterion import Criterion, criterion_for
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
@@ -80,7 +80,9 @@ def decided(
     folder = working_folder(output)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     of_pictures = {"rendered": pictures.kind == "rendered", "labelled": pictures.labelled}
-    criterion = stated(threshold, keep, score, reads=not isinstance(models[0], Detector), **of_pictures)
+    criterion = criterion_for(
+        threshold, keep, score, reads=not isinstance(models[0], Detector), **of_pictures
+    )
     check_cluster(cluster, (picture.name for picture in pictures))
     question = Question({name: plan.values(name) for name in plan.grid})
     most, grid = MOST_NODES + CHECKED, question.grid_conditions

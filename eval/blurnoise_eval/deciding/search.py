@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.plane import same_places
-from blurnoise_eval.answers.uncertainty import NORMAL
 from blurnoise_eval.deciding.question import Line, Range, lattice, spread
 from blurnoise_eval.deciding.surface import CAUTION, USUAL, Kriging, Trend
+from blurnoise_eval.scoring.uncertainty import NORMAL
 
 FIRST = 16  # nodes of the first batch, spread over the lattice
 BATCH = 6

@@ -18,10 +18,9 @@ from rich.table import Table
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.maps.nodes import Array, Nodes
 from blurnoise_eval.quality.measure import METRICS, measure
-from blurnoise_eval.scoring.estimates import all_and_without, left_out
+from blurnoise_eval.scoring.uncertainty import all_and_without, interval_of, left_out
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.score_tables import score_tables
 from blurnoise_eval.system.files import write_whole

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.recommendation import best_exposure
 from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program.problem import Problem, Schedule
 from blurnoise_eval.program.scenario import STEPS_PER_STOP
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]

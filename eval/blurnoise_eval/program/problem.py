@@ -21,7 +21,7 @@ from blurnoise_eval.deciding.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
-from blurnoise_eval.scoring.estimates import influence, ratio_of_sums
+from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run

@@ -184,7 +184,7 @@ class _OfModel:
             brightest = max(each[LIGHT.name] for each in self.lights)
             at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
             text = f" It saturates {100 * row['saturated']:.0f} % of the picture{at}."
-        means = (r for r in self.data.averages if r["model"] == self.model and r["speed"] is None)
+        means = (row for row in self.data.averages if row["model"] == self.model)
         tested = [pair for each in means for pair in zip(each["values"], each["exposures_s"], strict=True)]
         value, exposure_s = max(tested, default=(0.0, 0.0))
         if value - row["value"] > NEAR and exposure_s > row["exposure_s"]:

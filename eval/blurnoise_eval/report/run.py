@@ -18,7 +18,7 @@ from blurnoise_eval.answers.criterion import CONFIDENCE, PRECISIONS, Criterion
 from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers, flat, natural
 from blurnoise_eval.answers.model_rows import model_rows
-from blurnoise_eval.answers.recommendation import curves, recommendations
+from blurnoise_eval.answers.recommendation import average_curve, recommendations
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.grid.axes import (
     EGO,
@@ -77,7 +77,7 @@ class RunData:
     answers: see :func:`~blurnoise_eval.answers.exposure_window.answer`; endurances: the rows of
     :mod:`~blurnoise_eval.answers.curves`. examples: simulated pictures on disk with their detections and targets.
     recommendations: the exposure to use per model: for all conditions, each light, each light and speed; averages:
-    per model and speed the mean over lights and targets at every exposure.
+    per model the mean over lights, speeds and targets at every exposure.
     All rows but those of models carry a column per axis of ``AXES``, None for original pictures.
     """
 
@@ -264,7 +264,7 @@ def read_run(
         found_curves,
         list(_examples(store, manifest)),
         [row for each in reached for row in recommendations(each)],
-        [row for each in reached for row in curves(each)],
+        [average_curve(each) for each in reached],
     )
 
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import CANNOT_TELL, NONE_WORKS, WORKS
-from blurnoise_eval.answers.uncertainty import FEW, FEWEST
 from blurnoise_eval.grid.axes import EXPOSURE, milliseconds
 from blurnoise_eval.plots.annotate import OTHER_SCORE
+from blurnoise_eval.scoring.uncertainty import FEW, FEWEST
 
 _MANY_SATURATED = 0.01  # of the picture's values: so many at a limit of the sensor are reported
 Row = dict[str, Any]
@@ -111,11 +111,12 @@ def answer_lines(answer: Row) -> list[str]:
 
 
 def needed_text(answer: Row) -> str:
-    """How many pictures would tell, in half of such cases and in nine of ten: '3.3 to 40 times as many would',
-    'at least 3 more would', 'very many more would'."""
-    n, wanted = answer["n_pictures"], [answer["pictures_to_tell"], answer.get("pictures_to_tell_mostly")]
-    if times := [f"{float(f'{each / n:.2g}'):g}" for each in wanted if each is not None]:
-        return f"{' to '.join(times) if len(times) > 1 else f'at least {times[0]}'} times as many would"
+    """How many pictures would tell: '3.3 times as many would in half of such cases', 'at least 3 more would',
+    'very many more would'."""
+    n = answer["n_pictures"]
+    if answer["pictures_to_tell"] is not None:
+        times = float(f"{answer['pictures_to_tell'] / n:.2g}")
+        return f"{times:g} times as many would in half of such cases"
     lacking = math.ceil(FEWEST * n / (answer["effective_pictures"] or 1.0)) - n
     return f"at least {lacking} more would" if lacking > 0 else "very many more would"
 

@@ -61,14 +61,14 @@ class Targets(NamedTuple):
             self.categories,
         )
 
-    def category_of_class(self, category_of: Mapping[int, int]) -> tuple[Places, int]:
-        """By a class's number the place of its category, -1 of none, which is the last; and how many categories
-        there are, with those that have no target. category_of: ids of categories."""
+    def category_of_class(self, category_of: Mapping[int, int], class_ids: Places) -> tuple[Places, int]:
+        """Of each class's number the place of its category, -1 of none, (N,); and how many categories there are, with
+        those that have no target. category_of: ids of categories."""
         places = {category: place for place, category in enumerate(self.categories)}
         of_class = np.full(max(category_of, default=0) + 2, -1)
         for number, category in category_of.items():
             of_class[number] = places.setdefault(category, len(places))
-        return of_class, len(places)
+        return of_class[np.minimum(class_ids, len(of_class) - 1)], len(places)
 
 
 def target_confidences(

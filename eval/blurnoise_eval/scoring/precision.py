@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers
 from blurnoise_eval.scoring.boxes import xywh
-from blurnoise_eval.scoring.estimates import all_and_without
 from blurnoise_eval.scoring.matching import Targets, matched, rank
+from blurnoise_eval.scoring.uncertainty import all_and_without
 
 MOST_DETECTIONS = 100
 """Of one class and picture, highest scores first, that count for average precision: COCO's rule."""
@@ -65,8 +65,7 @@ def precision(
     id by a class's number.
     """
     areas_px2, limits = (AREAS_PX2[:1], _LIMITS[:1]) if ap50_only else (AREAS_PX2, _LIMITS)
-    of_class, categories = targets.category_of_class(category_of)
-    every = of_class[np.minimum(answers.class_ids, len(of_class) - 1)]
+    every, categories = targets.category_of_class(category_of, answers.class_ids)
     index = np.flatnonzero(every >= 0)
     key = (answers.picture * categories + every)[index]
     by_key = np.argsort(key, kind="stable")  # of each category the highest scores first
@@ -89,9 +88,11 @@ def precision(
     by_score = np.lexsort((-answers.scores[index].astype(float), every[index]))
     for category in range(categories):
         own = by_score[every[index][by_score] == category]
-        for area, iou in np.ndindex(right.shape[:2]):
-            line = right[area, iou, own], wrong[area, iou, own]
-            found[:, area, iou, category] = _average(*line, whose[own], number[:, area, category])
+        for area in range(len(right)):
+            recalls = _reached(number[:, area, category])
+            for iou in range(right.shape[1]):
+                line = right[area, iou, own], wrong[area, iou, own]
+                found[:, area, iou, category] = _average(*line, whose[own], *recalls)
     for iou in range(right.shape[1]):
         np.add.at(hits[:, iou], (whose[right[0, iou]], every[index][right[0, iou]]), 1)
     return _over_categories(number, found, all_and_without(hits))
@@ -114,34 +115,40 @@ def _over_categories(targets: Array, found: Array, hits: Array) -> Precision:
     return Precision(mean, recall, weighted - BEYOND * (mean - weighted))
 
 
-def _average(right: Flags, wrong: Flags, cluster: Places, targets: Array) -> Array:
-    """Average precision of one category, of all and without each cluster, (1 + clusters,); 0 without targets.
+def _reached(targets: Array) -> tuple[Places, Places]:
+    """How many of ``RECALLS`` are reached by 0, 1, ... right ones, none by none, of each different number of targets,
+    as one row; and where that of each of ``targets`` (n,) begins in it, (n, 1)."""
+    different, number = np.unique(np.maximum(targets, 1), return_inverse=True)
+    right = np.arange(1 + int(different[-1]))
+    table = np.searchsorted(RECALLS, right / different[:, None], side="right")
+    table[:, 0] = 0
+    return table.ravel().astype(np.int32), (number * len(right)).astype(np.int32)[:, None]
 
-    right, wrong, cluster: of each detection, highest score first. targets: how many there are, (1 + clusters,).
-    Precision is read at the last right one before each wrong one: it grows down to there, whichever cluster is left
-    out.
+
+def _average(right: Flags, wrong: Flags, cluster: Places, reached: Places, begins: Places) -> Array:
+    """Average precision of one category, of all and without each cluster, (1 + clusters,).
+
+    right, wrong, cluster: of each detection, highest score first. reached, begins: of :func:`_reached`. Precision is
+    read at the last right one before each wrong one: it grows down to there, whichever cluster is left out.
     """
     hit = np.flatnonzero(right)
     if not len(hit):
-        return np.zeros(len(targets))
+        return np.zeros(len(begins))
     miss = np.flatnonzero(wrong[: hit[-1]])
     next_hit = np.searchsorted(hit, miss)
-    begins = np.unique(next_hit)  # runs of right ones without a wrong one between
-    run_of_hit, run_of_miss = (
-        np.searchsorted(begins, each, side="right") for each in (np.arange(len(hit)), next_hit)
-    )
-    shape = len(targets) - 1, len(begins) + 1
-    hits = _down_to(run_of_hit, cluster[hit], shape)
-    detections = hits + _down_to(run_of_miss, cluster[miss], shape)
-    best = np.maximum.accumulate((hits / np.maximum(detections, 1))[:, ::-1], axis=1)[:, ::-1]
-    different, place = np.unique(np.maximum(targets, 1), return_inverse=True)
-    reached = np.searchsorted(RECALLS, np.arange(1 + len(hit)) / different[:, None], side="right")
-    reached[:, 0] = 0  # by no hit
-    steps = np.diff(reached[place[:, None], hits], axis=1, prepend=0)
-    return np.asarray((best * steps).sum(axis=1) / len(RECALLS))
+    is_first = np.zeros(len(hit), bool)  # of right ones without a wrong one between
+    is_first[next_hit] = True
+    run = np.cumsum(is_first)
+    shape = len(begins) - 1, int(run[-1]) + 1
+    hits = _down_to(run, cluster[hit], shape)
+    best = hits / np.maximum(hits + _down_to(run[next_hit], cluster[miss], shape), 1)
+    np.maximum.accumulate(best[:, ::-1], axis=1, out=best[:, ::-1])
+    steps = np.take(reached, hits + begins)
+    steps[:, 1:] -= steps[:, :-1].copy()
+    return np.asarray(np.einsum("cr,cr->c", best, steps) / len(RECALLS))
 
 
 def _down_to(run: Places, cluster: Places, shape: tuple[int, int]) -> Places:
     """How many stand down to the end of each run, of all and without each cluster; shape: clusters, runs."""
-    each = np.bincount(cluster * shape[1] + run, minlength=shape[0] * shape[1]).reshape(shape)
-    return np.asarray(all_and_without(each).cumsum(axis=1))
+    each = np.bincount(cluster * shape[1] + run, minlength=shape[0] * shape[1])
+    return all_and_without(each.reshape(shape).cumsum(axis=1, dtype=np.int32))

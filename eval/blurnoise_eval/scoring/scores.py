@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring.uncertainty import Estimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
-    from blurnoise_eval.scoring.judged import Judged
+    from blurnoise_eval.scoring.evaluated import Evaluated
     from blurnoise_eval.store.target_columns import TargetColumns
 
 DETECTOR = frozenset({"detector"})
@@ -47,11 +47,11 @@ class Score:
     name: str
     title: str
     kinds: frozenset[str] = BOTH
-    of: Callable[[Judged], Estimate | float | None] | None = None
+    of: Callable[[Evaluated], Estimate | float | None] | None = None
     better: Literal["higher", "lower"] | None = "higher"
     scale: Literal["share", "count"] = "share"
     of_targets: Callable[[TargetColumns], NDArray[np.float64]] | None = None
-    by_size: Callable[[Judged, str], Estimate] | None = None
+    by_size: Callable[[Evaluated, str], Estimate] | None = None
     charted: bool = False
     of_models: frozenset[str] = NEITHER
     meaning: str = ""
@@ -69,11 +69,11 @@ class Score:
         """Whether it scores the answers under a condition, rather than a model as a whole."""
         return bool(self.of or self.of_targets or self.by_size)
 
-    def estimate(self, judged: Judged) -> Estimate:
+    def estimate(self, evaluated: Evaluated) -> Estimate:
         """The score of answers under one condition, undefined where there is nothing to score."""
         if self.by_size is not None:
-            return self.by_size(judged, "all")
-        found = judged.mean(self.name) if self.of is None else self.of(judged)
+            return self.by_size(evaluated, "all")
+        found = evaluated.mean(self.name) if self.of is None else self.of(evaluated)
         return found if isinstance(found, Estimate) else Estimate(found)
 
 
@@ -98,9 +98,9 @@ def _found(confidence: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isnan(confidence), np.nan, confidence >= FOUND_SCORE)
 
 
-def _precision(judged: Judged, size: str, first: int = 0, last: int = 10) -> Estimate:
+def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) -> Estimate:
     """COCO's average precision over some of its ten IoUs."""
-    return judged.average(size, slice(first, last))
+    return evaluated.average(size, slice(first, last))
 
 
 SCORES: tuple[Score, ...] = (
@@ -115,10 +115,6 @@ SCORES: tuple[Score, ...] = (
     Score(
         "mpc", "mPC", of_models=BOTH, missing="no condition scored",
         meaning="mean of the same over all conditions but the untouched, each weighted alike",
-    ),
-    Score(
-        "mpc_uniform", "mPC, uniform", of_models=BOTH, missing="no condition scored",
-        meaning="mean of the same over light x time and motion, log-uniform over what was tested, whatever the grid",
     ),
     Score("rpc", "rPC", of_models=BOTH, missing="needs mPC, and P above 0", meaning="mPC / P"),
     Score(
@@ -140,10 +136,6 @@ SCORES: tuple[Score, ...] = (
         criterion=("detection rate", "detection rate"),
     ),
     Score(
-        "confidence_when_found", "Confidence when found", BOTH,
-        of_targets=lambda rows: np.where(_found(rows.confidence) > 0, rows.confidence, np.nan),
-    ),
-    Score(
         "target_confidence_swept", "Target confidence, swept box", DETECTOR,
         of_targets=attrgetter("confidence_swept"),
     ),
@@ -156,11 +148,11 @@ SCORES: tuple[Score, ...] = (
         "ap50", "AP50", DETECTOR, by_size=partial(_precision, last=1), charted=True, of_models=DETECTOR,
         missing=_UNKNOWN, criterion=("AP50", "AP50"),
     ),
-    Score("ap75", "AP75", DETECTOR, lambda judged: _precision(judged, "all", 5, 6)),
+    Score("ap75", "AP75", DETECTOR, lambda evaluated: _precision(evaluated, "all", 5, 6)),
     Score("ap50_swept", "AP50, swept box", DETECTOR, attrgetter("swept_ap50"), charted=True),
-    Score("ap_small", "AP, small", DETECTOR, lambda judged: _precision(judged, "small")),
-    Score("ap_medium", "AP, medium", DETECTOR, lambda judged: _precision(judged, "medium")),
-    Score("ap_large", "AP, large", DETECTOR, lambda judged: _precision(judged, "large")),
+    Score("ap_small", "AP, small", DETECTOR, lambda evaluated: _precision(evaluated, "small")),
+    Score("ap_medium", "AP, medium", DETECTOR, lambda evaluated: _precision(evaluated, "medium")),
+    Score("ap_large", "AP, large", DETECTOR, lambda evaluated: _precision(evaluated, "large")),
     Score(
         "ar100", "AR100", DETECTOR, attrgetter("recall"), of_models=DETECTOR, missing=_UNKNOWN,
         meaning="recall with 100 detections a picture",

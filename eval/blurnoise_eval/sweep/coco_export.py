@@ -12,7 +12,7 @@ from blurnoise._core.files import read_bytes
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.scoring.judged import Truth, coco_results, moved
+from blurnoise_eval.scoring.evaluated import Truth, coco_results, moved
 from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from blurnoise_eval.answers.per_condition import Condition, Moves, Scored, conditions_of, numbered, scored
-from blurnoise_eval.scoring.estimates import Estimate
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.scores import of_conditions
+from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.coco_export import truths

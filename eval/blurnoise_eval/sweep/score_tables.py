@@ -21,7 +21,7 @@ from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
-from blurnoise_eval.scoring.judged import Judged
+from blurnoise_eval.scoring.evaluated import Evaluated
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
@@ -37,14 +37,14 @@ _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 def criterion_of(
     store: Store, threshold: float | None = None, keep: float | None = None, score: str | None = None
 ) -> Criterion:
-    """The criterion of a run, see :func:`~.answers.criterion.stated`. Raises ``StoreError`` for none that began."""
+    """The criterion of a run, see :func:`.criterion_for`. Raises ``StoreError`` for none that began."""
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     reads = any(model["kind"] == "reader" for model in manifest["models"])
     rendered = manifest["images"]["kind"] == "rendered"
     labelled = manifest["images"]["labelled"]
-    return criteria.stated(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
+    return criteria.criterion_for(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
 
 
 def asked_enough(store: Store) -> dict[str, Any]:
@@ -150,5 +150,5 @@ def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
         name = model["name"]
         (clean,) = [row for row in queries.condition_counts(store, name) if row["clean"]]
         answers = queries.answers_at(store, name, clean)
-        found[name] = Judged({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
+        found[name] = Evaluated({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
     return found

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.exposure_window import answers
-from blurnoise_eval.answers.uncertainty import Ends
-from blurnoise_eval.scoring import estimates
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import Ends
 from made_tables import table
 from numpy.typing import NDArray
 from populations import EXPOSURES_S, POPULATIONS, Population, Seen, mean_over
@@ -46,8 +45,8 @@ def test_levels_and_differences(population: Population, pictures: int) -> None:
     first, second, counts = (sum(part.sum((0, 1)) for part in parts) for parts in zip(*whole, strict=True))
     truth, other = first / counts, second / counts
     own, others, number = drawn(population, pictures, generator)
-    centre, centre_2 = estimates.ratio_of_sums(own, number), estimates.ratio_of_sums(others, number)
-    away, away_2 = estimates.influence(own, number), estimates.influence(others, number)
+    centre, centre_2 = uncertainty.ratio_of_sums(own, number), uncertainty.ratio_of_sums(others, number)
+    away, away_2 = uncertainty.influence(own, number), uncertainty.influence(others, number)
     held = {
         "mean confidence": share_held(uncertainty.bounded(centre, away, (0.0, 1.0)), truth),
         "area under the curve": share_held(

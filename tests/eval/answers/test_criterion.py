@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from blurnoise_eval.answers.criterion import Criterion, names, stated
+from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ from blurnoise_eval.answers.criterion import Criterion, names, stated
     ],
 )
 def test_what_is_usual(options: dict[str, Any], rendered: bool, reads: bool, expected: Criterion) -> None:
-    assert stated(**options, rendered=rendered, reads=reads) == expected
+    assert criterion_for(**options, rendered=rendered, reads=reads) == expected
 
 
 @pytest.mark.parametrize(
@@ -53,14 +53,14 @@ def test_what_is_usual(options: dict[str, Any], rendered: bool, reads: bool, exp
 )
 def test_what_cannot_be(options: dict[str, Any], reads: bool, message: str) -> None:
     with pytest.raises(ValueError, match=message) as raised:
-        stated(**options, rendered=False, reads=reads)
+        criterion_for(**options, rendered=False, reads=reads)
     assert "\n" not in str(raised.value)
 
 
 def test_alarms_need_labels() -> None:
     with pytest.raises(ValueError, match=r"^score = 'recall@1': needs pictures with labels"):
-        stated(score="recall@1", rendered=False, reads=False, labelled=False)
-    assert stated(score="ap", rendered=False, reads=False, labelled=False).score == "ap"
+        criterion_for(score="recall@1", rendered=False, reads=False, labelled=False)
+    assert criterion_for(score="ap", rendered=False, reads=False, labelled=False).score == "ap"
 
 
 def test_in_words() -> None:

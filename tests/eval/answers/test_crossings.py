@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Curve, windows
-from blurnoise_eval.answers.uncertainty import Ends
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import Ends
 from made_tables import answers, curve, table
 from numpy.typing import NDArray
 from scipy import stats

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.grid.axes import SETTING
+from blurnoise_eval.scoring import uncertainty
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import failure_point

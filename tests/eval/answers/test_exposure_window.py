@@ -296,22 +296,17 @@ def test_flat_row_has_the_window_of_the_recommended_exposure() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("pictures", [12, 20])
 def test_pictures_asked_for_tell_as_often_as_said(pictures: int) -> None:
-    """Of 250 untold cases, the true mean anywhere about the threshold: told with the smaller number in 30 to 75 %,
-    with the larger in 82 to 98 % (nine of ten, three standard errors of 2 to 3 %)."""
+    """Of 250 cases that cannot be told, the true mean anywhere about the threshold: in 30 to 75 %."""
     rng = np.random.default_rng(pictures)
-    told = np.zeros(2)
-    cases = 0
+    told = cases = 0
     while cases < 250:
         mean = rng.uniform(0.45, 0.75)
         values = rng.beta(6 * mean, 6 * (1 - mean), 9999)
         (answer,) = answers(rows({0.01: values[:pictures].tolist()}), 0.6)
-        asked = answer.pictures_to_tell, answer.pictures_to_tell_mostly
-        if answer.verdict != "cannot tell" or asked[0] is None or asked[1] is None or asked[1] > 3000:
+        count = answer.pictures_to_tell
+        if answer.verdict != "cannot tell" or count is None or count > 3000:
             continue
         cases += 1
-        for place, count in enumerate(asked):
-            assert count is not None
-            low, high = (float(end[0]) for end in curve(values[:count, None], (0.01,)).ends)
-            told[place] += low >= 0.6 or high < 0.6
-    assert 0.3 < told[0] / cases < 0.75
-    assert 0.82 < told[1] / cases < 0.98
+        low, high = (float(end[0]) for end in curve(values[:count, None], (0.01,)).ends)
+        told += low >= 0.6 or high < 0.6
+    assert 0.3 < told / cases < 0.75

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.limits import Limits, Line, of_best, of_window
+from made_tables import table
+from numpy.typing import NDArray
 
 X_S = (0.001, 0.004, 0.016, 0.064)
 AIMED = (0.4, 0.4, 0.4, 0.4)
@@ -22,8 +22,9 @@ def line(
     saturated: tuple[float, ...] = (0.0,) * 4,
     brightness: tuple[float, ...] = AIMED,
 ) -> Line:
-    still = None if slower is None else np.array(slower)
-    return Line(X_S, np.array(value), still, moves, np.array(saturated), np.array(brightness))
+    shown = {"saturated": np.array(saturated)[:, None], "brightness": np.array(brightness)[:, None]}
+    of = table(np.array(value)[None, :, None], X_S, [(100.0 * moves, 0.0)], **shown)
+    return Line(of, None if slower is None else np.array(slower))
 
 
 HILL = (0.2, 0.9, 0.95, 0.3)
@@ -49,21 +50,11 @@ HELD = (0.2, 0.9, 0.96, 0.97)
     ],
 )
 def test_ends_of_a_window(given: Line, expected: tuple[str | None, str | None]) -> None:
-    works = [place for place, value in enumerate(given.value) if value >= 0.8]
+    works = [place for place, value in enumerate(given.of.mean) if value >= 0.8]
     window = X_S[works[0]] * (0.5 if works[0] else 1.0), X_S[works[-1]] * (2.0 if works[-1] < 3 else 1.0)
     found = of_window(given, window, 0.8)
     assert (found.low, found.high) == expected
-    open_ends = len(works) == 4
-    assert (found.untold is None) == (None not in expected or open_ends)
     assert found.by is None
-
-
-def test_why_it_cannot_be_told() -> None:
-    found = of_window(line(HILL, saturated=WHITE, brightness=UNKNOWN), (0.002, 0.03), 0.8)
-    assert found == Limits(
-        untold="lower end: the pictures' brightness is not known; "
-        "upper end: blur and saturation cannot be told apart, as no slower speed was tested"
-    )
 
 
 def test_lamps_are_no_saturation() -> None:
@@ -91,16 +82,11 @@ def test_lamps_are_no_saturation() -> None:
     ],
 )
 def test_what_holds_the_best_back(given: Line, expected: str | None) -> None:
-    found = of_best(given, int(given.value.argmax()))
+    found = of_best(given, int(given.of.mean.argmax()))
     assert found.by == expected
-    assert (found.untold is None) == (expected is not None)
 
 
-def test_one_exposure_tells_nothing() -> None:
-    one: dict[str, Any] = {"saturated": np.zeros(1), "brightness": np.array([0.1])}
-    assert of_best(Line((0.01,), np.array([0.3]), None, False, **one), 0).by is None
-
-
-def test_of_a_single_exposure_nothing_beside_it_tells() -> None:
-    only = Line((0.01,), np.array([0.5]), np.array([0.5]), True, np.array([0.0]), np.array([0.4]))
-    assert of_best(only, 0) == Limits(untold="only one exposure was tested")
+@pytest.mark.parametrize("slower", [None, np.array([0.5])])
+def test_of_a_single_exposure_nothing_beside_it_tells(slower: NDArray[np.float64] | None) -> None:
+    only = Line(table(np.array([[[0.5]]]), (0.01,), [(100.0, 0.0)]), slower)
+    assert of_best(only, 0) == Limits()

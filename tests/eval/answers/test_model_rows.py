@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.model_rows import model_rows
-from blurnoise_eval.scoring.estimates import Estimate
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import Estimate
 
 
 def rows_of(clean: np.ndarray, exposed: np.ndarray) -> list[dict[str, Any]]:

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import criterion, uncertainty
+from blurnoise_eval.answers import criterion
 from blurnoise_eval.answers.per_condition import PICTURES, Scored, conditions_of, numbered, scored
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.scoring import estimates
 from blurnoise_eval.scoring import scores as table
+from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.judged import Alarms, Judged, Truth, coco_results
+from blurnoise_eval.scoring.evaluated import Alarms, Evaluated, Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
@@ -37,7 +37,7 @@ class Judge:
     def __call__(
         self, found: list[tuple[str, int, Detections]], move_boxes: MoveBoxes | None = None
     ) -> dict[str, float | None]:
-        judged = Judged({}, self.truth, Answers.of(found), move_boxes)
+        judged = Evaluated({}, self.truth, Answers.of(found), move_boxes)
         own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
         return {
             score.name: score.estimate(judged).value for score in table.of_conditions() if score.name in own
@@ -268,14 +268,14 @@ def test_scores_have_intervals_over_clusters(tmp_path: Path) -> None:
         ((few, *_),) = score_rows(store, truth, cluster=r"(\d)\.jpg$")
         ((one, *_),) = score_rows(store, truth, cluster="jpg")
     sums, counts = [np.array([f(confidence[name]) for name in sorted(found)]) for f in (np.sum, len)]
-    expected = uncertainty.of_level(sums.sum() / counts.sum(), estimates.influence(sums, counts))
+    expected = uncertainty.of_level(sums.sum() / counts.sum(), uncertainty.influence(sums, counts))
     np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
     judge = Judge(truth)
     once = [(name, 0, each) for name, each in sorted(found.items())]
     ap = judge([*once, *once])["ap"]
     without = [judge([each for each in once if each[0] != name])["ap"] for name in sorted(found)]
     assert whole.value == row["ap"] == pytest.approx(ap, abs=1e-6)
-    np.testing.assert_allclose(whole.influence, estimates.influence_of(ap, without), atol=1e-4)
+    np.testing.assert_allclose(whole.influence, uncertainty.left_out([ap, *without]).influence, atol=1e-4)
     assert 0 <= row["ap_low"] < row["ap"] < row["ap_high"] <= 1
     for name in ("detection_rate", "false_positives_per_image", "ar100"):
         assert row[f"{name}_low"] < row[name] < row[f"{name}_high"], name

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers import uncertainty
 from blurnoise_eval.answers.curves import Curve
 from blurnoise_eval.answers.per_condition import Scored
 from blurnoise_eval.answers.table import tables_by_size
-from blurnoise_eval.scoring.estimates import Estimate, left_out
+from blurnoise_eval.scoring import uncertainty
+from blurnoise_eval.scoring.uncertainty import Estimate, left_out
 from plans import OWN
 
 PICTURES = 12

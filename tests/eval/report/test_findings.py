@@ -114,19 +114,18 @@ def test_an_answer_is_told_with_its_reservations(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("n", "effective", "wanted", "expected"),
     [
-        (12, 12.0, (40, 480), "from 12 pictures; 3.3 to 40 times as many would"),
-        (12, 12.0, (4800, None), "from 12 pictures; at least 400 times as many would"),
-        (12, 12.0, (None, None), "from 12 pictures; very many more would"),
-        (1, 1.0, (None, None), "from 1 picture; at least 7 more would"),
-        (12, 4.8, (None, None), "from 12 pictures, which count as 4; at least 8 more would"),
+        (12, 12.0, 40, "from 12 pictures; 3.3 times as many would in half of such cases"),
+        (12, 12.0, None, "from 12 pictures; very many more would"),
+        (1, 1.0, None, "from 1 picture; at least 7 more would"),
+        (12, 4.8, None, "from 12 pictures, which count as 4; at least 8 more would"),
     ],
 )
 def test_what_cannot_be_told_is_said_with_what_it_takes(
-    tmp_path: Path, n: int, effective: float, wanted: tuple[int | None, int | None], expected: str
+    tmp_path: Path, n: int, effective: float, wanted: int | None, expected: str
 ) -> None:
     answer = made_run(tmp_path, n_examples=0).answers[2]
     untold = answer | {"verdict": "cannot tell", "n_pictures": n, "effective_pictures": effective}
-    untold |= dict(zip(("pictures_to_tell", "pictures_to_tell_mostly"), wanted, strict=True))
+    untold["pictures_to_tell"] = wanted
     assert words.answer_lines(untold)[0] == f"cannot tell {expected}"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.scoring.judged import Judged, Truth
+from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 
 AT, ELSEWHERE, CROWD = (10.0, 10.0, 30.0, 40.0), (60.0, 60.0, 70.0, 90.0), (100.0, 0.0, 200.0, 100.0)
 
@@ -15,7 +15,7 @@ def found(*seen: tuple[tuple[float, ...], float, int]) -> Detections:
     return Detections(np.array(boxes, np.float32), np.array(scores, np.float32), np.array(classes, np.int64))
 
 
-def judged() -> Judged:
+def judged() -> Evaluated:
     """Two pictures with a target each, and false alarms of 0.7, 0.4 (a second answer to one target) and 0.03."""
 
     def annotation(image: int, box: tuple[float, ...], crowd: int = 0) -> dict[str, object]:
@@ -42,7 +42,7 @@ def judged() -> Judged:
             found((ELSEWHERE, 0.7, 0), (AT, 0.5, 0), (ELSEWHERE, 0.03, 0), ((110, 10, 150, 60), 0.8, 0)),
         ),
     ]
-    return Judged({}, truth, Answers.of(cells))
+    return Evaluated({}, truth, Answers.of(cells))
 
 
 @pytest.mark.parametrize(

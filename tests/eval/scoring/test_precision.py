@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from blurnoise_eval.answers.uncertainty import interval_of
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.scoring.estimates import left_out
-from blurnoise_eval.scoring.judged import coco_results
+from blurnoise_eval.scoring.evaluated import coco_results
 from blurnoise_eval.scoring.matching import Targets
 from blurnoise_eval.scoring.precision import Precision
 from blurnoise_eval.scoring.precision import precision as pooled
+from blurnoise_eval.scoring.uncertainty import interval_of, left_out
 from faster_coco_eval import COCO, COCOeval_faster
 
 COCO_SCORES = {"ap": 0, "ap50": 1, "ap75": 2, "ap_small": 3, "ap_medium": 4, "ap_large": 5, "ar100": 8}

@@ -13,7 +13,7 @@ from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.boxes import swept_within
-from blurnoise_eval.scoring.judged import Judged, Truth
+from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.on_picture import View
 from blurnoise_eval.sweep.exposing import Scene, frames
@@ -138,7 +138,7 @@ def test_sweeping_ends_at_the_border_of_the_picture() -> None:
     )
 
 
-def judged(box: NDArray[np.float64], speed_px_s: float) -> Judged:
+def judged(box: NDArray[np.float64], speed_px_s: float) -> Evaluated:
     exposure = Exposure(CAMERA, EXPOSURE_S, LUX, (speed_px_s, 0.0))
     sides = [BOX[0], BOX[1], SIDE_PX, SIDE_PX]
     annotations = [
@@ -156,7 +156,7 @@ def judged(box: NDArray[np.float64], speed_px_s: float) -> Judged:
         (name, 0, Detections(each[None], np.array([0.9]), np.array([0])))
         for name, each in (("p", box), ("q", clipped))
     ]
-    return Judged({}, truth, Answers.of(found), box_mover(exposure), box_sweeper(exposure))
+    return Evaluated({}, truth, Answers.of(found), box_mover(exposure), box_sweeper(exposure))
 
 
 @pytest.mark.parametrize(("blur_px", "other"), [(6.0, 1.0), (26.0, 0.5 * 51 / 101), (100.0, 0.0)])
@@ -177,6 +177,6 @@ def test_average_precision_by_the_swept_box(blur_px: float, other: float) -> Non
 def test_average_precision_at_rest_is_not_computed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     still = judged(np.array(BOX), 0.0)
     expected = still.average(ious=slice(1))
-    monkeypatch.setattr(Judged, "_precision", lambda *_: pytest.fail("was computed again"))
+    monkeypatch.setattr(Evaluated, "_precision", lambda *_: pytest.fail("was computed again"))
     assert repr(still.swept_ap50) == repr(expected)
     assert expected.value == pytest.approx(1)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring.boxes import MoveBoxes, swept_within, xywh, xyxy
-from blurnoise_eval.scoring.estimates import Array, Estimate, left_out, mean
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU, Targets, matched
 from blurnoise_eval.scoring.precision import AREAS_PX2, SIZES, Precision, precision
+from blurnoise_eval.scoring.uncertainty import Array, Estimate, left_out, mean
 
 _IOU_50 = slice(1)
 _BINS = 10  # of confidence, for the calibration error
@@ -30,7 +30,7 @@ class Truth:
     """What is in the pictures, as a COCO data set, and what a model calls it.
 
     coco: annotations and categories as COCO's instances file has them. image_ids: by picture name.
-    category_of: a category's id by the model's number for it; other classes are not judged. sizes_px: width and
+    category_of: a category's id by the model's number for it; other classes do not count. sizes_px: width and
     height by image id.
     """
 
@@ -112,7 +112,7 @@ class Alarms(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Judged:
+class Evaluated:
     """A model's answers under one condition.
 
     sums: of each score of single targets and readings its sums over clusters and their counts, both (n,). truth:
@@ -164,7 +164,7 @@ class Judged:
         """How many targets of each of ``SIZES`` the pictures have, each once; crowds are none."""
         if self.truth is None:
             return dict.fromkeys(SIZES, 0)
-        targets = self.truth.targets.of_pictures(np.unique(self._places), len(self.truth.places))
+        targets = self.truth.targets.of_pictures(np.unique(self._pictures[1]), len(self.truth.places))
         areas = targets.area_px2[~targets.crowd, None]
         counts = ((AREAS_PX2[:, 0] <= areas) & (areas <= AREAS_PX2[:, 1])).sum(axis=0)
         return dict(zip(SIZES, counts.tolist(), strict=True))
@@ -178,10 +178,9 @@ class Judged:
         """Those of at least this confidence; those in a crowd are neither right nor wrong."""
         if self.truth is None:
             return Alarms(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(1))
-        answers = self._answers
+        answers, _, clusters, count = self._pictures
         targets = self._targets(self.truth, self.truth.moved(self.move_boxes))
-        of_class, categories = targets.category_of_class(self.truth.category_of)
-        category = of_class[np.minimum(answers.class_ids, len(of_class) - 1)]
+        category, categories = targets.category_of_class(self.truth.category_of, answers.class_ids)
         certain = np.flatnonzero((answers.scores >= least) & answers.leads & (category >= 0))
         picture = answers.picture[certain]
         taken, beside = matched(
@@ -192,10 +191,11 @@ class Judged:
             targets.crowd[None],
             np.array([MATCH_IOU]),
         )
-        judged = ~beside[0, 0]
-        scores, cluster = answers.scores[certain][judged].astype(float), self._cluster[picture][judged]
-        pictures = np.bincount(self._cluster, minlength=self._count).astype(float)
-        return Alarms(scores, taken[0, 0][judged], cluster, pictures)
+        counted = ~beside[0, 0]
+        scores, cluster = answers.scores[certain][counted].astype(float), clusters[picture][counted]
+        return Alarms(
+            scores, taken[0, 0][counted], cluster, np.bincount(clusters, minlength=count).astype(float)
+        )
 
     @cached_property
     def _at_middle(self) -> Precision | None:
@@ -205,44 +205,30 @@ class Judged:
         return self._precision(self.truth, self.truth.moved(self.move_boxes))
 
     def _precision(self, truth: Truth, boxes_xyxy: Array, *, ap50_only: bool = False) -> Precision:
+        answers, _, cluster, count = self._pictures
         targets, of = self._targets(truth, boxes_xyxy), truth.category_of
-        return precision(self._answers, self._cluster, targets, of, self._count, ap50_only=ap50_only)
+        return precision(answers, cluster, targets, of, count, ap50_only=ap50_only)
 
     def _targets(self, truth: Truth, boxes_xyxy: Array) -> Targets:
         """The truth's targets in the pictures, boxes: (N, 4) of all annotations."""
         moved = truth.targets._replace(boxes_xywh=xywh(boxes_xyxy))
-        return moved.of_pictures(self._places, len(truth.places))
+        return moved.of_pictures(self._pictures[1], len(truth.places))
 
     @cached_property
-    def _answers(self) -> Answers:
-        """Of pictures in COCO's order, which ranks equal scores."""
-        if self.truth is None or self.found is None:
-            return Answers.of(())
-        numbers = [self.truth.image_ids[name] for name in self.found.names]
-        return self.found.in_order(np.lexsort((numbers, self.found.repeats)))
-
-    @cached_property
-    def _places(self) -> Places:
-        """The place of each picture in the truth."""
-        truth = self.truth
-        names = () if truth is None else self._answers.names
-        return np.array([truth.places[truth.image_ids[name]] for name in names if truth], np.int64)
-
-    @cached_property
-    def _clusters(self) -> Mapping[str, int]:
-        if self.cluster_of is not None:
-            return self.cluster_of
-        return {name: place for place, name in enumerate(dict.fromkeys(self._answers.names))}
-
-    @cached_property
-    def _cluster(self) -> Places:
-        """The cluster of each picture."""
-        return np.array([self._clusters[name] for name in self._answers.names], np.int64)
-
-    @property
-    def _count(self) -> int:
-        """How many clusters there are."""
-        return 1 + max(self._clusters.values(), default=0)
+    def _pictures(self) -> tuple[Answers, Places, Places, int]:
+        """The answers in COCO's order of pictures, which ranks equal scores; of each picture its place in the truth
+        and its cluster, and how many clusters there are."""
+        answers, numbers = Answers.of(()), list[int]()
+        if self.truth is not None and self.found is not None:
+            of = self.truth.image_ids
+            order = np.lexsort(([of[name] for name in self.found.names], self.found.repeats))
+            answers = self.found.in_order(order)
+            numbers = [self.truth.places[of[name]] for name in answers.names]
+        clusters = self.cluster_of
+        if clusters is None:
+            clusters = {name: place for place, name in enumerate(dict.fromkeys(answers.names))}
+        own = np.array([clusters[name] for name in answers.names], np.int64)
+        return answers, np.array(numbers, np.int64), own, 1 + max(clusters.values(), default=0)
 
 
 def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[Mapping[str, Any]]:

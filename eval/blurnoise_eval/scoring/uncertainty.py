@@ -1,22 +1,22 @@
-"""Uncertainty of means over pictures: intervals, and a bound on what a choice loses.
+"""Uncertainty of means over pictures: estimates with their intervals, and a bound on what a choice loses.
 
-The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. n clusters are the
-first axis of every array; NaN: not measured in one. Every level has its interval by :func:`of_level`, every
-difference paired by cluster by :func:`of_difference`, every choice its bound by :func:`regret_bound`; all are NaN
-below ``FEWEST`` clusters. Two-sided at 95 % unless another confidence is given.
+The unit is the cluster: a picture with its targets and noise fields, or the frames of one drive. Clusters are
+numbered over a whole run, alike in every estimate, and are the first axis, n, of every array; NaN: not measured in
+one. Their influence is what leaving each out makes of a value (the jackknife). Every level has its interval by
+:func:`of_level`, every difference paired by cluster by :func:`of_difference`, every choice its bound by
+:func:`regret_bound`; all are NaN below ``FEWEST`` clusters. Two-sided at 95 % unless another confidence is given.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from blurnoise_eval.scoring.estimates import Estimate
 
 FEWEST = 8
 """Clusters below which there is no interval and no verdict. Where sizes differ, counted as :func:`effective`."""
@@ -28,8 +28,99 @@ NORMAL = 1.96
 UNSEEN = 0.25
 """Weight of the unseen cluster at the bound, in clusters; with 0.1 the coverage is too low, with 0.5 too high."""
 DRAWS = 1000
-MOSTLY = 0.9
+MOST_CLUSTERS = 128
+"""Further clusters are joined to these: leaving out a hundred groups in turn tells as much as leaving out each."""
 Array = NDArray[np.float64]
+
+
+class Estimate(NamedTuple):
+    """A value, None where it is undefined, and the clusters' influence on it (n,), None where it is not known.
+
+    cautious: a lower one, where the value is known to lie above what many pictures would give: the interval
+    reaches down to its own.
+    """
+
+    value: float | None
+    influence: Array | None = None
+    cautious: Estimate | None = None
+
+    @property
+    def pseudo_values(self) -> Array:
+        """Of each cluster, (n,); their mean is the value (Tukey)."""
+        away = np.asarray(self.influence, float)
+        return np.asarray((self.value or 0.0) + away - np.nanmean(away))
+
+
+def ratio_of_sums(sums: ArrayLike, counts: ArrayLike) -> Array:
+    """Sum over clusters of ``sums`` (n, ...) by that of ``counts`` (n, ...), NaN where nothing was measured."""
+    total, count = np.nansum(sums, axis=0), np.nansum(counts, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(count > 0, total / count, np.nan))
+
+
+def influence(sums: ArrayLike, counts: ArrayLike) -> Array:
+    """What each cluster contributes to a ratio of sums, (n, ...), by leaving it out.
+
+    NaN for clusters in which nothing is counted nor found: they say nothing of this ratio.
+    """
+    total, count = np.asarray(sums, float), np.asarray(counts, float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        here = np.where((count > 0) | (total > 0), count, np.nan)
+        others = (np.nansum(here, axis=0) - here) / (np.isfinite(here).sum(axis=0) - 1)
+        found = (total - ratio_of_sums(total, count) * here) / others
+        return np.asarray(np.where(others > 0, found, np.nan))
+
+
+def mean(sums: ArrayLike, counts: ArrayLike) -> Estimate:
+    """Sum over clusters of ``sums`` (n,) by that of ``counts`` (n,)."""
+    value = float(ratio_of_sums(sums, counts))
+    return Estimate(None) if math.isnan(value) else Estimate(value, influence(sums, counts))
+
+
+def left_out(values: ArrayLike, cautious: ArrayLike | None = None) -> Estimate:
+    """Of a measure (1 + n,): of all, then without each cluster, NaN where it is not defined; cautious: the same of a
+    lower one, none below 0."""
+    every = np.asarray(values, float)
+    whole, without = float(every[0]), every[1:]
+    if not math.isfinite(whole):
+        return Estimate(None)
+    lower = None if cautious is None else left_out(np.maximum(cautious, 0.0))
+    kept = lower if lower is not None and lower.value is not None and lower.value < whole else None
+    return Estimate(whole, (np.isfinite(without).sum() - 1) * (whole - without), kept)
+
+
+def all_and_without(each: NDArray[Any]) -> NDArray[Any]:
+    """Totals over clusters of numbers (n, ...), then those without each, (1 + n, ...)."""
+    every = np.empty((1 + len(each), *each.shape[1:]), each.dtype)
+    each.sum(axis=0, out=every[0])
+    np.subtract(every[0], each, out=every[1:])
+    return every
+
+
+def mean_of(estimates: Sequence[Estimate]) -> Estimate:
+    """Mean of estimates that are all defined; undefined of none.
+
+    A cluster that has no say in one of them leaves that as it is.
+    """
+    if not estimates:
+        return Estimate(None)
+    value = float(np.mean([each.value for each in estimates if each.value is not None]))
+    known = [each.influence for each in estimates if each.influence is not None]
+    if len(known) < len(estimates):
+        return Estimate(value)
+    away = np.where(np.isfinite(known).any(axis=0), np.nan_to_num(known).mean(axis=0), np.nan)
+    lower = [each.cautious or each for each in estimates] if any(each.cautious for each in estimates) else []
+    return Estimate(value, away, mean_of(lower) if lower else None)
+
+
+def ratio(one: Estimate, other: Estimate) -> Estimate:
+    """One estimate by the other; undefined where that is 0. What is cautious in both cancels."""
+    if one.value is None or not other.value:
+        return Estimate(None)
+    value = one.value / other.value
+    if one.influence is None or other.influence is None:
+        return Estimate(value)
+    return Estimate(value, (one.influence - value * other.influence) / other.value)
 
 
 class Ends(NamedTuple):
@@ -62,50 +153,21 @@ def enough(clusters: ArrayLike) -> NDArray[np.bool_]:
 def pictures_needed(margin: float, spread: float, away: float, most: int) -> int:
     """How many clusters put the end of :func:`bounded` at most ``margin`` from the mean; ``most + 1``: more.
 
+    They suffice in about half of such cases, since the mean itself is uncertain.
+
     spread: standard deviation of the clusters' influence. away: distance from the mean to the bound at that end.
     Of the clusters' random weights (exponential, n of them) the sum by their margins is taken for normal, of variance
     n (margin^2 + spread^2); against it pulls the unseen cluster, of weight Gamma(``UNSEEN``).
     """
-    from scipy.special import ndtr  # takes 0.1 s
+    from scipy.special import gammaincinv, ndtr  # takes 0.1 s
 
-    unseen = _unseen()
+    unseen = gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200)  # equally likely weights
 
     def suffices(n: int) -> bool:
         spare = margin * n - unseen * (away - margin)
         return float(ndtr(spare / (math.hypot(spread, margin) * math.sqrt(n))).mean()) >= (1 + CONFIDENCE) / 2
 
     return 1 + bisect_left(range(1, most + 1), True, key=suffices) if margin > 0 else most + 1
-
-
-def pictures_needed_mostly(margin: float, spread: float, n: float, half: int, most: int) -> int:
-    """How many clusters separate a mean from a threshold in ``MOSTLY`` of such cases; ``most + 1``: more.
-
-    margin, spread: as of :func:`pictures_needed`, whose answer ``half`` suffices in about half of them, since the
-    mean of n clusters is itself uncertain: the true margin is normal about the observed one. Either side of the
-    threshold counts.
-    """
-    from scipy.special import ndtr  # takes 0.1 s
-
-    if not spread:
-        return half
-    seen = margin / spread * math.sqrt(n)  # standard errors
-    needed = seen * math.sqrt(half / n)
-
-    def suffices(count: int) -> bool:
-        times = count / n
-        sides = [(sign * seen * math.sqrt(times) - needed) / math.sqrt(times - 1) for sign in (1, -1)]
-        return float(ndtr(sides).sum()) >= MOSTLY
-
-    least = max(half, math.floor(n) + 1)
-    return least + bisect_left(range(least, most + 1), True, key=suffices)
-
-
-@lru_cache(maxsize=1)
-def _unseen() -> Array:
-    """Equally likely weights of the unseen cluster, (200,)."""
-    from scipy.special import gammaincinv  # takes 0.1 s
-
-    return np.asarray(gammaincinv(UNSEEN, (np.arange(200) + 0.5) / 200))
 
 
 def of_level(
@@ -127,7 +189,8 @@ def of_level(
     if not known.any():
         nowhere = np.full(np.broadcast(middle, known).shape, np.nan)
         return Ends(nowhere, nowhere)
-    top = np.where(np.isinf(most), _greatest(mean, influence), most)
+    greatest = np.maximum(1.0, middle + _centred(influence)[0].max(axis=0, initial=0.0))
+    top = np.where(np.isinf(most), greatest, most)
     low, high = (np.where(known, end, np.nan) for end in bounded(mean, influence, (0.0, top)))
     if half.any():
         low, high = middle - np.hypot(middle - low, half), middle + np.hypot(high - middle, half)
@@ -136,7 +199,7 @@ def of_level(
 
 def of_difference(mean: ArrayLike, influence: ArrayLike, confidence: float = CONFIDENCE) -> Ends:
     """Student's interval of a difference paired by cluster, or of what has no bounds."""
-    n, _, error = _summary(influence)
+    n, error = _summary(influence)
     middle, half = np.asarray(mean, float), student_t(n, confidence) * error
     return Ends(*(np.where(enough(n), end, np.nan) for end in (middle - half, middle + half)))
 
@@ -171,11 +234,7 @@ def bounded(mean: ArrayLike, influence: ArrayLike, within: tuple[ArrayLike, Arra
     with all clusters weighted at random (the Bayesian bootstrap, Rubin, Ann. Statist. 9 (1981) 130; of shares, and
     with half a cluster, it is Jeffreys' interval; with a whole one Gaffke's bound).
     """
-    away = np.asarray(influence, float)
-    measured = np.isfinite(away)
-    n = measured.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        away = np.where(measured, away - np.where(measured, away, 0.0).sum(axis=0) / n, 0.0)
+    away, measured = _centred(influence)
     middle = np.asarray(mean, float)
     weight, unseen = _weights(len(away))
     unseen = unseen.reshape(len(weight), *(1,) * (away.ndim - 1))
@@ -186,7 +245,7 @@ def bounded(mean: ArrayLike, influence: ArrayLike, within: tuple[ArrayLike, Arra
     for bound, share in zip(within, (side, 1 - side), strict=True):
         drawn = (moved + unseen * (np.asarray(bound, float) - middle)) / total
         end = middle + np.quantile(drawn, share, axis=0)
-        ends.append(np.where(n > 0, np.clip(end, *within), np.nan))
+        ends.append(np.where(measured.any(axis=0), np.clip(end, *within), np.nan))
     return Ends(*ends)
 
 
@@ -200,13 +259,13 @@ def regret_bound(
     (Hsu, Ann. Statist. 9 (1981) 1026) by the largest of the rivals' upper bounds, which hold together: with the
     quantile of the largest of S Student's t as correlated as the influence.
     """
-    away = np.asarray(influence, float)
-    n, mean, error = _summary(away)
+    away, _ = _centred(influence)
+    n, error = _summary(influence)
     known = enough(n)
     if not known.any():
         return np.asarray(np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        alike = np.where(np.isfinite(away) & (error > 0), (away - mean) / (error * n), 0.0)[:, known]
+        alike = np.where(error > 0, away / (error * n), 0.0)[:, known]
     largest = (_normal(len(away)) @ alike).max(axis=1)
     fewest = int(n[known].min()) - 1
     scale = np.sqrt(np.random.default_rng(1).chisquare(fewest, len(largest)) / fewest)
@@ -234,15 +293,6 @@ def behind_best(mean: ArrayLike, influence: ArrayLike) -> Ends:
     return of_difference(value[best] - value, away[:, [best]] - away, 1 - (1 - CONFIDENCE) / pairs)
 
 
-def _greatest(mean: ArrayLike, influence: ArrayLike) -> Array:
-    """The greatest value of a cluster, or 1."""
-    away = np.asarray(influence, float)
-    known = np.isfinite(away)
-    middle = np.where(known, away, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    best = np.asarray(mean, float) + np.where(known, away - middle, 0.0).max(axis=0, initial=0.0)
-    return np.asarray(np.maximum(1.0, best))
-
-
 @lru_cache(maxsize=4)
 def _weights(clusters: int) -> tuple[Array, Array]:
     """Random weights of the clusters, (DRAWS, clusters), and of the unseen one, (DRAWS,)."""
@@ -255,14 +305,19 @@ def _normal(clusters: int) -> Array:
     return np.random.default_rng(0).normal(size=(2 * DRAWS, clusters))
 
 
-def _summary(z: ArrayLike) -> tuple[Array, Array, Array]:
-    """Per column of z (n, ...): number, mean and standard error."""
-    values: Any = np.asarray(z, float)
-    measured = np.isfinite(values)
+def _centred(influence: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    """Less its mean over the clusters that were measured, 0 of others; and which were, both (n, ...)."""
+    away = np.asarray(influence, float)
+    measured = np.isfinite(away)
+    mean = np.where(measured, away, 0.0).sum(axis=0) / np.maximum(measured.sum(axis=0), 1)
+    return np.where(measured, away - mean, 0.0), measured
+
+
+def _summary(z: ArrayLike) -> tuple[Array, Array]:
+    """Per column of z (n, ...): number and standard error."""
+    away, measured = _centred(z)
     n = measured.sum(axis=0).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.where(measured, values, 0.0).sum(axis=0) / n
-        square = (np.where(measured, values - mean, 0.0) ** 2).sum(axis=0)
-        error = np.sqrt(square / np.maximum(n - 1, 1) / n)
-    tiny = error <= 1e-12 * np.maximum(np.abs(mean), 1e-300)  # equal values, up to rounding
-    return n, mean, np.where(tiny, 0.0, error)
+        error = np.sqrt((away**2).sum(axis=0) / np.maximum(n - 1, 1) / n)
+    largest = np.abs(np.where(measured, np.asarray(z, float), 0.0)).max(axis=0, initial=1e-300)
+    return n, np.where(error <= 1e-12 * largest, 0.0, error)  # equal values, up to rounding
