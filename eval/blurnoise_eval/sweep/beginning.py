@@ -14,9 +14,9 @@ from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 
 @contextmanager
 def begun_or_gone(folder: Path) -> Iterator[None]:
-    """Where what is inside fails before a cell is finished or a picture is skipped, the folder is left as it was.
+    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was.
 
-    Only what runs write is taken away: other files may have come to the folder meanwhile.
+    Only files of runs are removed: others may have come to the folder meanwhile.
     """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     files = [RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")]
@@ -29,7 +29,7 @@ def begun_or_gone(folder: Path) -> Iterator[None]:
                 shutil.rmtree(each, ignore_errors=True)  # leaves a file and a link
                 with suppress(OSError):
                     each.unlink()
-            with suppress(OSError):  # not there, or somebody else's file is
+            with suppress(OSError):  # missing, or not empty
                 for each in made:
                     each.rmdir()
         raise

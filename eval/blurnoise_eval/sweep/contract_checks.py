@@ -2,14 +2,14 @@
 
 Domain: 8-bit RGB pictures; colour order, value range with mean and standard deviation, and resize are varied.
 
-A network that is fed wrongly finds nothing, or much at random. So each picture is shown as it is and mirrored,
-cropped and thereby enlarged, and what is found in both counts: the same class, boxes that overlap by half. Labels,
-where there are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the
-sum of scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
+A network that is fed wrongly finds nothing, or much at random. So each picture enters as it is and mirrored, cropped
+and thereby enlarged, and detections in both count: the same class, boxes that overlap by half. Labels, where there
+are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the sum of
+scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
 difference of their merits over the pictures, with Student's t.
 
-Of what nothing stated, a field is chosen where every variant that differs in it is surely worse; it stays assumed
-where the others make no difference that matters; else it is doubtful, and a doubt names the best of them.
+A field without a source is chosen where every variant that differs in it is surely worse; it stays assumed where the
+others make no difference that matters; else it is doubtful, and a doubt names the best of them.
 
 Measured with YOLOX-Nano and FastestDet behind ten inputs and 35 photographs: garbage that finds 4600 objects agrees
 to 91, the right variant finds 374 and agrees to 155. Of 100 others the right one is surely better than 98 from 24
@@ -19,7 +19,8 @@ pictures on, 89 from 10, 60 from 4.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -85,7 +86,7 @@ class Variant:
         return [f for f, names in FACTORS.items() if any(getattr(one, n) != getattr(two, n) for n in names)]
 
     def show(self, detector: Detector, pictures: Sequence[Known]) -> int:
-        """Show it those of the pictures that it has not seen; returns how many inferences that took."""
+        """Detect in those of the pictures that are new to it; returns the number of inferences."""
         new = pictures[len(self.agreed) :]
         for image, labels in new:
             found = _found(detector, self.contract, image)
@@ -121,16 +122,17 @@ class Variant:
         every = sum(float(each.scores.sum()) for variant in (self, other) for each in variant.seen) / 2
         return sum(map(agreement, self.seen, other.seen)) / max(every, 1e-9)
 
-    def may_replace(self, final: Variant, *, stated: bool = False) -> bool:
-        """Whether it may be right instead of one that is not surely better, and it matters.
+    def standing(self, final: Variant, *, stated: bool) -> str:
+        """How it stands to the final one: surely "worse", a "rival" that may be right, or "open".
 
-        Other colours and values matter unless what is found is the same, another resize if it may gain much. stated:
-        in place of what somebody stated, which it probably has to beat.
+        It is open where it finds the same, or is another resize that gains little. stated: whether it would replace a
+        field that somebody stated; then it has to be probably better.
         """
-        if self.same(final) >= _SAME:
-            return False
+        if self.given_up or final.surely_beats(self):
+            return "worse"
         gain = self.lead(final, _PROBABLE) if stated else -final.lead(self, _LIKELY)
-        return gain > (_MATTERS * final.merit if self.differs(final) == ["resize"] else 0)
+        least = _MATTERS * final.merit if self.differs(final) == ["resize"] else 0
+        return "rival" if gain > least and self.same(final) < _SAME else "open"
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,7 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """What was chosen, or that nothing was, and the cost, in a sentence; nothing where nothing was compared."""
+        """Choice and cost in a sentence; "" where nothing was compared."""
         if not self.variants:
             return ""
         chosen, assumed = self.factors("chosen"), self.factors("assumed")
@@ -171,7 +173,7 @@ def contracts_chosen(
     """The models with the contracts that the pictures chose, and by name the comparison of each detector.
 
     pictures: of the whole run, so that each part of it chooses alike; rendered ones choose nothing. say: whether to
-    write what was chosen or doubted, and what it cost, to standard error.
+    write choices and doubts to standard error.
     """
     found, comparisons = list(models), dict[str, Comparison]()
     for place, model in enumerate(models):
@@ -199,10 +201,9 @@ def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
 def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     """Compare a detector's contract with the other variants of its input, on up to 32 pictures.
 
-    Fields that nothing stated are chosen by it; others are never changed. Where a variant of what nothing stated is
-    not surely worse and its choice may matter, or where one of what is stated is probably better, that is a doubt.
-    What an exporter's code fixes, as its metadata say, is not questioned. The same pictures give the same choice.
-    Costs two inferences for each picture and variant that is still in question, 100 to 500.
+    Fields that nothing stated are chosen; others are never changed, only doubted. What an exporter's code fixes, as
+    its metadata say, is not questioned. The same pictures give the same choice. Costs two inferences for each picture
+    and variant that is still in question, 100 to 500.
     """
     began = time.perf_counter()
     shown = list(pictures)[:MOST_PICTURES]
@@ -242,7 +243,7 @@ def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
 
 
 def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[str]]:
-    """The contract with what so many pictures chose, and the doubts that they raise."""
+    """The contract with the choice of so many pictures, and the doubts that they raise."""
     own, left = variants[0], [each for each in variants if not each.given_up]
     sources = dict(own.contract.sources)
     assumed = [f for f, names in FACTORS.items() if any(sources[n].startswith("assumed") for n in names)]
@@ -251,33 +252,27 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[st
     final = best if best.lead(own, _PROBABLE) > 0 else own
     resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
     final = next(resized, final)
-    rivals = [
-        each
-        for each in left
-        if each is not final
-        and not final.surely_beats(each)
-        and each.may_replace(final, stated=each not in free)
-    ]
+    others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
+    rivals = [each for each, standing in others if standing == "rival"]
     found, agreed = sum(final.found), sum(final.agreed)
-    something = any(each.merit for each in left)
-    doubts: list[str] = []
-    if something and rivals:
-        doubts = [_doubt(final, rivals, count)]
-    elif found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found:
-        doubts = [
-            f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored "
-            f"and cropped ({agreed / found:.0%} is): family, input or export are probably wrong"
-        ]
-    elif assumed and not something:
-        doubts = [
+    garbage = found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found
+    wrong = (
+        f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored and "
+        f"cropped ({agreed / max(found, 1e-9):.0%} is): family, input or export are probably wrong"
+    )
+    if not any(each.merit for each in left):
+        nothing = (
             f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
-        ]
-    if not something:
-        return own.contract, doubts
+        )
+        return own.contract, [wrong] if garbage else [nothing] * bool(assumed)
     for factor in assumed:
-        for name in FACTORS[factor]:
+        standings = {standing for each, standing in others if factor in each.differs(final)}
+        for name in FACTORS[factor] if standings else ():
             if sources[name].startswith("assumed"):
-                sources[name] = _source(sources[name], variants, final, factor, count)
+                sources[name] = _source(
+                    sources[name], standings, f"{len(variants)} variants on {_pictures(count)}"
+                )
+    doubts = [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
     return replace(final.contract, sources=sources), doubts
 
 
@@ -300,21 +295,13 @@ def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
     return "; ".join([*parts, *([f"if the former is right: --contract {option}"] if option else [])])
 
 
-def _source(source: str, variants: Sequence[Variant], final: Variant, factor: str, count: int) -> str:
-    """Where a field comes from that nothing states."""
-    rivals = [each for each in variants if factor in each.differs(final)]
-    left = [each for each in rivals if not each.given_up and not final.surely_beats(each)]
-    compared = f"{len(variants)} variants on {_pictures(count)}"
-    if not left:
-        return f"chosen by comparing {compared}" if rivals else source
-    near = max(left, key=lambda each: (each.may_replace(final), each.merit))
-    other = _values_text(near.contract) if factor == "values" else repr(getattr(near.contract, factor))
-    untold = f"{compared} do not tell it from {other}"
-    if near.may_replace(final):
-        return f"assumed, doubtful: {untold}"
-    if (same := near.same(final)) >= _SAME:
-        return f"{source}; {untold}, by which {same:.0%} of what is found is the same"
-    return f"{source}; {untold}, whose merit is at most {_MATTERS:.0%} higher"
+def _source(source: str, standings: Collection[str], compared: str) -> str:
+    """Where a field comes from that nothing states, by the standings of the variants that differ in it."""
+    if "rival" in standings:
+        return f"assumed, doubtful: {compared} do not tell it from others"
+    if "open" in standings:
+        return f"{source}; {compared} do not tell it from others, by which much the same is found"
+    return f"chosen by comparing {compared}"
 
 
 def _pictures(count: int) -> str:
@@ -327,44 +314,46 @@ def _text(contract: Contract) -> str:
 
 
 def _values_text(contract: Contract) -> str:
-    own = contract.value_range, contract.mean, contract.std
-    for name, (span, mean, std) in INPUT_VALUES.items():
-        if own == (span, _in(contract.colour, mean), _in(contract.colour, std)):
-            return name
-    stated = (("mean", contract.mean), ("std", contract.std))
-    return " ".join([contract.value_range, *(f"{name} {list(each)}" for name, each in stated if each)])
+    own = _values(contract, "rgb")
+    parts = [
+        own[0],
+        *(f"{name} {list(each)}" for name, each in zip(("mean", "std"), own[1:], strict=True) if each),
+    ]
+    return next((name for name, values in INPUT_VALUES.items() if values == own), " ".join(parts))
 
 
-def _in(colour: str, values: tuple[float, ...] | None) -> Any:
-    return values[::-1] if values and colour == "bgr" else values
+def _values(contract: Contract, colour: str) -> Any:
+    """Range, mean and std in the order of ``colour``."""
+    mean, std = (
+        each[::-1] if each and colour != contract.colour else each for each in (contract.mean, contract.std)
+    )
+    return contract.value_range, mean, std
 
 
 def _other_inputs(detector: Detector) -> list[Contract]:
     """Contracts under which a picture enters otherwise, at the same size."""
     own = detector.contract
-    every = list(INPUT_VALUES.values())
-    if own.mean or own.std:  # those of its own, with the other order
-        every.append((own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std)))
-    if detector.takes_bytes:
-        every = [(own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std))]
+    of_table = [] if detector.takes_bytes else INPUT_VALUES.values()
     found = [own]
     for colour in ("rgb", "bgr"):
-        for span, mean, std in every:
-            values = {"value_range": span, "mean": _in(colour, mean), "std": _in(colour, std)}
-            other = replace(own, colour=colour, **values)
-            found += [] if any(_enters_alike(other, each) for each in found) else [other]
+        for span, mean, std in (*of_table, _values(own, "rgb")):
+            rgb = replace(own, colour="rgb", value_range=span, mean=mean, std=std)
+            other = replace(
+                rgb, colour=colour, **dict(zip(FACTORS["values"], _values(rgb, colour), strict=True))
+            )
+            if not any(other.colour == each.colour and _enters_alike(other, each) for each in found):
+                found.append(other)
     return found[1:]
 
 
 def _enters_alike(one: Contract, other: Contract) -> bool:
-    """Whether a picture enters alike, to within a hundredth of its range."""
+    """Whether black and white enter alike, to within a hundredth of the range."""
     ends, others = (
-        np.outer((0.0, 255.0 if each.value_range == "0-255" else 1.0), (1, 1, 1)) - (each.mean or (0, 0, 0))
+        (np.outer((0, 255 if each.value_range == "0-255" else 1), (1, 1, 1)) - (each.mean or 0))
+        / (each.std or 1)
         for each in (one, other)
     )
-    ends, others = ends / (one.std or (1, 1, 1)), others / (other.std or (1, 1, 1))
-    near = np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
-    return one.colour == other.colour and near
+    return np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
 
 
 def _found(detector: Detector, contract: Contract, image: Image) -> Detections:
@@ -407,19 +396,15 @@ def agreement(one: Detections, other: Detections) -> float:
 
 
 def output_problems(detector: Detector, image: Image) -> list[str]:
-    """What in the answer to one RGB picture (h, w, 3) shows that contract or export are wrong, whatever is seen.
-
-    NaN or infinite outputs, scores that are all exactly 0, or above 1. Costs one inference.
-    """
+    """What in the outputs of one RGB picture (h, w, 3) shows that contract or export are wrong: values that are NaN or
+    infinite, scores that are all exactly 0, or above 1. Costs one inference."""
     blob, placement = detector.prepare(image)
     outputs = detector.run(blob)
     if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
         return [f"the outputs hold {count} values that are NaN or infinite"]
     # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
     if detector.contract.nms_iou is not None and detector.top_score(outputs) == 0:
-        return [
-            "every score is exactly 0: is it an int8 export whose one output scale rounds all scores away?"
-        ]
+        return ["every score is exactly 0: does an int8 export round all scores away?"]
     try:
         detector.decode(outputs, placement, min_score=FOUND_SCORE)
     except ModelError as error:
@@ -431,14 +416,8 @@ def _common_problems(detector: Detector, shown: Sequence[Known]) -> list[str]:
     """Problems of the outputs that at least half of the pictures show, each in the words of the first."""
     raised: dict[str, list[str]] = {}
     for image, _ in shown:
-        try:
-            problems = output_problems(detector, image)
-        except ModelError:
-            continue
-        for text in problems:
-            raised.setdefault(text.split()[0], []).append(text)
-    return [
-        f"{len(texts)} of {_pictures(len(shown))}: {texts[0]}"
-        for texts in raised.values()
-        if 2 * len(texts) >= len(shown)
-    ]
+        with suppress(ModelError):
+            for text in output_problems(detector, image):
+                raised.setdefault(text.split()[0], []).append(text)
+    of = _pictures(len(shown))
+    return [f"{len(each)} of {of}: {each[0]}" for each in raised.values() if 2 * len(each) >= len(shown)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import groupby
@@ -27,7 +27,7 @@ from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
@@ -35,13 +35,11 @@ from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
 
 class Frame(NamedTuple):
-    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, how it was taken, where that moves
-    boxes and what they sweep.
+    """The camera's picture for a cell, (H, W, 3) uint8 RGB, how it was taken, where that moves boxes and what they sweep.
 
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
-    a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented:
-    by the place of a target, see :meth:`CutScene.invented`. own_px: by its place, the blur of
-    a target that crosses the view at a speed of its own.
+    a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the original picture. By the place
+    of a target: invented, see :meth:`CutScene.invented`, and own_px, its blur if it moves at a speed of its own.
     """
 
     cell: Cell
@@ -58,11 +56,10 @@ class Frame(NamedTuple):
 
 
 class Scene:
-    """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits.
+    """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
-    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`). picture: whose targets ``objects``
-    tells apart, once that is asked for. Raises ``UnreadablePicture`` where the picture has no such place, or no light
-    there.
+    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
+    that has no light. picture: with the targets that ``objects`` moves.
     """
 
     def __init__(
@@ -107,10 +104,9 @@ class Scene:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
         if taken.moves == "all":
             return {}
-        return {
-            place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
-            for place, own in self._crossing(taken.camera).items()
-        }
+        own = self._crossing(taken.camera).items()
+        velocities = {place: taken.of_targets(0.0, speed).velocity_px_s for place, speed in own}
+        return {place: math.hypot(*velocity) * taken.exposure_s for place, velocity in velocities.items()}
 
     def mean_light(self, camera: Camera) -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
@@ -128,27 +124,23 @@ class Scene:
         return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
 
     def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
-        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s.
-
-        camera: of all exposures, but for figures of its lens that no speed needs.
-        """
+        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s."""
         if self._own_px_s is None:
-            height, width = self.image8.shape[:2]
+            (height, width), objects = self.image8.shape[:2], self.objects
+            targets = enumerate((self._picture and self._picture.targets) or ())
             self._own_px_s = {
-                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
-                for place, target in enumerate((self._picture and self._picture.targets) or ())
-                if self.objects.crosses(target.label)
+                place: objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
+                for place, target in targets
+                if objects.crosses(target.label)
             }
         return self._own_px_s
 
     def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
-        """Cut out once, whoever needs it first; layers with the targets that they are."""
+        """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
             if self._cut is None:
                 if self._picture is None:
-                    raise ValueError(
-                        "moves: targets and background: need a picture that says what its targets are"
-                    )
+                    raise ValueError("moves: targets and background need a picture that has targets")
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
@@ -178,17 +170,15 @@ def frames(
     mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(at, cell.seed, mean, camera, auto_exposure, ego)
+        exposure = _set(at.exposure(camera, cell.seed, vehicle=ego), at.automatic, mean, auto_exposure)
         if path is not None:
-            stated, longest_s = path
-            along = stated.of(camera, (height, width), longest_s, cell.seed)
+            along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
-    before: Exposure | None = None
+    before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
-        if before is None or _motion(before) != _motion(exposure):  # else the light alone is another
+        if before != (before := _motion(exposure)):  # else only the light differs
             boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
-        before = exposure
         yield Frame(
             cell,
             frame.picture,
@@ -204,22 +194,16 @@ def frames(
 
 
 def _set(
-    at: Conditions,
-    seed: int,
-    mean_light: float,
-    camera: Camera,
-    auto_exposure: AutoExposure,
-    ego: Vehicle | None,
+    exposure: Exposure, automatic: Collection[str], mean_light: float, auto_exposure: AutoExposure
 ) -> Exposure:
-    """How a picture of ``mean_light`` is taken: as stated, and as the camera sets what is left to it."""
-    exposure = at.exposure(camera, seed, vehicle=ego)
-    if not at.automatic:
+    """The exposure with what the camera sets for a picture of ``mean_light``."""
+    if not automatic:
         return exposure
     setting = auto_exposure.setting(
         exposure.camera,
         mean_light=mean_light,
         illuminance_lux=exposure.illuminance_lux,
-        exposure_s=None if "exposure_s" in at.automatic else exposure.exposure_s,
+        exposure_s=None if "exposure_s" in automatic else exposure.exposure_s,
         temperature_c=exposure.temperature_c,
     )
     return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
@@ -242,7 +226,7 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:
-    """All that boxes depend on: exposures of which it is equal have them at the same places."""
+    """All that the places of boxes depend on."""
     moved = taken.velocity_px_s, taken.trajectory, taken.moves, taken.ego_speed_m_s, taken.vehicle
     return taken.camera, taken.exposure_s, *moved
 

@@ -145,7 +145,7 @@ def test_what_nothing_states_is_chosen_and_its_source_says_so(
     found = compared(detector, pictures)
     assert {name: getattr(found.contract, name) for name in fields(*taken)} == fields(*taken)
     assert found.contract.sources["colour"].startswith("chosen by comparing 11 variants on 4 pictures")
-    assert "do not tell it from 'stretch', by which 100% of what" in found.contract.sources["resize"]
+    assert "do not tell it from others, by which much the same" in found.contract.sources["resize"]
     assert found.doubts == ()
     assert found.inferences <= 120
     assert found == replace(compared(detector, pictures), seconds=found.seconds)
@@ -264,7 +264,6 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     image = np.zeros((40, 60, 3), np.uint8)
     (problem,) = output_problems(detector, image)
     assert words in problem
-    assert detector.non_finite_values == 0  # the caller's pictures are counted, not these
     found = compared(assumed(detector.path, detector.contract), [(image, None)] * 3)
     assert words in found.doubts[0]
     assert found.doubts[0].startswith("3 of 3 pictures: ")

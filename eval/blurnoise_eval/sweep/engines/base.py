@@ -59,11 +59,17 @@ class Staying(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """End all workers at once, whatever they are computing."""
+        """End all workers at once."""
 
 
 class WorkerDied(Exception):
     """A worker died while it computed the block. No answer yet: the block comes again."""
+
+
+def at_least_one(name: str, workers: int | None) -> None:
+    """Raise ``ValueError`` for less than one worker."""
+    if workers is not None and workers < 1:
+        raise ValueError(f"{name} = {workers}: must be >= 1")
 
 
 def given_up(picture: str) -> UnreadablePicture:
@@ -99,10 +105,9 @@ def raised(error: BaseException | None) -> Exception | None:
 
 
 def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
-    """Join blocks of one picture, so that few workers need to prepare the same picture.
+    """Join blocks of one picture, so that few workers prepare the same picture, which costs as much as a cell or two.
 
-    Preparing costs as much as a cell or two. A picture is split where it has many cells, or where there are fewer
-    pictures than workers.
+    A picture is split where it has many cells, or where there are fewer pictures than workers.
     """
     left = iter(blocks)
     while some := list(islice(left, _BLOCKS_READ * workers)):
@@ -115,26 +120,21 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(engine: str, what: str, value: object) -> bytes:
+def pickled(engine: str, value: Work | Block) -> bytes:
     """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
         return pickle.dumps(value)
     except Exception as error:  # pickling runs anybody's code
+        what = f"picture {value.picture.name!r}" if isinstance(value, Block) else "models"
         raise ValueError(
             f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
         ) from None
 
 
-def pickled_block(engine: str, block: Block) -> bytes:
-    """A block for a worker process."""
-    return pickled(engine, f"picture {block.picture.name!r}", block)
-
-
 def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockResult:
     """In a worker process: the results of a pickled block; None only opens the models.
 
-    key: of the work. ``opened`` gives it where this process has not opened it yet. Raises what opening the models and
-    :meth:`~blurnoise_eval.sweep.work.Worker.compute` raise.
+    key: of the work, which ``opened`` gives where this process has not opened it yet.
     """
     global _worker
     results: list[CellResult] = []

@@ -10,7 +10,7 @@ import torch
 
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.engines.base import Answers, in_flight, raised
+from blurnoise_eval.sweep.engines.base import Answers, at_least_one, in_flight, raised
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.threads import limited_threads
 
@@ -29,8 +29,7 @@ class ThreadEngine:
     threads: int = 1
 
     def __post_init__(self) -> None:
-        if self.threads < 1:
-            raise ValueError(f"threads = {self.threads}: must be >= 1")
+        at_least_one("threads", self.threads)
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
