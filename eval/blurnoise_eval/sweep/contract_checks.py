@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -62,12 +61,16 @@ _GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of mo
 
 @dataclass
 class Variant:
-    """A contract that is compared. agreed, found: sums of scores in each picture so far; seen: what was found."""
+    """A contract that is compared.
+
+    By picture: agreed, found, sums of scores; seen, the detections; problems, texts of what must be wrong, or "".
+    """
 
     contract: Contract
     agreed: list[float] = field(default_factory=list)
     found: list[float] = field(default_factory=list)
     seen: list[Detections] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
     given_up: bool = False
 
     @property
@@ -89,12 +92,13 @@ class Variant:
         """Detect in those of the pictures that are new to it; returns the number of inferences."""
         new = pictures[len(self.agreed) :]
         for image, labels in new:
-            found = _found(detector, self.contract, image)
+            found, problem = _detected(detector, self.contract, image)
             view, seen = _view(image, found)
-            pairs = [(seen, _found(detector, self.contract, view))]
+            pairs = [(seen, _detected(detector, self.contract, view)[0])]
             if labels is not None:
                 pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
             self.seen.append(found)
+            self.problems.append(problem)
             self.agreed.append(sum(agreement(*pair) for pair in pairs) / len(pairs))
             scores = sum(float(each.scores.sum()) for pair in pairs for each in pair)
             self.found.append(scores / 2 / len(pairs))
@@ -137,10 +141,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of a comparison. contract: the detector's, with what was chosen and where from; doubts: sentences.
-
-    variants, pictures, inferences, seconds: what it cost.
-    """
+    """Result of a comparison: the contract with its choices and their sources, doubts as sentences, and the cost."""
 
     contract: Contract
     doubts: tuple[str, ...] = ()
@@ -156,15 +157,19 @@ class Comparison:
             return ""
         chosen, assumed = self.factors("chosen"), self.factors("assumed")
         how = f"{', '.join(chosen)} chosen by comparing" if chosen else "compared"
-        cost = f"{self.variants} variants on {_pictures(self.pictures)}"
-        cost += f" ({self.inferences} inferences, {self.seconds:.1f} s)"
+        cost = f"{self.inferences} inferences, {self.seconds:.1f} s"
         untold = f", which do not tell {', '.join(assumed)}" if assumed else ""
-        return f"input {_text(self.contract)}; {how} {cost}{untold}"
+        compared = f"{self.variants} variants on {_pictures(self.pictures)} ({cost}){untold}"
+        return f"input {_text(self.contract)}; {how} {compared}"
 
     def factors(self, status: str) -> list[str]:
         """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
-        sources = self.contract.sources
-        return [f for f, names in FACTORS.items() if any(sources[n].startswith(status) for n in names)]
+        return _factors(self.contract, status)
+
+
+def _factors(contract: Contract, status: str) -> list[str]:
+    sources = contract.sources
+    return [f for f, names in FACTORS.items() if any(sources[name].startswith(status) for name in names)]
 
 
 def contracts_chosen(
@@ -229,12 +234,17 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
             if all(each.contract != other.contract for each in variants):
                 inferences += other.show(detector, shown[:count])
                 variants.append(other)
-    contract, doubts = _decided(variants, count) if count else (detector.contract, [])
-    n_variants, count = len(variants) if count else 0, count or len(shown)
-    if problems := _common_problems(detector.with_contract(contract), shown[:count]):
-        contract, doubts = detector.contract, problems
+    final, sources, doubts = _decided(variants, count)
+    if not final.problems:
+        inferences += len(shown)
+        final.problems = [_detected(detector, final.contract, image)[1] for image, _ in shown]
+    if wrong := _common(final.problems):
+        final, sources, doubts = variants[0], {}, wrong
+    contract = replace(final.contract, sources={**detector.contract.sources, **sources})
     took_s = time.perf_counter() - began
-    return Comparison(contract, tuple(doubts), n_variants, count, inferences + count, took_s)
+    return Comparison(
+        contract, tuple(doubts), len(variants) if count else 0, count or len(shown), inferences, took_s
+    )
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
@@ -242,11 +252,12 @@ def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
     return max((each for each in among if "resize" not in each.differs(own)), key=lambda each: each.merit)
 
 
-def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[str]]:
-    """The contract with the choice of so many pictures, and the doubts that they raise."""
+def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str, str], list[str]]:
+    """The variant that so many pictures choose, sources of fields that nothing states, and doubts."""
     own, left = variants[0], [each for each in variants if not each.given_up]
-    sources = dict(own.contract.sources)
-    assumed = [f for f, names in FACTORS.items() if any(sources[n].startswith("assumed") for n in names)]
+    if not count:
+        return own, {}, []
+    assumed = _factors(own.contract, "assumed")
     free = [each for each in left if set(each.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
     final = best if best.lead(own, _PROBABLE) > 0 else own
@@ -264,16 +275,14 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[st
         nothing = (
             f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
         )
-        return own.contract, [wrong] if garbage else [nothing] * bool(assumed)
+        return own, {}, [wrong] if garbage else [nothing] * bool(assumed)
+    sources = dict[str, str]()
     for factor in assumed:
         standings = {standing for each, standing in others if factor in each.differs(final)}
         for name in FACTORS[factor] if standings else ():
-            if sources[name].startswith("assumed"):
-                sources[name] = _source(
-                    sources[name], standings, f"{len(variants)} variants on {_pictures(count)}"
-                )
-    doubts = [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
-    return replace(final.contract, sources=sources), doubts
+            if (source := own.contract.sources[name]).startswith("assumed"):
+                sources[name] = _source(source, standings, f"{len(variants)} variants on {_pictures(count)}")
+    return final, sources, [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
 
 
 def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
@@ -282,17 +291,18 @@ def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
     differing = rival.differs(final)
     whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
     again = f"{'surely ' * rival.surely_beats(final)}more" if rival.merit > final.merit else "nearly as much"
+    sums, own = (f"{sum(each.agreed):.3g} of {sum(each.found):.3g}" for each in (rival, final))
+    option = contract_option(rival.contract)
     parts = [
         f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {_text(rival.contract)} instead of "
         f"{_text(final.contract)}, {again} is found again where {_pictures(count)} are mirrored and cropped "
-        f"({sum(rival.agreed):.3g} of {sum(rival.found):.3g} in sum of scores, instead of {sum(final.agreed):.3g} of "
-        f"{sum(final.found):.3g})",
+        f"({sums} in sum of scores, instead of {own})",
         f"{rival.same(final):.0%} of what the two find is the same",
-        *([f"further variants that are open: {len(rivals) - 1}"] if len(rivals) > 1 else []),
+        f"further variants that are open: {len(rivals) - 1}" if len(rivals) > 1 else "",
         "more pictures would tell" if count < MOST_PICTURES else "the pictures do not tell",
+        f"if the former is right: --contract {option}" if option else "",
     ]
-    option = contract_option(rival.contract)
-    return "; ".join([*parts, *([f"if the former is right: --contract {option}"] if option else [])])
+    return "; ".join(filter(None, parts))
 
 
 def _source(source: str, standings: Collection[str], compared: str) -> str:
@@ -356,16 +366,20 @@ def _enters_alike(one: Contract, other: Contract) -> bool:
     return np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
 
 
-def _found(detector: Detector, contract: Contract, image: Image) -> Detections:
-    """What is found with a contract; nothing where it makes the outputs impossible."""
+def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Detections, str]:
+    """Detections with a contract, and why it, or the export, is wrong, whatever the picture shows, or ""."""
     blob, placement = detector.prepare(image, contract=contract)
     outputs = detector.run(blob)
+    nothing = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
+    if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
+        return nothing, f"the outputs hold {count} values that are NaN or infinite"
+    # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
+    if contract.nms_iou is not None and detector.top_score(outputs) == 0:
+        return nothing, "every score is exactly 0: is it an int8 export that rounds all scores away?"
     try:
-        if all(np.isfinite(output).all() for output in outputs):
-            return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading
-    except ModelError:
-        pass
-    return Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))  # type: ignore[arg-type]
+        return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
+    except ModelError as error:
+        return nothing, str(error)
 
 
 def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
@@ -396,28 +410,15 @@ def agreement(one: Detections, other: Detections) -> float:
 
 
 def output_problems(detector: Detector, image: Image) -> list[str]:
-    """What in the outputs of one RGB picture (h, w, 3) shows that contract or export are wrong: values that are NaN or
-    infinite, scores that are all exactly 0, or above 1. Costs one inference."""
-    blob, placement = detector.prepare(image)
-    outputs = detector.run(blob)
-    if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return [f"the outputs hold {count} values that are NaN or infinite"]
-    # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
-    if detector.contract.nms_iou is not None and detector.top_score(outputs) == 0:
-        return ["every score is exactly 0: does an int8 export round all scores away?"]
-    try:
-        detector.decode(outputs, placement, min_score=FOUND_SCORE)
-    except ModelError as error:
-        return [str(error)]
-    return []
+    """What in the outputs of one RGB picture (h, w, 3) shows that contract or export are wrong: values that are not
+    finite, scores that are all exactly 0, or above 1. Costs one inference."""
+    return list(filter(None, [_detected(detector, detector.contract, image)[1]]))
 
 
-def _common_problems(detector: Detector, shown: Sequence[Known]) -> list[str]:
-    """Problems of the outputs that at least half of the pictures show, each in the words of the first."""
-    raised: dict[str, list[str]] = {}
-    for image, _ in shown:
-        with suppress(ModelError):
-            for text in output_problems(detector, image):
-                raised.setdefault(text.split()[0], []).append(text)
-    of = _pictures(len(shown))
-    return [f"{len(each)} of {of}: {each[0]}" for each in raised.values() if 2 * len(each) >= len(shown)]
+def _common(problems: Sequence[str]) -> list[str]:
+    """Problems that at least half of the pictures show, each in the words of the first."""
+    alike: dict[str, list[str]] = {}
+    for text in filter(None, problems):
+        alike.setdefault(text.split()[0], []).append(text)
+    common = [texts for texts in alike.values() if 2 * len(texts) >= len(problems)]
+    return [f"{len(texts)} of {_pictures(len(problems))}: {texts[0]}" for texts in common]

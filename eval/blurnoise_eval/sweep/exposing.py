@@ -35,7 +35,7 @@ from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
 
 class Frame(NamedTuple):
-    """The camera's picture for a cell, (H, W, 3) uint8 RGB, how it was taken, where that moves boxes and what they sweep.
+    """A cell's picture, (H, W, 3) uint8 RGB, how it was taken, where that moves boxes and what they sweep.
 
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
     a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the original picture. By the place

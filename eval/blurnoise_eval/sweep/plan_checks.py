@@ -19,20 +19,15 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
-    fastest: dict[
-        str, tuple[float, float]
-    ] = {}  # by class, of targets that cross the view, in pictures of its size
+    fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
-        crossing = (
-            target
-            for picture in pictures
-            for target in picture.targets or ()
-            if plan.objects.crosses(target.label)
-        )
-        for target in crossing:
-            own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
-            fastest[target.label] = max(fastest.get(target.label, own), own, key=lambda each: hypot(*each))
+        for target in (target for picture in pictures for target in picture.targets or ()):
+            if plan.objects.crosses(target.label):
+                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+                fastest[target.label] = max(
+                    fastest.get(target.label, own), own, key=lambda each: hypot(*each)
+                )
     path = None
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px

@@ -24,7 +24,7 @@ from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.asked import Batch, ask, asked
+from blurnoise_eval.sweep.open import Batch, ask, asked
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import run_averages, score_tables

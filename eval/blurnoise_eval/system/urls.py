@@ -74,7 +74,9 @@ def location(text: str | Location) -> Any:
     if scheme not in _EXTRAS:
         raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file://")
     if "@" in bucket or "?" in rest:
-        raise ValueError(f"{shown}: must hold no user, password or query; credentials come from the environment")
+        raise ValueError(
+            f"{shown}: must hold no user, password or query; credentials come from the environment"
+        )
     if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
         raise ValueError(f"{shown!r}: must name a bucket and stay in it, as {scheme}://bucket/folder")
     with explained(f"{scheme}://{path}"):

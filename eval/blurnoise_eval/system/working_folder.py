@@ -132,7 +132,7 @@ def _noted(path: Path) -> str:
 
 
 def _fetch(url: UPath, path: Path) -> dict[str, str]:
-    """Fill the folder with the files that are read of the run at the URL; returns their versions. Raises ``OSError``."""
+    """Fill the folder with the files that are read of a run; returns their versions. Raises ``OSError``."""
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     found = listing(url)

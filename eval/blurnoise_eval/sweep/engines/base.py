@@ -81,12 +81,10 @@ def given_up(picture: str) -> UnreadablePicture:
 
 
 def in_flight(
-    flying: dict[Future[T], Block],
-    submit: Callable[[Block], Future[T]],
-    blocks: Iterator[Block],
-    most: Callable[[], int],
+    submit: Callable[[Block], Future[T]], blocks: Iterator[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[T]]]:
     """Keep ``most`` blocks in flight. Yields those that are finished, of several in the order of their beginning."""
+    flying: dict[Future[T], Block] = {}
     while True:
         while len(flying) < most() and (block := next(blocks, None)) is not None:
             flying[submit(block)] = block

@@ -35,8 +35,8 @@ class ProcessEngine(base.Staying):
     under ``if __name__ == "__main__"``. Used as a context manager, the processes stay from one :meth:`map` to the
     next of the same work. Raises ``ChildProcessError`` where processes die before they have opened the models.
 
-    When a process dies, all are replaced, and their blocks are computed again, one at a time. If a process dies again,
-    on one block alone, the block's picture is given up.
+    When a process dies, all are replaced, and their blocks are computed again, one at a time. If one dies again, the
+    picture of its block is given up.
     """
 
     processes: int = 1
@@ -68,7 +68,7 @@ class ProcessEngine(base.Staying):
 
         suspects: list[Block] = []
         while True:
-            flying = base.in_flight({}, submit, blocks, lambda: 0 if suspects else self.processes + 1)
+            flying = base.in_flight(submit, blocks, lambda: 0 if suspects else self.processes + 1)
             for block, future in flying:
                 if isinstance(future.exception(), BrokenProcessPool):  # so fails all that is in flight
                     suspects.append(block)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import torch
 
-from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines.base import Answers, at_least_one, in_flight, raised
 from blurnoise_eval.sweep.work import Work
 from blurnoise_eval.system.threads import limited_threads
 
 _IN_FLIGHT = 2  # blocks for each thread: one that it works on, one that waits
-_POLL_S = 0.2
 _PICTURES_HELD = 2  # beside one for each thread: the next is prepared before the last one is done
 
 
@@ -36,17 +34,15 @@ class ThreadEngine:
         worker = work.open(self.threads + _PICTURES_HELD)
         with limited_threads(1):
             pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
-            flying: dict[Future[list[CellResult]], Block] = {}
             try:
                 most = _IN_FLIGHT * self.threads
                 submitted = in_flight(
-                    flying, lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
+                    lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
                 )
                 for block, future in submitted:
                     yield block, raised(future.exception()) or future.result()
+            except BaseException:  # closed early, or an interrupt
+                worker.interrupt()
+                raise
             finally:
-                pool.shutdown(wait=False, cancel_futures=True)
-                while running := [each for each in flying if not each.done()]:  # closed early
-                    worker.interrupt()
-                    wait(running, _POLL_S)
-                pool.shutdown(wait=True)
+                pool.shutdown(cancel_futures=True)
