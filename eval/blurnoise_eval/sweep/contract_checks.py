@@ -186,9 +186,12 @@ def contracts_chosen(
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
-        chosen = [comparison.text] if comparison.factors("chosen") or comparison.factors("assumed") else []
-        doubts = [f"doubtful contract: {doubt}" for doubt in comparison.doubts]
-        for line in filter(None, [*chosen, *doubts]) if say else ():
+        stated = not (comparison.factors("chosen") or comparison.factors("assumed"))
+        lines = [
+            "" if stated else comparison.text,
+            *(f"doubtful contract: {each}" for each in comparison.doubts),
+        ]
+        for line in filter(None, lines) if say else ():
             say_wrapped(f"{model.name}: {line}", hanging=2, error=True)
     return found, comparisons
 
@@ -242,9 +245,8 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
     took_s = time.perf_counter() - began
-    return Comparison(
-        contract, tuple(doubts), len(variants) if count else 0, count or len(shown), inferences, took_s
-    )
+    n_variants, n_pictures = len(variants) if count else 0, count or len(shown)
+    return Comparison(contract, tuple(doubts), n_variants, n_pictures, inferences, took_s)
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
@@ -267,21 +269,20 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str
     rivals = [each for each, standing in others if standing == "rival"]
     found, agreed = sum(final.found), sum(final.agreed)
     garbage = found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found
+    shown, share = _pictures(count), agreed / max(found, 1e-9)
     wrong = (
-        f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored and "
-        f"cropped ({agreed / max(found, 1e-9):.0%} is): family, input or export are probably wrong"
+        f"what it finds ({found:.3g} in sum of scores) is not found again when {shown} are mirrored and cropped "
+        f"({share:.0%} is): family, input or export are probably wrong"
     )
     if not any(each.merit for each in left):
-        nothing = (
-            f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
-        )
+        nothing = f"nothing is found again in {shown}, however they enter: nothing confirms the contract"
         return own, {}, [wrong] if garbage else [nothing] * bool(assumed)
     sources = dict[str, str]()
     for factor in assumed:
         standings = {standing for each, standing in others if factor in each.differs(final)}
         for name in FACTORS[factor] if standings else ():
             if (source := own.contract.sources[name]).startswith("assumed"):
-                sources[name] = _source(source, standings, f"{len(variants)} variants on {_pictures(count)}")
+                sources[name] = _source(source, standings, f"{len(variants)} variants on {shown}")
     return final, sources, [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
 
 
@@ -385,9 +386,7 @@ def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Det
 def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
     """The picture cropped and mirrored, and that of what was found in it of which this shows at least half."""
     height, width = image.shape[:2]
-    left, top, right, bottom = (
-        round(cut * size) for cut, size in zip(_CUT, (width, height) * 2, strict=True)
-    )
+    left, top, right, bottom = np.round(np.multiply(_CUT, (width, height) * 2)).astype(int).tolist()
     right, bottom = width - right, height - bottom
     boxes = np.clip(found.boxes_xyxy, (left, top) * 2, (right, bottom) * 2)
     areas, own = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found.boxes_xyxy))

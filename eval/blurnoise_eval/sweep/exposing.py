@@ -69,8 +69,8 @@ class Scene:
         picture: Picture | None = None,
         objects: Objects = USUAL_OBJECTS,
     ) -> None:
-        self.image8 = eight_bit(image)
-        self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
+        self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
+        self._picture, self.objects = picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._own_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
@@ -232,8 +232,8 @@ def _motion(taken: Exposure) -> tuple[object, ...]:
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
-    """Temporal signal to noise of a pixel with so much light, EMVA 1288: signal by the noise of signal, dark charge,
-    read-out and rounding, 20 log10; None without light. Of a pixel below saturation."""
+    """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
+    charge, read-out and rounding; None without light."""
     camera = exposure.amplified.camera
     white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
     signal_e = light * white_e

@@ -1,10 +1,9 @@
 """Refining a sweep: further exposures where a window ends between two tested ones, and about the best for all.
 
-Between two tested exposures nobody has seen the score, so that the interval of a window's end is as wide as they
-are. Halving the gap about an end to a quarter of a stop, and those in which its interval ends to half a stop, costs
-a few conditions of that light and speed; a grid as fine everywhere would cost several times the sweep. What is
-computed next follows from what the run's store holds, and is noted there before it is computed: a run that was
-stopped goes on with the same conditions.
+The interval of a window's end is as wide as the gap between the tested exposures about it. Halving the gap about an
+end to a quarter of a stop, and those in which its interval ends to half a stop, costs a few conditions of that light
+and speed. The next conditions follow from the run's store, and are noted there before they are computed: a run that
+was stopped goes on with the same ones.
 """
 
 from __future__ import annotations

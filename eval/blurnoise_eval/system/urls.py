@@ -74,9 +74,7 @@ def location(text: str | Location) -> Any:
     if scheme not in _EXTRAS:
         raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file://")
     if "@" in bucket or "?" in rest:
-        raise ValueError(
-            f"{shown}: must hold no user, password or query; credentials come from the environment"
-        )
+        raise ValueError(f"{shown}: must hold no user, password or query; set credentials in the environment")
     if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
         raise ValueError(f"{shown!r}: must name a bucket and stay in it, as {scheme}://bucket/folder")
     with explained(f"{scheme}://{path}"):
@@ -105,8 +103,8 @@ def _os_error(error: Exception, url: str) -> OSError:
     if isinstance(error, OSError) and error.filename == url:
         return error
     if isinstance(error, ImportError):
-        extra = _EXTRAS[url.partition(":")[0]]
-        return OSError(errno.ENOPKG, f"needs more packages: pip install 'blurnoise[{extra}]' ({why})", url)
+        install = f"pip install 'blurnoise[{_EXTRAS[url.partition(':')[0]]}]'"
+        return OSError(errno.ENOPKG, f"needs more packages: {install} ({why})", url)
     if isinstance(error, (FileNotFoundError, IsADirectoryError)) or status == 404:
         return FileNotFoundError(errno.ENOENT, "no such object, folder or bucket", url)
     if isinstance(error, PermissionError) or status in (401, 403):
@@ -141,22 +139,19 @@ def listing(folder: Location) -> dict[str, str]:
 
     Links to folders are not followed. Objects whose names lead elsewhere, or mark a folder, are left out.
     """
+
+    def stop(error: OSError) -> None:
+        raise error
+
     if isinstance(folder, Path):
-        return _listing_here(folder)
+        every = (Path(root, name) for root, _, names in os.walk(folder, onerror=stop) for name in names)
+        return {file.relative_to(folder).as_posix(): version(file) for file in every if file.is_file()}
     with explained(folder):
         folder.fs.invalidate_cache(folder.path)
         found = folder.fs.find(folder.path, detail=True)
         start = len(folder.fs._strip_protocol(str(folder)).rstrip("/")) + 1
     files = ((name[start:], info) for name, info in found.items() if info["type"] == "file")
     return {name: _version_in(info) for name, info in files if _is_below(name)}
-
-
-def _listing_here(folder: Path) -> dict[str, str]:
-    def stop(error: OSError) -> None:
-        raise error
-
-    every = (Path(root, name) for root, _, names in os.walk(folder, onerror=stop) for name in names)
-    return {file.relative_to(folder).as_posix(): version(file) for file in every if file.is_file()}
 
 
 def versions(folder: Location, names: Collection[str]) -> dict[str, str]:

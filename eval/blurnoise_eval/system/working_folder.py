@@ -76,7 +76,8 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
         return
     path = cache_folder() / "runs" / hashlib.blake2b(str(where).encode(), digest_size=12).hexdigest()
     path.mkdir(parents=True, exist_ok=True)
-    with path.with_suffix(".lock").open("a") as lock:
+    path.with_suffix(".lock").touch()
+    with path.with_suffix(".lock").open("rb") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

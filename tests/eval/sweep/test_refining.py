@@ -173,16 +173,7 @@ def test_the_command_announces_its_cells(tmp_path: Path, capsys: pytest.CaptureF
     """Of eight rendered signs, which stand still."""
     command = [
         "sweep",
-        "--limit",
-        "8",
-        "--exposure-ms",
-        "0.05,1,30",
-        "--lux",
-        "20",
-        "--dx",
-        "0",
-        "--threads",
-        "1",
+        *["--limit", "8", "--exposure-ms", "0.05,1,30", "--lux", "20", "--dx", "0", "--threads", "1"],
     ]
     assert main([*command, "-o", str(tmp_path / "run")]) == 0
     told = capsys.readouterr().err
