@@ -35,8 +35,8 @@ from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.default_camera import default_for
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
+from blurnoise_eval.sweep.exposing import check_plan
 from blurnoise_eval.sweep.model_notes import note_models
-from blurnoise_eval.sweep.plan_checks import check_plan
 from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run

@@ -1,11 +1,11 @@
-"""What is asked of a run's tables; all the package's questions in SQL stand here and in the store itself.
+"""The questions in SQL of the whole package, but for those of the store itself and of its exports.
 
 Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from blurnoise_eval.detectors.records import Answers, Detections
@@ -16,14 +16,6 @@ from blurnoise_eval.store.store import Store, unpack, unpack_all
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: original pictures have NULLs
-_ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
-_IN_ORDER = {  # an index has the cells of a picture together: sorted picture by picture, in little memory
-    "cells": ("cells", _ORDER),
-    "targets": (
-        "cells CROSS JOIN targets ON targets.cell_id = cells.cell_id AND targets.model = cells.model",
-        f"{_ORDER}, targets.target_id",
-    ),
-}
 
 
 def _mean(column: str) -> str:
@@ -133,12 +125,6 @@ def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
     for row in store.rows(f"{query} ORDER BY n DESC, label"):
         found.setdefault(row["model"], {})[row["label"]] = row["n"]
     return found
-
-
-def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[tuple[Any, ...]]]:
-    """What is ``asked`` of every row of "cells" or "targets", in the order of pictures and conditions."""
-    tables, order = _IN_ORDER[table]
-    return store.tuples(f"SELECT {', '.join(asked)} FROM {tables} ORDER BY {order}")
 
 
 def count_rows(store: Store) -> int:

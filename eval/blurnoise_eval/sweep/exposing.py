@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from blurnoise._core.checks import limited_motion
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
@@ -25,9 +27,17 @@ from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
-from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
+from blurnoise_eval.datasets import (
+    Image,
+    Picture,
+    PictureSet,
+    UnreadablePicture,
+    check_cut,
+    cut_out,
+    eight_bit,
+)
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
@@ -240,3 +250,36 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
+
+
+def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
+    """Raise ``ValueError`` for what of the plan does not go with the camera, or with the pictures.
+
+    That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
+    length, figures that the camera's lens does not take, and motion beyond the limits.
+    """
+    fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
+    if plan.cuts:
+        check_cut(pictures, plan.objects)
+        for target in (target for picture in pictures for target in picture.targets or ()):
+            if plan.objects.crosses(target.label):
+                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+                fastest[target.label] = max(
+                    fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
+                )
+    path = None
+    if plan.path is not None:
+        (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
+        half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
+        path = stated.of(camera, camera.field.size, longest_s, plan.seed)
+        path.window(-half_s, half_s)
+    for at in plan.conditions():
+        exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
+        if "exposure_s" in at.automatic:
+            exposure = replace(exposure, exposure_s=plan.longest_s)
+        for label, own_px_s in fastest.items():
+            plan.objects.check_crossing(label, own_px_s, exposure)
+        if exposure.drives:
+            height, width = camera.field.size
+            edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
+            limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))

@@ -11,10 +11,9 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
+from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, ThreadEngine, WorkerDied
 from blurnoise_eval.sweep.engines.processes import ProcessEngine
 from blurnoise_eval.sweep.engines.ray_tasks import RayEngine
-from blurnoise_eval.sweep.engines.threads import ThreadEngine
 from blurnoise_eval.system.machine import usable_cores
 
 __all__ = ["ENGINES", "Answers", "Engine", "ProcessEngine", "RayEngine", "ThreadEngine", "WorkerDied"]

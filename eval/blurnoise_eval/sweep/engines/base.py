@@ -1,4 +1,4 @@
-"""What all engines share: how they answer, how blocks stay in flight, and what runs in each worker process."""
+"""Shared by all engines: answers, blocks in flight, the work of a worker process; and the engine of threads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import pickle
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from itertools import islice
 from math import ceil
 from typing import Protocol, Self, TypeVar
@@ -18,6 +19,7 @@ from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.work import Work, Worker
+from blurnoise_eval.system.threads import limited_threads
 
 T = TypeVar("T")
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
@@ -25,6 +27,8 @@ BlockResult = tuple[list[CellResult], list[tuple[str, type[Warning]]]]
 """Results of a block, and the warnings that were given meanwhile."""
 
 _PICTURES_HELD = 3  # by a worker process
+_IN_FLIGHT = 2  # blocks for each thread: one that it works on, one that waits
+_HELD_BESIDE = 2  # pictures, beside one for each thread: the next is prepared before the last one is done
 _BLOCKS_READ = 8  # for each worker, before they are shared out
 _BLOCKS_JOINED = 8  # at most: a worker that is killed loses the cells of one task
 
@@ -153,3 +157,34 @@ def results_of(block: BlockResult) -> list[CellResult]:
     for text, category in caught:
         warnings.warn(text, category, stacklevel=2)
     return results
+
+
+@dataclass(frozen=True)
+class ThreadEngine:
+    """Threads of this process over each model's one session. Models and pictures need not pickle.
+
+    PyTorch and OpenCV have one thread each meanwhile. Raises ``ValueError`` for less than one thread.
+    """
+
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        at_least_one("threads", self.threads)
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
+        worker = work.open(self.threads + _HELD_BESIDE)
+        with limited_threads(1):
+            pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
+            try:
+                most = _IN_FLIGHT * self.threads
+                submitted = in_flight(
+                    lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
+                )
+                for block, future in submitted:
+                    yield block, raised(future.exception()) or future.result()
+            except BaseException:  # closed early, or an interrupt
+                worker.interrupt()
+                raise
+            finally:
+                pool.shutdown(cancel_futures=True)
