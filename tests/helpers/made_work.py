@@ -15,8 +15,7 @@ from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import Answers
 from blurnoise_eval.sweep.exposing import Frame
-from blurnoise_eval.sweep.rows import cell_result
-from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.work import Work, cell_result
 from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera

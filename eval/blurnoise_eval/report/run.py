@@ -34,8 +34,7 @@ from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.settings import Settings, Tested
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.documents import Stated
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.store.store import Stated, Store
 from blurnoise_eval.sweep.met_conditions import met_conditions
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.sweep.refining import exposures_of_grid

@@ -10,12 +10,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from blurnoise_eval.grid.axes import CHOICES
-from blurnoise_eval.store import queries
+from blurnoise_eval.store.schema import ROWS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_text
 
-_TABLES = {"results": "cells", "targets": "targets"}
+_ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
+_TABLES = {  # sorted by an index, picture by picture, in little memory
+    "results": ("cells", f"cells ORDER BY {_ORDER}"),
+    "targets": (
+        "targets",
+        "cells CROSS JOIN targets ON targets.cell_id = cells.cell_id AND targets.model = cells.model "
+        f"ORDER BY {_ORDER}, targets.target_id",
+    ),
+}
 
 
 def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
@@ -25,11 +33,11 @@ def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
     written.
     """
     written = []
-    for name, table in _TABLES.items():
+    for name, (table, rows_of) in _TABLES.items():
         columns = store.columns(table)
-        asked = [_as_text(table, column, kind) for column, kind in columns.items()]
+        asked = ", ".join(_as_text(table, column, kind) for column, kind in columns.items())
         path = (folder or store.folder) / f"{name}.csv"
-        blocks = [[tuple(columns)]], queries.every_row(store, table, asked)
+        blocks = [[tuple(columns)]], store.tuples(f"SELECT {asked} FROM {rows_of}")
         write_whole(path, (csv_text(rows).encode("utf-8") for each in blocks for rows in each))
         written.append(path)
     return written

@@ -1,11 +1,11 @@
-"""What is asked of a run's tables; all the package's questions in SQL stand here and in the store itself.
+"""The questions in SQL of the whole package, but for those of the store itself and of its exports.
 
 Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from blurnoise_eval.detectors.records import Answers, Detections
@@ -16,14 +16,6 @@ from blurnoise_eval.store.store import Store, unpack, unpack_all
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: original pictures have NULLs
-_ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
-_IN_ORDER = {  # an index has the cells of a picture together: sorted picture by picture, in little memory
-    "cells": ("cells", _ORDER),
-    "targets": (
-        "cells CROSS JOIN targets ON targets.cell_id = cells.cell_id AND targets.model = cells.model",
-        f"{_ORDER}, targets.target_id",
-    ),
-}
 
 
 def _mean(column: str) -> str:
@@ -37,8 +29,7 @@ def _values(store: Store, query: str, *values: object) -> list[Any]:
 
 
 def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
-    """The rows; where the camera has set the exposure of each picture, with the mean over the pictures, s, in its
-    setting."""
+    """The rows; where the camera has set the exposures, with their mean over the pictures, s, in its setting."""
     where = ", ".join(SETTING)
     query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM cells WHERE exposure_s = ? GROUP BY {where}"
     means = {setting_of(row): row["applied_exposure_s"] for row in store.rows(query, AUTOMATIC)}
@@ -49,13 +40,13 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 
 def condition_counts(store: Store, model: str) -> list[Row]:
-    """Per condition of a model, original pictures first: numbers of pictures, errors and targets, mean gain, dB,
-    signal to noise, dB, brightness, saturated share of the pictures, and invented share of what is seen behind
-    targets."""
+    """Per condition of a model, original pictures first: numbers of pictures, errors and targets, and means of
+    blur, gain, signal to noise, brightness, saturated and invented shares."""
+    names = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
+    means = ", ".join(f"AVG({name}) AS {name}" for name in names)
     query = f"""
-      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors,
-        AVG(applied_gain_db) AS applied_gain_db, AVG(snr_db) AS snr_db, AVG(brightness) AS brightness,
-        AVG(saturated) AS saturated, AVG(invented_share) AS invented_share, NULLIF(SUM(n_targets), 0) AS n_targets
+      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors, {means},
+        NULLIF(SUM(n_targets), 0) AS n_targets
       FROM cells WHERE model = ? GROUP BY {_SHARED} ORDER BY {SORTED}
     """
     return list(store.rows(query, model))
@@ -114,8 +105,7 @@ def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
 
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
     """Image, label and box of each target in a model's original pictures."""
-    query = "SELECT image, label, x0, y0, width_px, height_px FROM targets WHERE model = ? AND clean = 1"
-    return store.rows(query, model)
+    return store.rows("SELECT * FROM targets WHERE model = ? AND clean = 1", model)
 
 
 def groups(store: Store) -> list[Row]:
@@ -130,19 +120,11 @@ def groups(store: Store) -> list[Row]:
 
 def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
     """How many targets of each label a model has in its original pictures, the most frequent first."""
-    query = """
-      SELECT model, label, COUNT(*) AS n FROM targets WHERE clean = 1 GROUP BY model, label ORDER BY n DESC, label
-    """
+    query = "SELECT model, label, COUNT(*) AS n FROM targets WHERE clean = 1 GROUP BY model, label"
     found: dict[str, dict[str, int]] = {}
-    for row in store.rows(query):
+    for row in store.rows(f"{query} ORDER BY n DESC, label"):
         found.setdefault(row["model"], {})[row["label"]] = row["n"]
     return found
-
-
-def every_row(store: Store, table: str, asked: Sequence[str]) -> Iterator[list[tuple[Any, ...]]]:
-    """What is ``asked`` of every row of "cells" or "targets", in the order of pictures and conditions."""
-    tables, order = _IN_ORDER[table]
-    return store.tuples(f"SELECT {', '.join(asked)} FROM {tables} ORDER BY {order}")
 
 
 def count_rows(store: Store) -> int:
@@ -169,11 +151,8 @@ def has_begun(store: Store) -> bool:
 
 def counts(store: Store) -> Row:
     """n_cells, each once for all models, and n_target_rows."""
-    (counted,) = store.rows(
-        "SELECT (SELECT COUNT(DISTINCT cell_id) FROM cells) AS n_cells,"
-        " (SELECT COUNT(*) FROM targets) AS n_target_rows"
-    )
-    return counted
+    asked = {"n_cells": "COUNT(DISTINCT cell_id) FROM cells", "n_target_rows": "COUNT(*) FROM targets"}
+    return {name: _values(store, f"SELECT {query}")[0] for name, query in asked.items()}
 
 
 def exposed_conditions(store: Store) -> list[Row]:
@@ -198,11 +177,8 @@ def median_simulate_ms(store: Store) -> float | None:
 def saturated_shares(store: Store) -> dict[tuple[float, ...], float]:
     """Mean share of saturated values over pictures, by the values of ``SETTING``, velocity and exposure."""
     query = f"SELECT {_SHARED}, AVG(saturated) AS saturated FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
-    return {
-        (*setting_of(row), *velocity_of(row), row["exposure_s"]): row["saturated"]
-        for row in store.rows(query)
-        if row["saturated"] is not None
-    }
+    rows = (row for row in store.rows(query) if row["saturated"] is not None)
+    return {(*setting_of(row), *velocity_of(row), row["exposure_s"]): row["saturated"] for row in rows}
 
 
 def example_files(store: Store) -> list[str]:
@@ -225,18 +201,12 @@ def targets_of(store: Store, cell_id: str, model: str) -> Iterator[Row]:
 
 def without_targets(store: Store, model: str) -> Row:
     """``pictures``: how many have no target that the model knows; ``first``: one of them."""
-    query = """SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells
-      WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?"""
-    (counted,) = store.rows(query, model)
-    return counted
+    query = "SELECT COUNT(*) AS pictures, MIN(image) AS first FROM cells"
+    return next(store.rows(f"{query} WHERE clean AND n_targets = 0 AND error IS NULL AND model = ?", model))
 
 
 def gains_set(store: Store, model: str) -> Iterator[Row]:
-    """``image``, ``illuminance_lux``, ``exposure_s`` and ``applied_gain_db`` of a model's cells whose gain the camera
-    has set itself."""
-    return store.rows(
-        "SELECT image, illuminance_lux, exposure_s, applied_gain_db FROM cells"
-        " WHERE model = ? AND clean = 0 AND gain_db = ? AND applied_gain_db IS NOT NULL",
-        model,
-        AUTOMATIC,
-    )
+    """Picture, light, exposure and gain of a model's cells whose gain the camera has set itself."""
+    query = "SELECT image, illuminance_lux, exposure_s, applied_gain_db FROM cells"
+    where = "WHERE model = ? AND clean = 0 AND gain_db = ? AND applied_gain_db IS NOT NULL"
+    return store.rows(f"{query} {where}", model, AUTOMATIC)

@@ -24,26 +24,36 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.store import documents, schema
+from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, path_within
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
 _AT_ONCE = 20_000  # rows that are read at a time
-JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
+_JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
+_NEEDED = {
+    "manifest": ("title", "models", "camera", "images"),
+    "identity": ("model", "camera", "plan", "pictures"),
+}
 
 
 class StoreError(ValueError):
     """A run folder cannot be used; the message says why and what to do."""
 
 
+class Stated(dict[str, Any]):
+    """A JSON object that names the key that it lacks, where other software made the run."""
+
+    def __missing__(self, key: str) -> Any:
+        raise ValueError(f"run: was made by other software (states no {key!r})")
+
+
 @dataclass(frozen=True)
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
-    picture: identity, content, width and height, px, and look of the picture that it was computed from.
-    Beside what is stored: the picture as PNG where it is to be kept as the row's ``example``, and how many NaN
-    and infinite values the model answered with.
+    example_png: the picture where it is kept as the row's ``example``. picture: identity, content, width and height,
+    px, and look of the picture that it was computed from.
     """
 
     cell: dict[str, Any]
@@ -57,9 +67,8 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    ``read_only``: the folder, or the file in it, cannot be written; then a copy is read. ``revision``: a number
-    that changes with the rows of cells and targets. shared: other processes may have it open so too, but none that
-    sweeps.
+    shared: other processes may read it, too. ``read_only``: the folder, or the file in it, cannot be written; then a
+    copy is read. ``revision``: a number that changes with the rows of cells and targets.
     """
 
     def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
@@ -72,7 +81,7 @@ class Store:
         path = self.file(RUN_FILE)
         with self._explained(), ExitStack() as opened:
             folder.mkdir(parents=True, exist_ok=True)
-            self.read_only = not (create or (_writable(folder) and _writable(path)))
+            self.read_only = not (create or all(map(_writable, (folder, path))))
             if self.read_only:  # SQLite writes beside the file, even in order to read
                 copies = Path(opened.enter_context(TemporaryDirectory()))
                 for file in (path, path.with_name(f"{RUN_FILE}-wal")):  # the journal of a killed run
@@ -84,15 +93,14 @@ class Store:
                 self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
-            self._db.execute(f"PRAGMA wal_autocheckpoint = {JOURNAL_PAGES}")
+            self._db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
             if version not in (0, schema.VERSION):
                 raise StoreError(
-                    f"run = {str(folder)!r}: was made by another version of blurnoise, which reads it; choose "
-                    "another folder, or repeat its command there"
+                    f"run = {str(folder)!r}: was made by another version of blurnoise; choose another folder"
                 )
-            if version != schema.VERSION:
+            if version == 0:
                 self._db.executescript(
                     f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
                 )
@@ -130,24 +138,19 @@ class Store:
         return None
 
     def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
-        """Commit finished cells, all of them or none, with what they teach of the run and the seconds they took.
-
-        Their pictures have been read: they are skipped no more.
-        """
+        """Commit finished cells, all of them or none, and the seconds they took; their pictures are not skipped."""
         self.revision += 1
-        by = {"computed_by": self._software.get("computed_by")}
-        learnt = self.learnt()
+        by, learnt = {"computed_by": self._software.get("computed_by")}, self.learnt()
         counted = Counter[str](learnt["non_finite_values"])
         for result in results:
             counted[result.cell["model"]] += result.non_finite_values
         learnt = {"wall_s": learnt["wall_s"] + wall_s, "non_finite_values": counted}
+        cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
         with self._transaction() as db:
-            cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
             _insert(db, "cells", cells)
             _insert(db, "software", [self._software] * bool(cells and self._software))
             _insert(db, "targets", [target for result in results for target in result.targets])
-            read = {(cell["image"],) for cell in cells}
-            db.executemany("DELETE FROM skipped WHERE image = ?", read)
+            db.executemany("DELETE FROM skipped WHERE image = ?", {(cell["image"],) for cell in cells})
             _insert(db, "about", [{"key": "learnt", "value": json.dumps(learnt)}])
 
     def learnt(self) -> dict[str, Any]:
@@ -200,17 +203,14 @@ class Store:
         height_px: int | None = None,
         look: str | None = None,
     ) -> None:
-        """Note what a picture's cells are computed from: of a picture that has cells the content stays the same, and
-        so does its size, which need not be given again.
+        """Note what a picture's cells are computed from; its size and look need not be given again.
 
-        Raises :class:`StoreError` for another content: rows of two pictures would stand under one name.
+        Raises :class:`StoreError` where its cells were computed from another content.
         """
         held = self.pictures(image).get(image)
         if held is not None and held[1] != content:
-            raise StoreError(
-                f"run = {str(self.folder)!r}: picture {image!r} is not what it was when its first cells were "
-                "computed; choose another folder"
-            )
+            was = "is not what it was when its first cells were computed; choose another folder"
+            raise StoreError(f"run = {str(self.folder)!r}: picture {image!r} {was}")
         if held != (identity, content):
             with self._transaction() as db:
                 db.execute(
@@ -287,9 +287,13 @@ class Store:
 
     def _document(self, field: str, text: str) -> Any:
         try:
-            return documents.read(field, text)
-        except ValueError as error:
+            value = json.loads(text, object_hook=Stated)
+        except (ValueError, RecursionError) as error:
             raise self.damaged(field, str(error)) from None
+        for name in _NEEDED.get(field, ()):
+            if not isinstance(value, dict) or name not in value:
+                raise self.damaged(field, f"states no {name!r}")
+        return value
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
@@ -299,17 +303,16 @@ class Store:
     @contextmanager
     def _explained(self) -> Iterator[None]:
         """SQLite's and the file system's errors as a :class:`StoreError` that names the run."""
-        run = f"run = {str(self.folder)!r}"
         try:
             yield
+            return
         except OSError as error:
-            raise StoreError(f"{run}: cannot be written ({error.strerror or error})") from None
+            why = f"cannot be written ({error.strerror or error})"
         except sqlite3.OperationalError as error:
-            if "locked" in str(error):
-                raise StoreError(f"{run}: another process is using it") from None
-            raise StoreError(f"{run}: cannot be used ({error})") from None
+            why = "another process is using it" if "locked" in str(error) else f"cannot be used ({error})"
         except sqlite3.DatabaseError as error:
-            raise StoreError(f"{run}: {RUN_FILE} is damaged ({error})") from None
+            why = f"{RUN_FILE} is damaged ({error})"
+        raise StoreError(f"run = {str(self.folder)!r}: {why}") from None
 
 
 def _writable(path: Path) -> bool:
@@ -335,15 +338,17 @@ def _pack(detections: Detections) -> bytes:
 
 def unpack_all(names: Sequence[str], repeats: Sequence[int], packed: Sequence[bytes]) -> Answers:
     """Detections of many pictures, as the column ``detections`` holds them."""
-    found = np.frombuffer(b"".join(packed), _DETECTION)
     counts = np.array([len(each) for each in packed], np.int64) // _DETECTION.itemsize
-    leads = found["class_id"] >= 0
-    class_ids = np.where(leads, found["class_id"], ~found["class_id"]).astype(np.int64)
-    return Answers(names, repeats, counts, found["box_xyxy"], found["score"], class_ids, leads)
+    boxes, scores, class_ids, leads = _unpacked(b"".join(packed))
+    return Answers(names, repeats, counts, boxes, scores, class_ids.astype(np.int64), leads)
 
 
 def unpack(packed: bytes) -> Detections:
     """Detections as the column ``detections`` holds them."""
+    return Detections(*_unpacked(packed))
+
+
+def _unpacked(packed: bytes) -> tuple[Any, Any, Any, Any]:
     found = np.frombuffer(packed, _DETECTION)
     class_ids, leads = found["class_id"], found["class_id"] >= 0
-    return Detections(found["box_xyxy"], found["score"], np.where(leads, class_ids, ~class_ids), leads)
+    return found["box_xyxy"], found["score"], np.where(leads, class_ids, ~class_ids), leads

@@ -73,18 +73,12 @@ def _read(store: Store, model: str) -> TargetColumns:
     conditions, pictures, groups = dict[Any, int](), dict[str, int](), dict[str, int]()
     cell_of = dict[str, int]()
     asked = ", ".join(("cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
-    of_cells = [_columns(3, len(_OF_PICTURE), ())]
+    of_cells, start = [_columns(3, len(_OF_PICTURE), ())], 3 + len(_OF_PICTURE)
     for rows in store.tuples(f"SELECT {asked} FROM cells NOT INDEXED WHERE model = ?", model):
         cell_of.update((row[0], place) for place, row in enumerate(rows, start=len(cell_of)))
-        start = 3 + len(_OF_PICTURE)
-        coded = [
-            (
-                conditions.setdefault(row[start:], len(conditions)),
-                pictures.setdefault(row[1], len(pictures)),
-                *row[2:start],
-            )
-            for row in rows
-        ]
+        at = [conditions.setdefault(row[start:], len(conditions)) for row in rows]
+        of = [pictures.setdefault(row[1], len(pictures)) for row in rows]
+        coded = [(*codes, *row[2:start]) for *codes, row in zip(at, of, rows, strict=True)]
         of_cells.append(_columns(3, len(_OF_PICTURE), coded))
     condition, picture, repeat, *of_picture = map(np.concatenate, zip(*of_cells, strict=True))
     of_targets = [_columns(3, len(_OF_TARGET), ())]
@@ -95,12 +89,8 @@ def _read(store: Store, model: str) -> TargetColumns:
         coded = [(cell_of[row[0]], groups.setdefault(row[1], len(groups)), *row[2:]) for row in rows]
         of_targets.append(_columns(3, len(_OF_TARGET), coded))
     cell, group, target_id, *of_target = map(np.concatenate, zip(*of_targets, strict=True))
-    names, ranks = zip(
-        _sorted(conditions, condition[cell]),
-        _sorted(pictures, picture[cell]),
-        _sorted(groups, group),
-        strict=True,
-    )
+    codes_of = (conditions, condition[cell]), (pictures, picture[cell]), (groups, group)
+    names, ranks = zip(*(_sorted(*each) for each in codes_of), strict=True)
     columns = [*ranks, repeat[cell], target_id, *of_target, *(each[cell] for each in of_picture)]
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
     every: list[Any] = [*names, *(column[order] for column in columns)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import groupby, pairwise, product
 
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
@@ -35,7 +35,7 @@ class Block:
 
 
 def count_cells(pictures: PictureSet, plan: Plan) -> int:
-    """How many cells a sweep settles, the clean ones included."""
+    """How many cells a sweep has, the clean ones included."""
     return len(pictures) * cells_per_picture(plan)
 
 
@@ -56,15 +56,12 @@ def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
             return Block(picture, cells)
         return Block(picture, cells, frozenset(each.cell_id for each in cells if each.conditions in kept))
 
-    before: list[Picture] = []
-    for picture in (*pictures, None):
+    for before, picture in pairwise([None, *pictures, None]):
         if picture is not None:
             yield block(picture, 0, [None])
-        for other in before:
-            for repeat in range(plan.repeats):
-                for some in together:
-                    yield block(other, repeat, some)
-        before = [] if picture is None else [picture]
+        if before is not None:
+            for repeat, some in product(range(plan.repeats), together):
+                yield block(before, repeat, some)
 
 
 def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
@@ -78,7 +75,7 @@ def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
 
 
 def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
-    """The pictures with the largest targets, or the first, where the model still has to find them."""
+    """The pictures with the largest targets, or the first ones without labels."""
 
     def largest(picture: Picture) -> float:
         boxes = (target.box_xyxy for target in picture.targets or ())

@@ -28,24 +28,26 @@ def write_truth(pictures: PictureSet, run: Path, whole: PictureSet | None = None
     ids, areas, segmentations and crowds are those of the data set where it has them. whole: the set that the pictures
     are a part of, whose ids they have. Raises ``OSError``.
     """
-    annotations: list[dict[str, Any]] = []
     whole, own = whole or pictures, {picture.name for picture in pictures}
-    used = {target.annotation.get("id") for picture in whole for target in picture.targets or ()}
+    every = [(picture, target) for picture in whole for target in picture.targets or ()]
+    used = {target.annotation.get("id") for _, target in every}
     fresh = (number for number in count(1) if number not in used)
-    for picture in whole:
-        for target in picture.targets or ():
-            x0, y0, x1, y1 = target.box_xyxy
-            area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
-            new = {"id": next(fresh)} if "id" not in target.annotation else {}
-            where = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
-            box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
-            if picture.name in own:
-                annotations.append({**target.annotation, **new, **where, **box})
-    truth = {
-        "images": [{"id": picture.image_id, "file_name": picture.name} for picture in pictures],
-        "annotations": annotations,
-        "categories": [{"id": number, "name": name} for name, number in pictures.categories.items()],
-    }
+    annotations: list[dict[str, Any]] = []
+    for picture, target in every:
+        x0, y0, x1, y1 = target.box_xyxy
+        area = (x1 - x0) * (y1 - y0) if target.area_px2 is None else target.area_px2
+        new = {"id": next(fresh)} if "id" not in target.annotation else {}
+        where = {"image_id": picture.image_id, "category_id": pictures.categories[target.label]}
+        box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": area, "iscrowd": int(target.crowd)}
+        if picture.name in own:
+            annotations.append({**target.annotation, **new, **where, **box})
+    images = [{"id": picture.image_id, "file_name": picture.name} for picture in pictures]
+    categories = [{"id": number, "name": name} for name, number in pictures.categories.items()]
+    write_instances(run, {"images": images, "annotations": annotations, "categories": categories})
+
+
+def write_instances(run: Path, truth: Mapping[str, Any]) -> None:
+    """Write ``run``/coco/instances.json. Raises ``OSError``."""
     file = path_within(run, INSTANCES)
     file.parent.mkdir(parents=True, exist_ok=True)
     write_whole(file, json.dumps(truth).encode("utf-8", "backslashreplace"))
@@ -98,9 +100,8 @@ def write_detections(
     """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
 
     ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
-    repeat where it is not the camera's own; each with the truth beside it that it is to be compared with,
-    ``folder``/MODEL/instances.json, or where the camera moves boxes CONDITION-instances.json. One condition is
-    held at a time. Raises ``OSError`` where it cannot be written.
+    repeat where it is not the camera's own. The truth is MODEL/instances.json, or where the camera moves boxes
+    CONDITION-instances.json. One condition is held at a time. Raises ``OSError``.
     """
     written, truth_of, run, labels = [], truths(store), Run(store), read_truth(store)
     for model in run.models:
@@ -112,12 +113,9 @@ def write_detections(
         whole = {**labels, **truth.coco, "images": labels["images"]}
         write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
         for name, at in _named(queries.conditions(store, model), run.camera):
-            found = queries.detections_at(store, model, at, at["repeat"])
-            rows = [
-                row
-                for image, _, each in found
-                for row in coco_results(each, truth.image_ids[image], truth.category_of)
-            ]
+            rows: list[dict[str, Any]] = []
+            for image, _, found in queries.detections_at(store, model, at, at["repeat"]):
+                rows += coco_results(found, truth.image_ids[image], truth.category_of)
             path = place / f"{name}.json"
             write_whole(path, json.dumps(rows).encode("utf-8"))
             written.append(path)
@@ -147,7 +145,7 @@ def condition_name(at: Mapping[str, Any], camera: Camera) -> str:
     """A condition in the name of a file: '20ms-50lux-200_0px_s', and what differs from the camera's own."""
     slugs = {axis.name: axis.slug(at[axis.name]) for axis in AXES}
     speed = "_".join(slugs[name] for name in VELOCITY)
-    further = [
-        slugs[axis.name] for axis in AXES if axis.name in FURTHER and at[axis.name] != axis.own(camera)
-    ]
-    return "-".join([slugs["exposure_s"], slugs["illuminance_lux"], speed, *further])
+    further = [axis.name for axis in AXES if axis.name in FURTHER and at[axis.name] != axis.own(camera)]
+    return "-".join(
+        [slugs["exposure_s"], slugs["illuminance_lux"], speed, *(slugs[name] for name in further)]
+    )

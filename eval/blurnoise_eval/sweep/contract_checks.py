@@ -2,14 +2,14 @@
 
 Domain: 8-bit RGB pictures; colour order, value range with mean and standard deviation, and resize are varied.
 
-A network that is fed wrongly finds nothing, or much at random. So each picture is shown as it is and mirrored,
-cropped and thereby enlarged, and what is found in both counts: the same class, boxes that overlap by half. Labels,
-where there are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the
-sum of scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
+A network that is fed wrongly finds nothing, or much at random. So each picture enters as it is and mirrored, cropped
+and thereby enlarged, and detections in both count: the same class, boxes that overlap by half. Labels, where there
+are any, are one more view of the picture. With A, the sum of scores times overlaps that agree, and F, the sum of
+scores found, the merit of a variant in a picture is sqrt(max(0, A - F/10)). Variants are compared by the mean
 difference of their merits over the pictures, with Student's t.
 
-Of what nothing stated, a field is chosen where every variant that differs in it is surely worse; it stays assumed
-where the others make no difference that matters; else it is doubtful, and a doubt names the best of them.
+A field without a source is chosen where every variant that differs in it is surely worse; it stays assumed where the
+others make no difference that matters; else it is doubtful, and a doubt names the best of them.
 
 Measured with YOLOX-Nano and FastestDet behind ten inputs and 35 photographs: garbage that finds 4600 objects agrees
 to 91, the right variant finds 374 and agrees to 155. Of 100 others the right one is surely better than 98 from 24
@@ -19,7 +19,7 @@ pictures on, 89 from 10, 60 from 4.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -61,12 +61,16 @@ _GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of mo
 
 @dataclass
 class Variant:
-    """A contract that is compared. agreed, found: sums of scores in each picture so far; seen: what was found."""
+    """A contract that is compared.
+
+    By picture: agreed, found, sums of scores; seen, the detections; problems, texts of what must be wrong, or "".
+    """
 
     contract: Contract
     agreed: list[float] = field(default_factory=list)
     found: list[float] = field(default_factory=list)
     seen: list[Detections] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
     given_up: bool = False
 
     @property
@@ -85,15 +89,16 @@ class Variant:
         return [f for f, names in FACTORS.items() if any(getattr(one, n) != getattr(two, n) for n in names)]
 
     def show(self, detector: Detector, pictures: Sequence[Known]) -> int:
-        """Show it those of the pictures that it has not seen; returns how many inferences that took."""
+        """Detect in those of the pictures that are new to it; returns the number of inferences."""
         new = pictures[len(self.agreed) :]
         for image, labels in new:
-            found = _found(detector, self.contract, image)
+            found, problem = _detected(detector, self.contract, image)
             view, seen = _view(image, found)
-            pairs = [(seen, _found(detector, self.contract, view))]
+            pairs = [(seen, _detected(detector, self.contract, view)[0])]
             if labels is not None:
                 pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
             self.seen.append(found)
+            self.problems.append(problem)
             self.agreed.append(sum(agreement(*pair) for pair in pairs) / len(pairs))
             scores = sum(float(each.scores.sum()) for pair in pairs for each in pair)
             self.found.append(scores / 2 / len(pairs))
@@ -121,24 +126,22 @@ class Variant:
         every = sum(float(each.scores.sum()) for variant in (self, other) for each in variant.seen) / 2
         return sum(map(agreement, self.seen, other.seen)) / max(every, 1e-9)
 
-    def may_replace(self, final: Variant, *, stated: bool = False) -> bool:
-        """Whether it may be right instead of one that is not surely better, and it matters.
+    def standing(self, final: Variant, *, stated: bool) -> str:
+        """How it stands to the final one: surely "worse", a "rival" that may be right, or "open".
 
-        Other colours and values matter unless what is found is the same, another resize if it may gain much. stated:
-        in place of what somebody stated, which it probably has to beat.
+        It is open where it finds the same, or is another resize that gains little. stated: whether it would replace a
+        field that somebody stated; then it has to be probably better.
         """
-        if self.same(final) >= _SAME:
-            return False
+        if self.given_up or final.surely_beats(self):
+            return "worse"
         gain = self.lead(final, _PROBABLE) if stated else -final.lead(self, _LIKELY)
-        return gain > (_MATTERS * final.merit if self.differs(final) == ["resize"] else 0)
+        least = _MATTERS * final.merit if self.differs(final) == ["resize"] else 0
+        return "rival" if gain > least and self.same(final) < _SAME else "open"
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Result of a comparison. contract: the detector's, with what was chosen and where from; doubts: sentences.
-
-    variants, pictures, inferences, seconds: what it cost.
-    """
+    """Result of a comparison: the contract with its choices and their sources, doubts as sentences, and the cost."""
 
     contract: Contract
     doubts: tuple[str, ...] = ()
@@ -149,20 +152,24 @@ class Comparison:
 
     @property
     def text(self) -> str:
-        """What was chosen, or that nothing was, and the cost, in a sentence; nothing where nothing was compared."""
+        """Choice and cost in a sentence; "" where nothing was compared."""
         if not self.variants:
             return ""
         chosen, assumed = self.factors("chosen"), self.factors("assumed")
         how = f"{', '.join(chosen)} chosen by comparing" if chosen else "compared"
-        cost = f"{self.variants} variants on {_pictures(self.pictures)}"
-        cost += f" ({self.inferences} inferences, {self.seconds:.1f} s)"
+        cost = f"{self.inferences} inferences, {self.seconds:.1f} s"
         untold = f", which do not tell {', '.join(assumed)}" if assumed else ""
-        return f"input {_text(self.contract)}; {how} {cost}{untold}"
+        compared = f"{self.variants} variants on {_pictures(self.pictures)} ({cost}){untold}"
+        return f"input {_text(self.contract)}; {how} {compared}"
 
     def factors(self, status: str) -> list[str]:
         """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
-        sources = self.contract.sources
-        return [f for f, names in FACTORS.items() if any(sources[n].startswith(status) for n in names)]
+        return _factors(self.contract, status)
+
+
+def _factors(contract: Contract, status: str) -> list[str]:
+    sources = contract.sources
+    return [f for f, names in FACTORS.items() if any(sources[name].startswith(status) for name in names)]
 
 
 def contracts_chosen(
@@ -171,7 +178,7 @@ def contracts_chosen(
     """The models with the contracts that the pictures chose, and by name the comparison of each detector.
 
     pictures: of the whole run, so that each part of it chooses alike; rendered ones choose nothing. say: whether to
-    write what was chosen or doubted, and what it cost, to standard error.
+    write choices and doubts to standard error.
     """
     found, comparisons = list(models), dict[str, Comparison]()
     for place, model in enumerate(models):
@@ -179,9 +186,12 @@ def contracts_chosen(
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
-        chosen = [comparison.text] if comparison.factors("chosen") or comparison.factors("assumed") else []
-        doubts = [f"doubtful contract: {doubt}" for doubt in comparison.doubts]
-        for line in filter(None, [*chosen, *doubts]) if say else ():
+        stated = not (comparison.factors("chosen") or comparison.factors("assumed"))
+        lines = [
+            "" if stated else comparison.text,
+            *(f"doubtful contract: {each}" for each in comparison.doubts),
+        ]
+        for line in filter(None, lines) if say else ():
             say_wrapped(f"{model.name}: {line}", hanging=2, error=True)
     return found, comparisons
 
@@ -199,10 +209,9 @@ def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
 def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     """Compare a detector's contract with the other variants of its input, on up to 32 pictures.
 
-    Fields that nothing stated are chosen by it; others are never changed. Where a variant of what nothing stated is
-    not surely worse and its choice may matter, or where one of what is stated is probably better, that is a doubt.
-    What an exporter's code fixes, as its metadata say, is not questioned. The same pictures give the same choice.
-    Costs two inferences for each picture and variant that is still in question, 100 to 500.
+    Fields that nothing stated are chosen; others are never changed, only doubted. What an exporter's code fixes, as
+    its metadata say, is not questioned. The same pictures give the same choice. Costs two inferences for each picture
+    and variant that is still in question, 100 to 500.
     """
     began = time.perf_counter()
     shown = list(pictures)[:MOST_PICTURES]
@@ -228,12 +237,16 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
             if all(each.contract != other.contract for each in variants):
                 inferences += other.show(detector, shown[:count])
                 variants.append(other)
-    contract, doubts = _decided(variants, count) if count else (detector.contract, [])
-    n_variants, count = len(variants) if count else 0, count or len(shown)
-    if problems := _common_problems(detector.with_contract(contract), shown[:count]):
-        contract, doubts = detector.contract, problems
+    final, sources, doubts = _decided(variants, count)
+    if not final.problems:
+        inferences += len(shown)
+        final.problems = [_detected(detector, final.contract, image)[1] for image, _ in shown]
+    if wrong := _common(final.problems):
+        final, sources, doubts = variants[0], {}, wrong
+    contract = replace(final.contract, sources={**detector.contract.sources, **sources})
     took_s = time.perf_counter() - began
-    return Comparison(contract, tuple(doubts), n_variants, count, inferences + count, took_s)
+    n_variants, n_pictures = len(variants) if count else 0, count or len(shown)
+    return Comparison(contract, tuple(doubts), n_variants, n_pictures, inferences, took_s)
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
@@ -241,44 +254,36 @@ def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
     return max((each for each in among if "resize" not in each.differs(own)), key=lambda each: each.merit)
 
 
-def _decided(variants: Sequence[Variant], count: int) -> tuple[Contract, list[str]]:
-    """The contract with what so many pictures chose, and the doubts that they raise."""
+def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str, str], list[str]]:
+    """The variant that so many pictures choose, sources of fields that nothing states, and doubts."""
     own, left = variants[0], [each for each in variants if not each.given_up]
-    sources = dict(own.contract.sources)
-    assumed = [f for f, names in FACTORS.items() if any(sources[n].startswith("assumed") for n in names)]
+    if not count:
+        return own, {}, []
+    assumed = _factors(own.contract, "assumed")
     free = [each for each in left if set(each.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
     final = best if best.lead(own, _PROBABLE) > 0 else own
     resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
     final = next(resized, final)
-    rivals = [
-        each
-        for each in left
-        if each is not final
-        and not final.surely_beats(each)
-        and each.may_replace(final, stated=each not in free)
-    ]
+    others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
+    rivals = [each for each, standing in others if standing == "rival"]
     found, agreed = sum(final.found), sum(final.agreed)
-    something = any(each.merit for each in left)
-    doubts: list[str] = []
-    if something and rivals:
-        doubts = [_doubt(final, rivals, count)]
-    elif found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found:
-        doubts = [
-            f"what it finds ({found:.3g} in sum of scores) is not found again when {_pictures(count)} are mirrored "
-            f"and cropped ({agreed / found:.0%} is): family, input or export are probably wrong"
-        ]
-    elif assumed and not something:
-        doubts = [
-            f"nothing is found again in {_pictures(count)}, however they enter: nothing confirms the contract"
-        ]
-    if not something:
-        return own.contract, doubts
+    garbage = found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found
+    shown, share = _pictures(count), agreed / max(found, 1e-9)
+    wrong = (
+        f"what it finds ({found:.3g} in sum of scores) is not found again when {shown} are mirrored and cropped "
+        f"({share:.0%} is): family, input or export are probably wrong"
+    )
+    if not any(each.merit for each in left):
+        nothing = f"nothing is found again in {shown}, however they enter: nothing confirms the contract"
+        return own, {}, [wrong] if garbage else [nothing] * bool(assumed)
+    sources = dict[str, str]()
     for factor in assumed:
-        for name in FACTORS[factor]:
-            if sources[name].startswith("assumed"):
-                sources[name] = _source(sources[name], variants, final, factor, count)
-    return replace(final.contract, sources=sources), doubts
+        standings = {standing for each, standing in others if factor in each.differs(final)}
+        for name in FACTORS[factor] if standings else ():
+            if (source := own.contract.sources[name]).startswith("assumed"):
+                sources[name] = _source(source, standings, f"{len(variants)} variants on {shown}")
+    return final, sources, [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
 
 
 def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
@@ -287,34 +292,27 @@ def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
     differing = rival.differs(final)
     whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
     again = f"{'surely ' * rival.surely_beats(final)}more" if rival.merit > final.merit else "nearly as much"
+    sums, own = (f"{sum(each.agreed):.3g} of {sum(each.found):.3g}" for each in (rival, final))
+    option = contract_option(rival.contract)
     parts = [
         f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {_text(rival.contract)} instead of "
         f"{_text(final.contract)}, {again} is found again where {_pictures(count)} are mirrored and cropped "
-        f"({sum(rival.agreed):.3g} of {sum(rival.found):.3g} in sum of scores, instead of {sum(final.agreed):.3g} of "
-        f"{sum(final.found):.3g})",
+        f"({sums} in sum of scores, instead of {own})",
         f"{rival.same(final):.0%} of what the two find is the same",
-        *([f"further variants that are open: {len(rivals) - 1}"] if len(rivals) > 1 else []),
+        f"further variants that are open: {len(rivals) - 1}" if len(rivals) > 1 else "",
         "more pictures would tell" if count < MOST_PICTURES else "the pictures do not tell",
+        f"if the former is right: --contract {option}" if option else "",
     ]
-    option = contract_option(rival.contract)
-    return "; ".join([*parts, *([f"if the former is right: --contract {option}"] if option else [])])
+    return "; ".join(filter(None, parts))
 
 
-def _source(source: str, variants: Sequence[Variant], final: Variant, factor: str, count: int) -> str:
-    """Where a field comes from that nothing states."""
-    rivals = [each for each in variants if factor in each.differs(final)]
-    left = [each for each in rivals if not each.given_up and not final.surely_beats(each)]
-    compared = f"{len(variants)} variants on {_pictures(count)}"
-    if not left:
-        return f"chosen by comparing {compared}" if rivals else source
-    near = max(left, key=lambda each: (each.may_replace(final), each.merit))
-    other = _values_text(near.contract) if factor == "values" else repr(getattr(near.contract, factor))
-    untold = f"{compared} do not tell it from {other}"
-    if near.may_replace(final):
-        return f"assumed, doubtful: {untold}"
-    if (same := near.same(final)) >= _SAME:
-        return f"{source}; {untold}, by which {same:.0%} of what is found is the same"
-    return f"{source}; {untold}, whose merit is at most {_MATTERS:.0%} higher"
+def _source(source: str, standings: Collection[str], compared: str) -> str:
+    """Where a field comes from that nothing states, by the standings of the variants that differ in it."""
+    if "rival" in standings:
+        return f"assumed, doubtful: {compared} do not tell it from others"
+    if "open" in standings:
+        return f"{source}; {compared} do not tell it from others, by which much the same is found"
+    return f"chosen by comparing {compared}"
 
 
 def _pictures(count: int) -> str:
@@ -327,64 +325,68 @@ def _text(contract: Contract) -> str:
 
 
 def _values_text(contract: Contract) -> str:
-    own = contract.value_range, contract.mean, contract.std
-    for name, (span, mean, std) in INPUT_VALUES.items():
-        if own == (span, _in(contract.colour, mean), _in(contract.colour, std)):
-            return name
-    stated = (("mean", contract.mean), ("std", contract.std))
-    return " ".join([contract.value_range, *(f"{name} {list(each)}" for name, each in stated if each)])
+    own = _values(contract, "rgb")
+    parts = [
+        own[0],
+        *(f"{name} {list(each)}" for name, each in zip(("mean", "std"), own[1:], strict=True) if each),
+    ]
+    return next((name for name, values in INPUT_VALUES.items() if values == own), " ".join(parts))
 
 
-def _in(colour: str, values: tuple[float, ...] | None) -> Any:
-    return values[::-1] if values and colour == "bgr" else values
+def _values(contract: Contract, colour: str) -> Any:
+    """Range, mean and std in the order of ``colour``."""
+    mean, std = (
+        each[::-1] if each and colour != contract.colour else each for each in (contract.mean, contract.std)
+    )
+    return contract.value_range, mean, std
 
 
 def _other_inputs(detector: Detector) -> list[Contract]:
     """Contracts under which a picture enters otherwise, at the same size."""
     own = detector.contract
-    every = list(INPUT_VALUES.values())
-    if own.mean or own.std:  # those of its own, with the other order
-        every.append((own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std)))
-    if detector.takes_bytes:
-        every = [(own.value_range, _in(own.colour, own.mean), _in(own.colour, own.std))]
+    of_table = [] if detector.takes_bytes else INPUT_VALUES.values()
     found = [own]
     for colour in ("rgb", "bgr"):
-        for span, mean, std in every:
-            values = {"value_range": span, "mean": _in(colour, mean), "std": _in(colour, std)}
-            other = replace(own, colour=colour, **values)
-            found += [] if any(_enters_alike(other, each) for each in found) else [other]
+        for span, mean, std in (*of_table, _values(own, "rgb")):
+            rgb = replace(own, colour="rgb", value_range=span, mean=mean, std=std)
+            other = replace(
+                rgb, colour=colour, **dict(zip(FACTORS["values"], _values(rgb, colour), strict=True))
+            )
+            if not any(other.colour == each.colour and _enters_alike(other, each) for each in found):
+                found.append(other)
     return found[1:]
 
 
 def _enters_alike(one: Contract, other: Contract) -> bool:
-    """Whether a picture enters alike, to within a hundredth of its range."""
+    """Whether black and white enter alike, to within a hundredth of the range."""
     ends, others = (
-        np.outer((0.0, 255.0 if each.value_range == "0-255" else 1.0), (1, 1, 1)) - (each.mean or (0, 0, 0))
+        (np.outer((0, 255 if each.value_range == "0-255" else 1), (1, 1, 1)) - (each.mean or 0))
+        / (each.std or 1)
         for each in (one, other)
     )
-    ends, others = ends / (one.std or (1, 1, 1)), others / (other.std or (1, 1, 1))
-    near = np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
-    return one.colour == other.colour and near
+    return np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
 
 
-def _found(detector: Detector, contract: Contract, image: Image) -> Detections:
-    """What is found with a contract; nothing where it makes the outputs impossible."""
+def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Detections, str]:
+    """Detections with a contract, and why it, or the export, is wrong, whatever the picture shows, or ""."""
     blob, placement = detector.prepare(image, contract=contract)
     outputs = detector.run(blob)
+    nothing = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
+    if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
+        return nothing, f"the outputs hold {count} values that are NaN or infinite"
+    # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
+    if contract.nms_iou is not None and detector.top_score(outputs) == 0:
+        return nothing, "every score is exactly 0: is it an int8 export that rounds all scores away?"
     try:
-        if all(np.isfinite(output).all() for output in outputs):
-            return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading
-    except ModelError:
-        pass
-    return Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))  # type: ignore[arg-type]
+        return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
+    except ModelError as error:
+        return nothing, str(error)
 
 
 def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
     """The picture cropped and mirrored, and that of what was found in it of which this shows at least half."""
     height, width = image.shape[:2]
-    left, top, right, bottom = (
-        round(cut * size) for cut, size in zip(_CUT, (width, height) * 2, strict=True)
-    )
+    left, top, right, bottom = np.round(np.multiply(_CUT, (width, height) * 2)).astype(int).tolist()
     right, bottom = width - right, height - bottom
     boxes = np.clip(found.boxes_xyxy, (left, top) * 2, (right, bottom) * 2)
     areas, own = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found.boxes_xyxy))
@@ -407,38 +409,15 @@ def agreement(one: Detections, other: Detections) -> float:
 
 
 def output_problems(detector: Detector, image: Image) -> list[str]:
-    """What in the answer to one RGB picture (h, w, 3) shows that contract or export are wrong, whatever is seen.
-
-    NaN or infinite outputs, scores that are all exactly 0, or above 1. Costs one inference.
-    """
-    blob, placement = detector.prepare(image)
-    outputs = detector.run(blob)
-    if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return [f"the outputs hold {count} values that are NaN or infinite"]
-    # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
-    if detector.contract.nms_iou is not None and detector.top_score(outputs) == 0:
-        return [
-            "every score is exactly 0: is it an int8 export whose one output scale rounds all scores away?"
-        ]
-    try:
-        detector.decode(outputs, placement, min_score=FOUND_SCORE)
-    except ModelError as error:
-        return [str(error)]
-    return []
+    """What in the outputs of one RGB picture (h, w, 3) shows that contract or export are wrong: values that are not
+    finite, scores that are all exactly 0, or above 1. Costs one inference."""
+    return list(filter(None, [_detected(detector, detector.contract, image)[1]]))
 
 
-def _common_problems(detector: Detector, shown: Sequence[Known]) -> list[str]:
-    """Problems of the outputs that at least half of the pictures show, each in the words of the first."""
-    raised: dict[str, list[str]] = {}
-    for image, _ in shown:
-        try:
-            problems = output_problems(detector, image)
-        except ModelError:
-            continue
-        for text in problems:
-            raised.setdefault(text.split()[0], []).append(text)
-    return [
-        f"{len(texts)} of {_pictures(len(shown))}: {texts[0]}"
-        for texts in raised.values()
-        if 2 * len(texts) >= len(shown)
-    ]
+def _common(problems: Sequence[str]) -> list[str]:
+    """Problems that at least half of the pictures show, each in the words of the first."""
+    alike: dict[str, list[str]] = {}
+    for text in filter(None, problems):
+        alike.setdefault(text.split()[0], []).append(text)
+    common = [texts for texts in alike.values() if 2 * len(texts) >= len(problems)]
+    return [f"{len(texts)} of {_pictures(len(problems))}: {texts[0]}" for texts in common]

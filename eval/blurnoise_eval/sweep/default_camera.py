@@ -37,22 +37,17 @@ def default_camera(*, colour: bool, built_in: bool = False, cfa: Cfa | None = No
     elif built_in:
         name, reason = THREE_SENSORS, _BUILT_IN
     camera = Camera.preset(name)
-    camera = camera if cfa is None else replace(camera, cfa=cfa)
-    return replace(camera, sources={**camera.sources, "name": f"{_DEFAULT}{reason}"})
+    sources = {**camera.sources, "name": f"{_DEFAULT}{reason}"}
+    return replace(camera, cfa=cfa or camera.cfa, sources=sources)
 
 
 def default_for(models: Sequence[Model], pictures: PictureSet, cfa: Cfa | None = None) -> Camera:
     """The camera of a run; some pictures are read to see whether they are in colour."""
-    built_in = any(is_built_in(model) for model in models)
-    colour = built_in or cfa is not None or in_colour(pictures)
-    return default_camera(colour=colour, built_in=built_in, cfa=cfa)
-
-
-def is_built_in(model: Model) -> bool:
-    """Whether this is the built-in detector, wherever its file is."""
     from blurnoise_models.detector import STOP_SIGN
 
-    return model.sha256 == model_sha256(STOP_SIGN)
+    built_in = model_sha256(STOP_SIGN) in [model.sha256 for model in models]
+    colour = built_in or cfa is not None or in_colour(pictures)
+    return default_camera(colour=colour, built_in=built_in, cfa=cfa)
 
 
 def in_colour(pictures: PictureSet) -> bool:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import groupby
@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
+from blurnoise._core.checks import limited_motion
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
@@ -25,9 +27,17 @@ from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
-from blurnoise_eval.datasets import Image, Picture, UnreadablePicture, cut_out, eight_bit
+from blurnoise_eval.datasets import (
+    Image,
+    Picture,
+    PictureSet,
+    UnreadablePicture,
+    check_cut,
+    cut_out,
+    eight_bit,
+)
 from blurnoise_eval.datasets.cut_scene import CutScene
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
@@ -35,13 +45,11 @@ from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 
 
 class Frame(NamedTuple):
-    """What the camera delivers for a cell, (H, W, 3) uint8 RGB, the ms it took, how it was taken, where that moves
-    boxes and what they sweep.
+    """A cell's picture, (H, W, 3) uint8 RGB, how it was taken, where that moves boxes and what they sweep.
 
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
-    a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the untouched picture. invented:
-    by the place of a target, see :meth:`CutScene.invented`. own_px: by its place, the blur of
-    a target that crosses the view at a speed of its own.
+    a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the original picture. By the place
+    of a target: invented, see :meth:`CutScene.invented`, and own_px, its blur if it moves at a speed of its own.
     """
 
     cell: Cell
@@ -58,11 +66,10 @@ class Frame(NamedTuple):
 
 
 class Scene:
-    """A picture as light: what all its conditions share. ``image8``: the picture itself with 8 bits.
+    """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
-    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`). picture: whose targets ``objects``
-    tells apart, once that is asked for. Raises ``UnreadablePicture`` where the picture has no such place, or no light
-    there.
+    grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
+    that has no light. picture: with the targets that ``objects`` moves.
     """
 
     def __init__(
@@ -72,8 +79,8 @@ class Scene:
         picture: Picture | None = None,
         objects: Objects = USUAL_OBJECTS,
     ) -> None:
-        self.image8 = eight_bit(image)
-        self._image, self._anchored, self._picture, self.objects = image, grey_anchor, picture, objects
+        self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
+        self._picture, self.objects = picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._own_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
@@ -107,10 +114,9 @@ class Scene:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
         if taken.moves == "all":
             return {}
-        return {
-            place: math.hypot(*taken.of_targets(0.0, own).velocity_px_s) * taken.exposure_s
-            for place, own in self._crossing(taken.camera).items()
-        }
+        own = self._crossing(taken.camera).items()
+        velocities = {place: taken.of_targets(0.0, speed).velocity_px_s for place, speed in own}
+        return {place: math.hypot(*velocity) * taken.exposure_s for place, velocity in velocities.items()}
 
     def mean_light(self, camera: Camera) -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
@@ -128,27 +134,23 @@ class Scene:
         return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
 
     def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
-        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s.
-
-        camera: of all exposures, but for figures of its lens that no speed needs.
-        """
+        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s."""
         if self._own_px_s is None:
-            height, width = self.image8.shape[:2]
+            (height, width), objects = self.image8.shape[:2], self.objects
+            targets = enumerate((self._picture and self._picture.targets) or ())
             self._own_px_s = {
-                place: self.objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
-                for place, target in enumerate((self._picture and self._picture.targets) or ())
-                if self.objects.crosses(target.label)
+                place: objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
+                for place, target in targets
+                if objects.crosses(target.label)
             }
         return self._own_px_s
 
     def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
-        """Cut out once, whoever needs it first; layers with the targets that they are."""
+        """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
             if self._cut is None:
                 if self._picture is None:
-                    raise ValueError(
-                        "moves: targets and background: need a picture that says what its targets are"
-                    )
+                    raise ValueError("moves: targets and background need a picture that has targets")
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
@@ -178,17 +180,15 @@ def frames(
     mean, (height, width) = scene.mean_light(camera) if exposed else 0.0, scene.image8.shape[:2]
     exposures = []
     for cell, at in exposed:
-        exposure = _set(at, cell.seed, mean, camera, auto_exposure, ego)
+        exposure = _set(at.exposure(camera, cell.seed, vehicle=ego), at.automatic, mean, auto_exposure)
         if path is not None:
-            stated, longest_s = path
-            along = stated.of(camera, (height, width), longest_s, cell.seed)
+            along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
-    before: Exposure | None = None
+    before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
-        if before is None or _motion(before) != _motion(exposure):  # else the light alone is another
+        if before != (before := _motion(exposure)):  # else only the light differs
             boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
-        before = exposure
         yield Frame(
             cell,
             frame.picture,
@@ -204,22 +204,16 @@ def frames(
 
 
 def _set(
-    at: Conditions,
-    seed: int,
-    mean_light: float,
-    camera: Camera,
-    auto_exposure: AutoExposure,
-    ego: Vehicle | None,
+    exposure: Exposure, automatic: Collection[str], mean_light: float, auto_exposure: AutoExposure
 ) -> Exposure:
-    """How a picture of ``mean_light`` is taken: as stated, and as the camera sets what is left to it."""
-    exposure = at.exposure(camera, seed, vehicle=ego)
-    if not at.automatic:
+    """The exposure with what the camera sets for a picture of ``mean_light``."""
+    if not automatic:
         return exposure
     setting = auto_exposure.setting(
         exposure.camera,
         mean_light=mean_light,
         illuminance_lux=exposure.illuminance_lux,
-        exposure_s=None if "exposure_s" in at.automatic else exposure.exposure_s,
+        exposure_s=None if "exposure_s" in automatic else exposure.exposure_s,
         temperature_c=exposure.temperature_c,
     )
     return replace(exposure, exposure_s=setting.exposure_s, gain_db=setting.gain_db)
@@ -242,17 +236,50 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:
-    """All that boxes depend on: exposures of which it is equal have them at the same places."""
+    """All that the places of boxes depend on."""
     moved = taken.velocity_px_s, taken.trajectory, taken.moves, taken.ego_speed_m_s, taken.vehicle
     return taken.camera, taken.exposure_s, *moved
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
-    """Temporal signal to noise of a pixel with so much light, EMVA 1288: signal by the noise of signal, dark charge,
-    read-out and rounding, 20 log10; None without light. Of a pixel below saturation."""
+    """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
+    charge, read-out and rounding; None without light."""
     camera = exposure.amplified.camera
     white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
     signal_e = light * white_e
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
+
+
+def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
+    """Raise ``ValueError`` for what of the plan does not go with the camera, or with the pictures.
+
+    That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
+    length, figures that the camera's lens does not take, and motion beyond the limits.
+    """
+    fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
+    if plan.cuts:
+        check_cut(pictures, plan.objects)
+        for target in (target for picture in pictures for target in picture.targets or ()):
+            if plan.objects.crosses(target.label):
+                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+                fastest[target.label] = max(
+                    fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
+                )
+    path = None
+    if plan.path is not None:
+        (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
+        half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
+        path = stated.of(camera, camera.field.size, longest_s, plan.seed)
+        path.window(-half_s, half_s)
+    for at in plan.conditions():
+        exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
+        if "exposure_s" in at.automatic:
+            exposure = replace(exposure, exposure_s=plan.longest_s)
+        for label, own_px_s in fastest.items():
+            plan.objects.check_crossing(label, own_px_s, exposure)
+        if exposure.drives:
+            height, width = camera.field.size
+            edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
+            limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))

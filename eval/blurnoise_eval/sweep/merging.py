@@ -5,7 +5,6 @@ The sweep's command without ``--part`` goes on with it.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -14,9 +13,8 @@ from typing import Any, NamedTuple
 
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.asked import Batch, ask
-from blurnoise_eval.sweep.coco_export import INSTANCES, read_truth
-from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.sweep.coco_export import read_truth, write_instances
+from blurnoise_eval.sweep.open import Batch, Run, ask
 from blurnoise_eval.sweep.run_folder import computed_by, differences, listed, other_software
 from blurnoise_eval.system.files import write_whole, written_whole
 
@@ -46,42 +44,45 @@ def merge(
         different = {run.resolve(): run for run in runs}  # one that is named twice counts once
         parts = [opened.enter_context(Run.open(run, shared=False)) for run in different.values()]
         identity = _identity(parts)
-        truths = [read_truth(run.store) for run in parts]
-        images = {image["file_name"]: image for truth in truths for image in truth["images"]}
-        boxes = {each["id"]: each for truth in truths for each in truth["annotations"]}
-        truth = {
-            "images": sorted(images.values(), key=lambda image: image["id"]),
-            "annotations": list(boxes.values()),
-            "categories": truths[0]["categories"],
-        }
+        truth = _truth(parts)
         origin = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
+        images = {**parts[0].manifest["images"], "count": len(truth["images"])}
+        about = {
+            "identity": identity,
+            "manifest": {**parts[0].manifest, "images": images, "command": origin},
+        }
         try:
-            with written_whole(output, over=False) as unfinished:
-                return _written(parts, identity, truth, unfinished, origin, progress)
+            with written_whole(output, over=False) as folder:
+                write_instances(folder, truth)
+                return _joined(parts, folder, about, progress)
         except OSError as error:
             raise StoreError(f"output = {str(output)!r}: cannot be written ({error.strerror})") from None
 
 
-def _written(
-    parts: Sequence[Run],
-    identity: dict[str, Any],
-    truth: dict[str, Any],
-    folder: Path,
-    command: str,
-    progress: Callable[[int], None],
+def _truth(parts: Sequence[Run]) -> dict[str, Any]:
+    """The labels of all parts, which know each picture and box by the ids of the whole."""
+    truths = [read_truth(run.store) for run in parts]
+    images, boxes = (
+        sorted(
+            {each["id"]: each for truth in truths for each in truth[kind]}.values(),
+            key=lambda each: each["id"],
+        )
+        for kind in ("images", "annotations")
+    )
+    return {"images": images, "annotations": boxes, "categories": truths[0]["categories"]}
+
+
+def _joined(
+    parts: Sequence[Run], folder: Path, about: dict[str, Any], progress: Callable[[int], None]
 ) -> Merged:
-    (folder / INSTANCES).parent.mkdir(parents=True)
-    write_whole(folder / INSTANCES, json.dumps(truth).encode("utf-8", "backslashreplace"))
     rows, learnt = 0, [part.store.learnt() for part in parts]
     with Store(folder, create=True) as joined:
         for part in parts:
             held = joined.pictures()
             for name, (_, content) in part.store.pictures().items():
                 if name in held and held[name][1] != content:
-                    raise StoreError(
-                        f"run = {str(part.folder)!r}: picture {name!r} is not what it is in the other runs; "
-                        "they cannot be merged"
-                    )
+                    other = f"picture {name!r} is not what it is in the other runs; they cannot be merged"
+                    raise StoreError(f"run = {str(part.folder)!r}: {other}")
             joined.take(part.store)
             rows += queries.count_rows(part.store)
             for name in queries.example_files(part.store):
@@ -90,11 +91,10 @@ def _written(
                     file.parent.mkdir(parents=True, exist_ok=True)
                     write_whole(file, part.store.file(name).read_bytes())
             progress(1)
-        images = {**parts[0].manifest["images"], "count": len(truth["images"])}
-        joined.set_about("identity", identity)
-        joined.set_about("manifest", {**parts[0].manifest, "images": images, "command": command})
+        for key, value in about.items():
+            joined.set_about(key, value)
         if refined := {at: None for part in parts for batch in part.asked for at in batch.conditions}:
-            ask(joined, Batch(len(truth["images"]), (), tuple(refined)))
+            ask(joined, Batch(about["manifest"]["images"]["count"], (), tuple(refined)))
         values = sum((Counter(each["non_finite_values"]) for each in learnt), Counter[str]())
         wall_s = sum(each["wall_s"] for each in learnt)
         joined.set_about("learnt", {"wall_s": wall_s, "non_finite_values": values})

@@ -22,11 +22,8 @@ def met_conditions(
     manifest: Mapping[str, Any],
     recommendations: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
-    """What conditions.json holds, of a run's scores, rows of axes for each model, and its manifest with its plan.
-
-    recommendations: as :func:`~blurnoise_eval.answers.recommendation.recommendations` has them; the exposures to use
-    under each light at each speed are recommended.
-    """
+    """The contents of conditions.json, from a run's scores, rows of axes for each model, its manifest with its plan,
+    and its recommendations, see :func:`~blurnoise_eval.answers.recommendation.recommendations`."""
     recommended = {
         (*(each[name] for name in _LIGHT), each["speed"], each["exposure_s"], each[GAIN.name])
         for each in recommendations

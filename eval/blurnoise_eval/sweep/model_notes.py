@@ -44,13 +44,11 @@ def note_models(
             continue
         if not about.get("latency"):
             about["latency"] = measured = latency(model, pictures)
-            if measured.get("clock_ratio", 1.0) > _BUSY:
-                warnings.warn(
-                    f"{model.name}: the machine was busy while latency was measured, {measured['clock_ratio']:.1f} "
-                    "times as long by the clock as in CPU time, which is reported",
-                    RuntimeWarning,
-                    stacklevel=2,
+            if (ratio := measured.get("clock_ratio", 1.0)) > _BUSY:
+                busy = (
+                    f"the machine was busy while latency was measured, {ratio:.1f} times as long by the clock"
                 )
+                warnings.warn(f"{model.name}: {busy} as in CPU time", RuntimeWarning, stacklevel=2)
         if isinstance(model, Detector):
             if model.name in comparisons:
                 about["suspicions"] = list(comparisons[model.name].doubts)
@@ -61,10 +59,8 @@ def note_models(
 def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
     """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
 
-    CPU time, because the clock also counts what other programs do meanwhile; ``clock_ratio`` is the time by the clock
-    over the CPU time. Includes what brings the picture into the network and its answer out: all that a caller waits
-    for. Every picture is taken once before the measurement. Empty where no picture can be read, or the model fails
-    on one.
+    ``clock_ratio`` is the time by the clock, which counts other programs, over the CPU time. Preparing the picture
+    and decoding the outputs are included. Empty where no picture can be read, or the model fails on one.
     """
     prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
     if not prepared:
@@ -79,21 +75,20 @@ def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
                     model.detect(image)
                 else:
                     model.read(image, boxes)
-                if count > 0:
-                    times_s.append((time.process_time() - cpu_s, time.perf_counter() - clock_s))
-                    took_s = sum(clock for _, clock in times_s)
-                    if count == _MOST or (count >= _FEWEST and took_s > _SECONDS):
-                        break
+                times_s.append((time.process_time() - cpu_s, time.perf_counter() - clock_s))
+                took_s = sum(clock for _, clock in times_s[warm_up:])
+                if count == _MOST or (count >= _FEWEST and took_s > _SECONDS):
+                    break
     except ModelError:
         return {}
-    cpu, clock = np.transpose(times_s)
+    cpu, clock = np.transpose(times_s[warm_up:])
     median_ms, p95_ms = 1e3 * np.percentile(cpu, (50, 95))
     return {
         "median_ms": float(median_ms),
         "p95_ms": float(p95_ms),
         "clock_ratio": float(clock.sum() / max(cpu.sum(), 1e-9)),
         "threads": 1,
-        "runs": len(times_s),
+        "runs": len(cpu),
         "pictures": len(prepared),
     }
 

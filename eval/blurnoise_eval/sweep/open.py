@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,16 +19,43 @@ from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.asked import Batch, asked
 from blurnoise_eval.sweep.blocks import cells_per_picture
+
+Place = tuple[float, float]
+_KEY = "asked"
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Nodes asked at a time, and of how many pictures, the first of the run's order, every node is asked since."""
+
+    n_pictures: int
+    places: tuple[Place, ...] = ()
+    conditions: tuple[Conditions, ...] = ()
+
+
+def asked(store: Store) -> tuple[Batch, ...]:
+    """Every batch in order; none where no search has asked."""
+
+    def batch(n_pictures: int, places: list[Any], conditions: list[Any]) -> Batch:
+        return Batch(
+            n_pictures, tuple((u, w) for u, w in places), tuple(Conditions(**at) for at in conditions)
+        )
+
+    return tuple(batch(**each) for each in store.about(_KEY) or ())
+
+
+def ask(store: Store, batch: Batch) -> None:
+    """Note one batch more."""
+    noted = {**vars(batch), "conditions": [at.stated for at in batch.conditions]}
+    store.set_about(_KEY, [*(store.about(_KEY) or ()), noted])
 
 
 class Run:
     """A run that has begun, in its open store. Raises :class:`StoreError` for one that has not.
 
-    manifest: what the run says of itself, plain values: title, models (name, kind, file, sha256, contract), camera,
-    images (kind, source, count, labelled, notes), versions, and what was measured of the models. planned: the plan's
-    plain values, by which runs are told apart.
+    manifest: title, models, camera, images, versions, as plain values. planned: those of the plan, by which runs are
+    told apart.
     """
 
     def __init__(self, store: Store) -> None:
@@ -41,10 +69,7 @@ class Run:
     @classmethod
     @contextmanager
     def open(cls, folder: str | Path, *, shared: bool = True) -> Iterator[Run]:
-        """The run in a folder. shared: other readers may have it open, too.
-
-        Raises :class:`StoreError` that names the run and what is wrong.
-        """
+        """The run in a folder. shared: other readers may have it open, too."""
         with Store(Path(folder), shared=shared) as store:
             yield cls(store)
 
@@ -100,11 +125,9 @@ class Run:
         """How many of the plan's cells are not there, those of skipped pictures apart."""
         chosen: int = self.planned["repeats"] * sum(len(batch.conditions) for batch in self.asked)
         n_pictures = self.manifest["images"]["count"]
-        if self.grid:
-            per_picture = chosen + cells_per_picture(self.plan)
-        else:
+        per_picture = chosen + (cells_per_picture(self.plan) if self.grid else 1)
+        if not self.grid:
             n_pictures = self.asked[-1].n_pictures if self.asked else 0
-            per_picture = 1 + chosen
         there = queries.count_cells_of_read(self.store)
         return int((n_pictures - len(self.store.skipped())) * per_picture - there)
 

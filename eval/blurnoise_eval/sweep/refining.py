@@ -1,10 +1,9 @@
 """Refining a sweep: further exposures where a window ends between two tested ones, and about the best for all.
 
-Between two tested exposures nobody has seen the score, so that the interval of a window's end is as wide as they
-are. Halving the gap about an end to a quarter of a stop, and those in which its interval ends to half a stop, costs
-a few conditions of that light and speed; a grid as fine everywhere would cost several times the sweep. What is
-computed next follows from what the run's store holds, and is noted there before it is computed: a run that was
-stopped goes on with the same conditions.
+The interval of a window's end is as wide as the gap between the tested exposures about it. Halving the gap about an
+end to a quarter of a stop, and those in which its interval ends to half a stop, costs a few conditions of that light
+and speed. The next conditions follow from the run's store, and are noted there before they are computed: a run that
+was stopped goes on with the same ones.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +23,7 @@ from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.asked import Batch, ask, asked
+from blurnoise_eval.sweep.open import Batch, ask, asked
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import run_averages, score_tables
@@ -52,38 +50,34 @@ def refined(
     """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
     cells = n_pictures * plan.repeats
     more = tuple(at for batch in asked(store) for at in batch.conditions)
-    at_most = len(more)
     if not more:
-        more, at_most = left_to_refine(store, plan, criterion, cluster)
+        more = _left_to_refine(store, plan, criterion, cluster)
         if not more:
             return
         if progress:
             grid = f"beside the {cells * len(plan.conditions())} of the grid"
-            say(f"refine: up to {cells * at_most} cells {grid} (refine: false in a plan: none)", error=True)
+            say(
+                f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)",
+                error=True,
+            )
         ask(store, Batch(n_pictures, (), more))
-    with progress_bar("refine", cells * at_most, progress) as advance:
+    with progress_bar("refine", cells * len(more), progress) as advance:
         while more:
             outcome.add(compute(replace(plan, only=more, examples=False), advance))
             noted = {at for batch in asked(store) for at in batch.conditions}
-            left = left_to_refine(store, plan, criterion, cluster).conditions
+            left = _left_to_refine(store, plan, criterion, cluster)
             more = tuple(at for at in left if at not in noted)
             if more:
                 ask(store, Batch(n_pictures, (), more))
 
 
-class Refinement(NamedTuple):
-    """What is computed next, and how many conditions it may take until no gap is wider than it should be."""
-
-    conditions: tuple[Conditions, ...]
-    at_most: int
-
-
-def left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion, cluster: str | None) -> Refinement:
-    """What a run of this plan leaves to refine, by all that its store holds: nothing where the camera sets the
-    exposure."""
+def _left_to_refine(
+    store: Store, plan: SweepPlan, criterion: Criterion, cluster: str | None
+) -> tuple[Conditions, ...]:
+    """The conditions that are computed next, by all that the store holds; none where the camera sets the exposure."""
     tested = plan.values(EXPOSURE.name)
     if AUTOMATIC in tested:
-        return Refinement((), 0)
+        return ()
     monotone = store.about("manifest").get("trajectory") is None
     unfit = withheld_models(store, cluster)
     tables = [
@@ -92,30 +86,26 @@ def left_to_refine(store: Store, plan: SweepPlan, criterion: Criterion, cluster:
         if table.model not in unfit and not table.knows_too_little
     ]
     names = [name for name in plan.grid if name != EXPOSURE.name]
-    gaps: dict[tuple[tuple[float, ...], float, float], int] = {}
+    wanted: list[tuple[tuple[float, ...], float]] = []
     for answer in _largest(each for table in tables for each in answers(table, criterion, monotone=monotone)):
         at = tuple(answer[name] for name in names)
-        for gap, count in gaps_of(answer).items():
-            gaps[(at, *gap)] = max(count, gaps.get((at, *gap), 0))
-    wanted = [(at, float(f"{math.sqrt(low * high):.3g}")) for at, low, high in gaps]
-    at_most, models = sum(gaps.values()), run_averages(store, tables, criterion.level)
+        wanted += [(at, float(f"{math.sqrt(low * high):.3g}")) for low, high in _wide_gaps(answer)]
+    models = run_averages(store, tables, criterion.level)
     every = list(product(*(plan.grid[name] for name in names)))
     for each in models:  # the exposures that promise to keep more on average, under all conditions
         measured = np.isfinite(each.value).all(axis=0).sum()
         if measured < len(tested) + MOST_COMMON * len(models) and (more := each.next_exposure()) is not None:
             wanted += [(at, more) for at in every]
-            at_most += MOST_COMMON * len(every)
     conditions = [Conditions(**dict(zip(names, at, strict=True)), exposure_s=more) for at, more in wanted]
-    return Refinement(tuple(dict.fromkeys(conditions)), at_most)
+    return tuple(dict.fromkeys(conditions))
 
 
-def gaps_of(answer: Row) -> dict[tuple[float, float], int]:
-    """The wide gaps between tested exposures about the ends of the windows inside the tested range, those that they
-    lie in and those in which their intervals end, and how often each is to be halved. Where nothing is sure to work
-    no gap matters."""
+def _wide_gaps(answer: Row) -> list[tuple[float, float]]:
+    """The wide gaps between tested exposures in which a window ends, or an interval of its end. Where nothing is sure
+    to work no gap matters."""
     x = answer["exposures_s"]
     bounds = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
-    halvings: dict[tuple[float, float], int] = {}
+    widest: dict[tuple[float, float], float] = {}
     for window, *intervals in bounds if answer["verdict"] == "works" else ():
         for end, (low, high) in zip(window, intervals, strict=True):
             if not x[0] < end < x[-1]:
@@ -129,13 +119,8 @@ def gaps_of(answer: Row) -> dict[tuple[float, float], int]:
             if x[place] != end:
                 gaps[x[place - 1], x[place]] = STOPS
             for gap, stops in gaps.items():
-                halvings[gap] = max(_halvings(*gap, stops), halvings.get(gap, 0))
-    return {gap: count for gap, count in halvings.items() if count}
-
-
-def _halvings(low: float, high: float, stops: float) -> int:
-    """How often a gap is halved until no part of it is wider."""
-    return max(0, math.ceil(math.log2(math.log2(high / low) / (stops + _ROUNDED))))
+                widest[gap] = min(stops, widest.get(gap, stops))
+    return [(low, high) for (low, high), stops in widest.items() if math.log2(high / low) > stops + _ROUNDED]
 
 
 def _largest(answers: Iterable[Row]) -> list[Row]:
@@ -145,10 +130,8 @@ def _largest(answers: Iterable[Row]) -> list[Row]:
     for answer in every:
         own = sizes.setdefault(answer["model"], {})
         own[answer["group"]] = max(own.get(answer["group"], 0), answer["n_targets"])
-    largest = {
-        model: sorted(own, key=lambda group: -own[group])[:MOST_GROUPS] for model, own in sizes.items()
-    }
-    return [answer for answer in every if answer["group"] in largest[answer["model"]]]
+    largest = {model: sorted(own, key=own.__getitem__, reverse=True) for model, own in sizes.items()}
+    return [answer for answer in every if answer["group"] in largest[answer["model"]][:MOST_GROUPS]]
 
 
 def exposures_of_grid(plan: dict[str, object]) -> Sequence[float]:

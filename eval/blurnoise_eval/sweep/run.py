@@ -26,11 +26,8 @@ _ONE_THREAD = ThreadEngine(1)
 
 @dataclass
 class Outcome:
-    """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds.
-
-    non_finite_values: NaN and infinite output values in the cells computed now, by the model's name. workers_died:
-    workers that others took the place of.
-    """
+    """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds, NaN and infinite
+    output values by model, and workers that were replaced."""
 
     computed: int = 0
     resumed: int = 0
@@ -63,10 +60,9 @@ def run(
     """Compute every cell that ``store`` does not hold yet; ``progress`` is called with the number of cells computed,
     ``resumed`` with that of cells that need no work (without it ``progress``), ``died`` with that of dead workers.
 
-    Each picture is simulated once for all models. The rows do not depend on the engine. A picture that cannot
-    be read, or on which workers die, is noted and skipped; one on which a model fails is noted in its row. Raises
-    :class:`ModelError` where a model does nothing but fail, and what the engine raises. KeyboardInterrupt leaves the
-    store whole; the same call resumes.
+    The rows do not depend on the engine. A picture that cannot be read, or on which workers die, is skipped; one on
+    which a model fails is noted in its row. Raises :class:`ModelError` where a model does nothing but fail, and what
+    the engine raises. An interrupt leaves the store whole; the same call resumes.
     """
     started = noted = time.perf_counter()
     no_work = progress if resumed is None else resumed
@@ -102,9 +98,8 @@ def run(
                 elif isinstance(answer, Exception):
                     raise answer
                 else:
-                    now = time.perf_counter()
-                    _keep(answer, store, now - noted)
-                    noted = now
+                    took_s, noted = time.perf_counter() - noted, time.perf_counter()
+                    _keep(answer, store, took_s)
                     outcome.computed += len(block.cells)
                     for result in answer:
                         outcome.non_finite_values[result.cell["model"]] += result.non_finite_values

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from itertools import product
+from pathlib import Path
 from typing import Any
 
 from blurnoise.optics.camera import Camera
@@ -18,6 +22,7 @@ from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
+from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.machine import hardware, versions
 
 HARMLESS = ("id",)
@@ -37,11 +42,11 @@ def open_run(
     whole: PictureSet | None = None,
     part: Part | None = None,
 ) -> None:
-    """Note in the store what the run is; a store that holds another run's answers is refused.
+    """Note in the store what the run is; one without any answer, of a first attempt, is taken over.
 
-    One without any answer, of a first attempt with the wrong model or pictures, is taken over.
     ``facts``: what else the report shows (command, threads). part: which of the pictures of ``whole`` these are.
-    Raises :class:`StoreError` that lists what differs, ``ValueError`` for two models of one name.
+    Raises :class:`StoreError` that lists what differs from the run in the store, ``ValueError`` for two models of one
+    name.
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
@@ -49,8 +54,8 @@ def open_run(
     every = whole or pictures
     identity = {
         "model": [
-            {"name": model.name, "sha256": model.sha256, "contract": _unsourced(model.contract.to_dict())}
-            for model in models
+            {"name": each.name, "sha256": each.sha256, "contract": _unsourced(each.contract.to_dict())}
+            for each in models
         ],
         "camera": _unsourced(camera.to_dict()),
         "plan": plan.to_dict(),
@@ -62,13 +67,12 @@ def open_run(
     if part is not None and part.count > 1:
         identity["part"] = str(part)
     identity = json.loads(json.dumps(identity))  # lists for tuples, as the store has them
-    held = store.about("identity")
-    if held is not None and held != identity and not queries.has_answers(store):
+    held, answered = store.about("identity"), queries.has_answers(store)
+    if held is not None and held != identity and not answered:
         store.clear()
         held = None
     differing = [] if held is None else differences(held, identity)
-    if queries.has_answers(store):
-        differing += other_software(computed_by(store), [versions()])
+    differing += other_software(computed_by(store), [versions()]) if answered else []
     differing += [
         f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
         for picture in _replaced(pictures, plan.objects, store)
@@ -82,28 +86,19 @@ def open_run(
     store.computes_with(versions())
     store.set_about("identity", identity)
     before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
-    store.set_about(
-        "manifest",
-        {
-            "title": f"{', '.join(names)} seen through {camera.name}",
-            "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
-            "camera": camera.to_dict(),
-            "images": {
-                "kind": pictures.kind,
-                "source": pictures.source,
-                "count": len(pictures),
-                "labelled": pictures.labelled,
-                "notes": list(pictures.notes),
-                "chosen": pictures.chosen,
-            },
-            "seed": plan.seed,
-            "grey_anchor": plan.grey_anchor,
-            "trajectory": None if plan.path is None else {**asdict(plan.path[0]), "longest_s": plan.path[1]},
-            "versions": versions(),
-            "hardware": hardware(),
-            **facts,
-        },
-    )
+    images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
+    manifest = {
+        "title": f"{', '.join(names)} seen through {camera.name}",
+        "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
+        "camera": camera.to_dict(),
+        "images": {**images, "count": len(pictures)},
+        "seed": plan.seed,
+        "grey_anchor": plan.grey_anchor,
+        "trajectory": None if plan.path is None else {**asdict(plan.path[0]), "longest_s": plan.path[1]},
+        "versions": versions(),
+        "hardware": hardware(),
+    }
+    store.set_about("manifest", {**manifest, **facts})
 
 
 def differences(held: Any, here: Any, at: str = "") -> list[str]:
@@ -135,21 +130,19 @@ def computed_by(store: Store) -> list[Mapping[str, str]]:
 
 def other_software(held: Sequence[Mapping[str, str]], here: Sequence[Mapping[str, str]]) -> list[str]:
     """The versions that differ. What an old run does not say is not compared."""
-    found = [
-        differences(one, {name: other.get(name) for name in one}, "software")
-        for one in held
-        for other in here
-    ]
-    return list(dict.fromkeys(each for some in found for each in some))
+    found = dict[str, None]()
+    for one, other in product(held, here):
+        found |= dict.fromkeys(differences(one, {name: other.get(name) for name in one}, "software"))
+    return list(found)
 
 
 def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[Picture]:
     """Those that, or whose plates, are not what their cells were computed from; only where a file has changed it is
     read."""
     held = store.pictures()
-    for picture in pictures:
-        before = held.get(picture.name)
-        if before is None or before[0] == (identity := source_identity(picture, objects)):
+    for picture in (each for each in pictures if each.name in held):
+        before, identity = held[picture.name], source_identity(picture, objects)
+        if before[0] == identity:
             continue
         try:
             now = source_content(picture, picture.load(), objects)
@@ -162,19 +155,13 @@ def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
-    contract = model.contract.to_dict()
-    unknown: list[str] = []
+    file, contract = str(getattr(model, "source", model.path)), model.contract.to_dict()
+    about = {"name": model.name, "kind": "reader", "unknown_labels": [], "file": file, "sha256": model.sha256}
     if isinstance(model, Detector):
-        contract["input_size_px"] = list(model.input_size_px)
         unknown = sorted(set(pictures.categories) - set(model.contract.classes))
-    return {
-        "name": model.name,
-        "kind": "detector" if isinstance(model, Detector) else "reader",
-        "unknown_labels": unknown,
-        "file": str(getattr(model, "source", model.path)),
-        "sha256": model.sha256,
-        "contract": contract,
-    }
+        about |= {"kind": "detector", "unknown_labels": unknown}
+        contract["input_size_px"] = list(model.input_size_px)
+    return {**about, "contract": contract}
 
 
 def _digest(text: str) -> str:
@@ -189,3 +176,34 @@ def _annotations(picture: Picture) -> list[Any]:
 
 def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key != "sources"}
+
+
+@contextmanager
+def begun_or_gone(folder: Path) -> Iterator[None]:
+    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was.
+
+    Only files of runs are removed: others may have come to the folder meanwhile.
+    """
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
+    files = [RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")]
+    new = [folder / name for name in (*files, *RUN_PICTURES, "coco") if not (folder / name).exists()]
+    try:
+        yield
+    except BaseException:
+        if folder / RUN_FILE in new and not _has_begun(folder):
+            for each in new:
+                shutil.rmtree(each, ignore_errors=True)  # leaves a file and a link
+                with suppress(OSError):
+                    each.unlink()
+            with suppress(OSError):  # missing, or not empty
+                for each in made:
+                    each.rmdir()
+        raise
+
+
+def _has_begun(folder: Path) -> bool:
+    try:
+        with Store(folder) as store:
+            return queries.has_begun(store)
+    except StoreError:  # no file, or another process has it
+        return (folder / RUN_FILE).is_file()

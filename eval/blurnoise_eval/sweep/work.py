@@ -13,18 +13,22 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+import torch
+
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_content, source_identity
 from blurnoise_eval.datasets.likeness import look
+from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.scoring.on_picture import Model, View
+from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.scoring.on_picture import Model, Sight, View
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.exposing import Scene, frames
-from blurnoise_eval.sweep.rows import cell_result
+from blurnoise_eval.sweep.exposing import Frame, Scene, frames
 
 EXAMPLES = "examples"  # folder of the run
 
@@ -92,7 +96,7 @@ class Worker:
         return list(self._results(self._picture(block.picture), block))
 
     def interrupt(self) -> None:
-        """End what is being computed, in other threads; it is not asked again."""
+        """End what other threads compute, for good."""
         self._interrupted = True
         for model in self._work.models:
             if hasattr(model, "interrupt"):  # a reader of somebody else may have none
@@ -131,3 +135,57 @@ class Worker:
             except BaseException as error:
                 prepared.set_exception(error)
         return prepared.result()
+
+
+def cell_result(
+    frame: Frame,
+    model: str,
+    camera: Camera,
+    sight: Sight,
+    example: str | None,
+    example_png: bytes | None,
+    source: tuple[str, str, int, int, str] | None = None,
+) -> CellResult:
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. source: what of
+    the picture the store notes."""
+    cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
+    shared = {
+        "cell_id": cell.cell_id,
+        "model": model,
+        "camera": camera.name,
+        "image": cell.image,
+        "repeat": cell.repeat,
+        "clean": at is None,
+        **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
+        "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
+    }
+    rows = [{**shared, **row, "invented_share": None} for row in sight.targets]
+    if taken is not None and taken.drives and rows:
+        height, width = frame.image.shape[:2]
+        middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
+        blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
+        rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
+    for row in rows if at is not None else ():
+        row["invented_share"] = frame.invented.get(row["target_id"], 0.0)
+        row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
+    invented = [row["invented_share"] for row in rows]
+    confidences = np.array([row["confidence"] for row in rows])
+    summary = {
+        "seed": cell.seed,
+        "n_targets": len(rows),
+        "target_confidence": float(confidences.mean()) if rows else None,
+        "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
+        "n_detections": len(sight.detections.leading),
+        "saturated": frame.saturated,
+        "applied_exposure_s": taken and taken.exposure_s,
+        "applied_gain_db": taken and taken.gain_db,
+        "snr_db": frame.snr_db,
+        "brightness": frame.brightness,
+        "invented_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        "simulate_ms": frame.simulate_ms,
+        "infer_ms": sight.infer_ms,
+        "error": sight.error,
+        "example": example,
+    }
+    values = sight.non_finite_values
+    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, values, source)

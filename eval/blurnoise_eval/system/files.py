@@ -36,7 +36,7 @@ def write_records(
 
 
 def check_writable(path: Path) -> None:
-    """Raise ``OSError`` where :func:`write_whole` could not write ``path``, before anything is computed for it."""
+    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
     _check_new(path, path.parent)
     if path.is_dir():
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -77,10 +77,8 @@ def inside(name: str) -> str:
     windows, path = PureWindowsPath(name), os.path.normpath(PurePosixPath(name))
     leaves = path in (".", "..") or path.startswith(("/", "../"))
     if leaves or windows.drive or windows.root or "\\" in name or "\0" in name:
-        raise ValueError(
-            f"file name {name[:200]!r} leaves the folder; must lead into it, as sub/picture.png "
-            "(no root, drive or backslash)"
-        )
+        must = "must lead into it, as sub/picture.png (no root, drive or backslash)"
+        raise ValueError(f"file name {name[:200]!r} leaves the folder; {must}")
     return path
 
 

@@ -28,8 +28,7 @@ def hardware() -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages on which the bits of a result depend; of blurnoise its sources, too, see
-    :func:`sources`. OpenCV is installed under one of four names, so it is asked itself."""
+    """Versions of the packages on which the bits of a result depend, and of the :func:`sources`."""
     import cv2
 
     installed = {name: metadata.version(name) for name in _PACKAGES}

@@ -19,7 +19,7 @@ class Advance:
         """So much more is done."""
 
     def already(self, done: float) -> None:
-        """So much was done before, and says nothing about speed."""
+        """So much was done before."""
 
     def note(self, text: str) -> None:
         """Say this in place of what was said before."""

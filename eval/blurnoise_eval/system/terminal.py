@@ -61,14 +61,9 @@ def paragraph(text: str, width: int | None = None, indent: int = 0, hanging: int
 
     indent, hanging: spaces before the first line and before the others.
     """
-    return textwrap.wrap(
-        text,
-        width or PROSE,
-        initial_indent=" " * indent,
-        subsequent_indent=" " * hanging,
-        break_long_words=width is not None,
-        break_on_hyphens=False,
-    ) or [""]
+    wrapper = textwrap.TextWrapper(width or PROSE, " " * indent, " " * hanging, break_on_hyphens=False)
+    wrapper.break_long_words = width is not None
+    return wrapper.wrap(text) or [""]
 
 
 def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = False) -> None:
@@ -98,10 +93,7 @@ def table_lines(
     *,
     rule: bool = True,
 ) -> list[str]:
-    """A table in lines of at most ``width`` columns; None: as wide as it is.
-
-    right: which columns hold numbers. rule: a line below the headings.
-    """
+    """A table in lines of at most ``width`` columns. right: which columns hold numbers. rule: below the headings."""
     from rich.table import Table
 
     table = Table()

@@ -16,7 +16,6 @@ import hashlib
 import os
 import posixpath
 import re
-import stat
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -57,8 +56,8 @@ def without_secrets(text: str) -> str:
 def location(text: str | Location) -> Any:
     """The ``Path`` or ``UPath`` that is named; ``file://`` is a path.
 
-    Raises ``ValueError`` for no text, a scheme that is not known, an address without a bucket, one that leaves it,
-    and one with a password or a query in it; ``OSError`` where a package is missing.
+    Raises ``ValueError`` for an unknown scheme, an address outside any bucket, a password or a query; ``OSError``
+    where a package is missing.
     """
     if text == "":
         raise ValueError("'': must name a file or folder")
@@ -69,16 +68,13 @@ def location(text: str | Location) -> Any:
     bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
     if scheme == "file":
         host = urlsplit(text).netloc
-        if host not in ("", "localhost"):
-            raise ValueError(f"{shown}: must be of this machine, as file:///folder")
-        return Path(url2pathname(rest.removeprefix(host)))
+        if host in ("", "localhost"):
+            return Path(url2pathname(rest.removeprefix(host)))
+        raise ValueError(f"{shown}: must be of this machine, as file:///folder")
     if scheme not in _EXTRAS:
         raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file://")
     if "@" in bucket or "?" in rest:
-        raise ValueError(
-            f"{shown}: must hold no user, password or query (?...); credentials come from the environment, as "
-            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY"
-        )
+        raise ValueError(f"{shown}: must hold no user, password or query; set credentials in the environment")
     if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
         raise ValueError(f"{shown!r}: must name a bucket and stay in it, as {scheme}://bucket/folder")
     with explained(f"{scheme}://{path}"):
@@ -107,8 +103,8 @@ def _os_error(error: Exception, url: str) -> OSError:
     if isinstance(error, OSError) and error.filename == url:
         return error
     if isinstance(error, ImportError):
-        extra = _EXTRAS[url.partition(":")[0]]
-        return OSError(errno.ENOPKG, f"needs more packages: pip install 'blurnoise[{extra}]' ({why})", url)
+        install = f"pip install 'blurnoise[{_EXTRAS[url.partition(':')[0]]}]'"
+        return OSError(errno.ENOPKG, f"needs more packages: {install} ({why})", url)
     if isinstance(error, (FileNotFoundError, IsADirectoryError)) or status == 404:
         return FileNotFoundError(errno.ENOENT, "no such object, folder or bucket", url)
     if isinstance(error, PermissionError) or status in (401, 403):
@@ -143,8 +139,13 @@ def listing(folder: Location) -> dict[str, str]:
 
     Links to folders are not followed. Objects whose names lead elsewhere, or mark a folder, are left out.
     """
+
+    def stop(error: OSError) -> None:
+        raise error
+
     if isinstance(folder, Path):
-        return dict(_walk(folder))
+        every = (Path(root, name) for root, _, names in os.walk(folder, onerror=stop) for name in names)
+        return {file.relative_to(folder).as_posix(): version(file) for file in every if file.is_file()}
     with explained(folder):
         folder.fs.invalidate_cache(folder.path)
         found = folder.fs.find(folder.path, detail=True)
@@ -153,49 +154,37 @@ def listing(folder: Location) -> dict[str, str]:
     return {name: _version_in(info) for name, info in files if _is_below(name)}
 
 
-def _walk(folder: Path) -> Iterator[tuple[str, str]]:
-    def stop(error: OSError) -> None:
-        raise error
-
-    for root, _, names in os.walk(folder, onerror=stop):
-        for name in names:
-            file = Path(root, name)
-            with suppress(OSError):  # a link that leads nowhere, or to itself
-                if stat.S_ISREG(file.stat().st_mode):
-                    yield file.relative_to(folder).as_posix(), version(file)
-
-
 def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
     """Versions of the files of these names in a folder, without those that are missing or denied.
 
-    Many objects are listed; few, or those of a folder that must not be listed, are asked for one by one. Raises
-    ``OSError`` where all of them are denied, or storage does not answer.
+    Raises ``OSError`` where all are denied, or storage does not answer.
     """
     if not isinstance(folder, Path) and len(names) > _FEW:
         with suppress(PermissionError):
             every = listing(folder)
             return {name: every[name] for name in names if name in every}
 
+    tolerated = OSError if isinstance(folder, Path) else _MISSING
+
     def ask(name: str) -> str | OSError:
         try:
             return version(folder / name)
-        except OSError as error:
-            if isinstance(folder, Path) or isinstance(error, _MISSING):
-                return error
-            raise
+        except tolerated as error:
+            return error
 
     with ThreadPoolExecutor(1 if isinstance(folder, Path) else _AT_ONCE) as pool:
         found = dict(zip(names, pool.map(ask, names), strict=True))
-    if found and all(isinstance(each, PermissionError) for each in found.values()):
-        raise next(each for each in found.values() if isinstance(each, OSError))
+    denied = [each for each in found.values() if isinstance(each, PermissionError)]
+    if denied and len(denied) == len(found):
+        raise denied[0]
     return {name: each for name, each in found.items() if isinstance(each, str)}
 
 
 def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
     """The file on this machine: a ``Path`` as it is; an object as its copy, together with others of its folder.
 
-    beside: names that are left out where they are missing, or lead elsewhere. known: the object's version, where that
-    has been looked up. Raises ``OSError``, also for an object that is another by now.
+    beside: their names; missing ones are left out. known: the object's version, where that has been looked up.
+    Raises ``OSError``, also for an object that has changed.
     """
     if isinstance(file, Path):
         return file
@@ -216,9 +205,7 @@ def _download(url: UPath, known: str, copy: Path) -> None:
     try:
         copy.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        why = (
-            f"the cache {cache_folder()} cannot be written ({error.strerror}); set BLURNOISE_CACHE to another"
-        )
+        why = f"{cache_folder()} cannot be written ({error.strerror}); set BLURNOISE_CACHE to another"
         raise OSError(error.errno, why, str(url)) from None
     with explained(url), written_whole(copy) as unfinished:
         url.fs.get_file(url.path, str(unfinished))
@@ -229,9 +216,9 @@ def _download(url: UPath, known: str, copy: Path) -> None:
 
 
 def fetch_ahead(folder: Location, wanted: Mapping[str, str]) -> None:
-    """Copy objects of a folder, given by name and version, several at a time, before they are read one by one.
+    """Copy objects of a folder, given by name and version, several at a time; nothing to do for a ``Path``.
 
-    Nothing to do for a ``Path``. What is missing or denied raises when it is read; the rest raises ``OSError`` here.
+    What is missing or denied raises when it is read, anything else here (``OSError``).
     """
 
     def fetch(entry: tuple[str, str]) -> None:

@@ -10,7 +10,7 @@ import fcntl
 import hashlib
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
@@ -30,7 +30,7 @@ from blurnoise_eval.system.urls import (
 if TYPE_CHECKING:
     from upath import UPath
 
-_READ = (RUN_FILE, "examples/", "coco/instances.json")  # what of a run is read again
+_READ = (RUN_FILE, "examples/", "coco/instances.json")  # files of a run that are read again
 _FETCHED = ".fetched"  # the version of the results at the URL that these go on from
 
 
@@ -42,19 +42,26 @@ class WorkingFolder:
     url: UPath | None = None
 
     def told(self, text: object) -> str:
-        """The text with the URL's name for what is here."""
+        """The text with the URL in place of the folder's path."""
         return str(text) if self.url is None else str(text).replace(str(self.path), str(self.url))
+
+    @contextmanager
+    def _used(self) -> Iterator[WorkingFolder]:
+        """The folder; errors name the URL in place of it."""
+        try:
+            yield self
+        except ValueError as error:
+            if len(error.args) == 1:
+                raise type(error)(self.told(error)) from None
+            raise
 
 
 def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
     """A folder of this machine. Raises ``ValueError`` for a URL, which is opened by the functions below."""
-    if isinstance(where, WorkingFolder):
-        return where
     if is_url(where):
-        raise ValueError(
-            f"run = {without_secrets(str(where))!r}: at a URL; open it with written_run or read_run"
-        )
-    return WorkingFolder(Path(where))
+        shown = without_secrets(str(where))
+        raise ValueError(f"run = {shown!r}: at a URL; open it with written_run or read_run")
+    return where if isinstance(where, WorkingFolder) else WorkingFolder(Path(where))
 
 
 @contextmanager
@@ -77,7 +84,7 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
             raise ValueError(f"run = {str(where)!r}: another process is using it") from None
         before = _fetch(where, path) if _results(where) != _noted(path) else {}
         try:
-            with _errors_name_the_url(WorkingFolder(path, where)) as folder:
+            with WorkingFolder(path, where)._used() as folder:
                 yield folder
         finally:
             if _results(where) != _noted(path):
@@ -90,21 +97,8 @@ def written_run(where: Location) -> Iterator[WorkingFolder]:
 
 
 @contextmanager
-def read_run(where: Location) -> Iterator[WorkingFolder]:
-    """The folder of a run that is read; what is written beside its results is put at the end."""
-    with _copied(where, fetch=True) as folder:
-        yield folder
-
-
-@contextmanager
-def output_folder(where: Location) -> Iterator[WorkingFolder]:
-    """A folder to write to; all that is in it is put at the end."""
-    with _copied(where, fetch=False) as folder:
-        yield folder
-
-
-@contextmanager
-def _copied(where: Location, *, fetch: bool) -> Iterator[WorkingFolder]:
+def read_run(where: Location, *, fetch: bool = True) -> Iterator[WorkingFolder]:
+    """The folder of a run that is read; new files beside its results are put at the end."""
     if isinstance(where, Path):
         yield WorkingFolder(where)
         return
@@ -112,12 +106,17 @@ def _copied(where: Location, *, fetch: bool) -> Iterator[WorkingFolder]:
     path = Path(mkdtemp(dir=cache_folder() / "runs"))
     try:
         before = _fetch(where, path) if fetch else {}
-        with _errors_name_the_url(WorkingFolder(path, where)) as folder:
+        with WorkingFolder(path, where)._used() as folder:
             yield folder
         (path / RUN_FILE).unlink(missing_ok=True)  # another may be writing it
         _put(where, path, before)
     finally:
         shutil.rmtree(path, ignore_errors=True)
+
+
+def output_folder(where: Location) -> AbstractContextManager[WorkingFolder]:
+    """A folder to write to; all that is in it is put at the end."""
+    return read_run(where, fetch=False)
 
 
 def _results(url: UPath) -> str:
@@ -134,7 +133,7 @@ def _noted(path: Path) -> str:
 
 
 def _fetch(url: UPath, path: Path) -> dict[str, str]:
-    """Make the folder what is read of the run at the URL; versions of its files. Raises ``OSError``."""
+    """Fill the folder with the files that are read of a run; returns their versions. Raises ``OSError``."""
     shutil.rmtree(path, ignore_errors=True)
     path.mkdir(parents=True)
     found = listing(url)
@@ -159,13 +158,3 @@ def _files(folder: Path) -> dict[str, str]:
     """Versions of the files that people read, by name."""
     every = listing(folder).items()
     return {name: held for name, held in every if not Path(name).name.startswith((".", f"{RUN_FILE}-"))}
-
-
-@contextmanager
-def _errors_name_the_url(folder: WorkingFolder) -> Iterator[WorkingFolder]:
-    try:
-        yield folder
-    except ValueError as error:
-        if len(error.args) == 1 and str(folder.path) in str(error):
-            raise type(error)(folder.told(error)) from None
-        raise

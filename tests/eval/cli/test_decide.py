@@ -9,7 +9,7 @@ import cv2
 import pytest
 from blurnoise_eval.deciding import decision
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.asked import asked
+from blurnoise_eval.sweep.open import asked
 from commands import main
 from signs_in_memory import matched_detector, sign
 

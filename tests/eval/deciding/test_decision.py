@@ -23,8 +23,8 @@ from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.program.problem import inputs_of
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.engines import Answers, ThreadEngine
+from blurnoise_eval.sweep.open import asked
 from blurnoise_eval.sweep.work import Work
 from numpy.typing import NDArray
 from signs_in_memory import CAMERA, everything, matched_detector, picture, picture_set, sign

@@ -63,20 +63,8 @@ def timeless(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def test_python_and_the_command_find_the_same(
     done: Evaluation, model: Path, pictures: PictureSet, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    command = [
-        "sweep",
-        "--model",
-        str(model),
-        "--images",
-        pictures.source,
-        *OPTIONS,
-        "--camera",
-        "imx250",
-        "--no-refine",
-        "--threads",
-        "1",
-        "--json",
-    ]
+    command = ["sweep", "--model", str(model), "--images", pictures.source, *OPTIONS]
+    command += ["--camera", "imx250", "--no-refine", "--threads", "1", "--json"]
     assert commands.main([*command, "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
     by_command = Evaluation(tmp_path)

@@ -10,8 +10,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.nodes import NodePlan, Plan
 from blurnoise_eval.grid.objects import Crossing, Objects
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.asked import Batch, ask
-from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.sweep.open import Batch, Run, ask
 from blurnoise_eval.sweep.run_folder import open_run
 from plans import plan as swept
 from signs_in_memory import CAMERA, TWO, matched_detector

@@ -15,9 +15,9 @@ from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.store.store import CellResult, Store
-from blurnoise_eval.sweep.asked import asked
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.sweep.open import asked
 from blurnoise_eval.sweep.refining import STOPS
 from blurnoise_eval.sweep.work import Work
 from commands import main
@@ -173,16 +173,7 @@ def test_the_command_announces_its_cells(tmp_path: Path, capsys: pytest.CaptureF
     """Of eight rendered signs, which stand still."""
     command = [
         "sweep",
-        "--limit",
-        "8",
-        "--exposure-ms",
-        "0.05,1,30",
-        "--lux",
-        "20",
-        "--dx",
-        "0",
-        "--threads",
-        "1",
+        *["--limit", "8", "--exposure-ms", "0.05,1,30", "--lux", "20", "--dx", "0", "--threads", "1"],
     ]
     assert main([*command, "-o", str(tmp_path / "run")]) == 0
     told = capsys.readouterr().err

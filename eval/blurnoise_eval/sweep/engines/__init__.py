@@ -11,24 +11,13 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, WorkerDied
+from blurnoise_eval.sweep.engines.base import Answers, Engine, Staying, ThreadEngine, WorkerDied
 from blurnoise_eval.sweep.engines.processes import ProcessEngine
 from blurnoise_eval.sweep.engines.ray_tasks import RayEngine
-from blurnoise_eval.sweep.engines.threads import ThreadEngine
 from blurnoise_eval.system.machine import usable_cores
 
-__all__ = [
-    "ENGINES",
-    "Answers",
-    "Engine",
-    "ProcessEngine",
-    "RayEngine",
-    "ThreadEngine",
-    "WorkerDied",
-    "engine_facts",
-    "engine_of",
-    "staying",
-]
+__all__ = ["ENGINES", "Answers", "Engine", "ProcessEngine", "RayEngine", "ThreadEngine", "WorkerDied"]
+__all__ += ["engine_facts", "engine_of", "staying"]
 
 ENGINES: dict[str, Callable[[int], Engine]] = {
     "threads": ThreadEngine,
@@ -45,14 +34,14 @@ def staying(engine: Engine) -> AbstractContextManager[Engine]:
 def engine_of(name: str, workers: int | None, address: str | None = None) -> Engine:
     """The engine of that name. address: of a Ray cluster; then workers None are one for each of its cores.
 
-    Raises ``ValueError`` for another name, for less than one worker, and for an address that goes with no engine.
+    Raises ``ValueError`` for another name, for less than one worker, and for an address with another engine.
     """
     one_of("engine", name, ENGINES)
-    if address is not None:
-        if name != "ray":
-            raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
-        return RayEngine(workers, address)
-    return ENGINES[name](usable_cores() if workers is None else workers)
+    if address is None:
+        return ENGINES[name](usable_cores() if workers is None else workers)
+    if name != "ray":
+        raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
+    return RayEngine(workers, address)
 
 
 def engine_facts(engine: str | Engine, workers: int | None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What all engines share: how they answer, how blocks stay in flight, and what runs in each worker process."""
+"""Shared by all engines: answers, blocks in flight, the work of a worker process; and the engine of threads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import pickle
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from itertools import islice
 from math import ceil
 from typing import Protocol, Self, TypeVar
@@ -18,6 +19,7 @@ from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.work import Work, Worker
+from blurnoise_eval.system.threads import limited_threads
 
 T = TypeVar("T")
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
@@ -25,6 +27,8 @@ BlockResult = tuple[list[CellResult], list[tuple[str, type[Warning]]]]
 """Results of a block, and the warnings that were given meanwhile."""
 
 _PICTURES_HELD = 3  # by a worker process
+_IN_FLIGHT = 2  # blocks for each thread: one that it works on, one that waits
+_HELD_BESIDE = 2  # pictures, beside one for each thread: the next is prepared before the last one is done
 _BLOCKS_READ = 8  # for each worker, before they are shared out
 _BLOCKS_JOINED = 8  # at most: a worker that is killed loses the cells of one task
 
@@ -59,11 +63,17 @@ class Staying(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """End all workers at once, whatever they are computing."""
+        """End all workers at once."""
 
 
 class WorkerDied(Exception):
     """A worker died while it computed the block. No answer yet: the block comes again."""
+
+
+def at_least_one(name: str, workers: int | None) -> None:
+    """Raise ``ValueError`` for less than one worker."""
+    if workers is not None and workers < 1:
+        raise ValueError(f"{name} = {workers}: must be >= 1")
 
 
 def given_up(picture: str) -> UnreadablePicture:
@@ -75,12 +85,10 @@ def given_up(picture: str) -> UnreadablePicture:
 
 
 def in_flight(
-    flying: dict[Future[T], Block],
-    submit: Callable[[Block], Future[T]],
-    blocks: Iterator[Block],
-    most: Callable[[], int],
+    submit: Callable[[Block], Future[T]], blocks: Iterator[Block], most: Callable[[], int]
 ) -> Iterator[tuple[Block, Future[T]]]:
     """Keep ``most`` blocks in flight. Yields those that are finished, of several in the order of their beginning."""
+    flying: dict[Future[T], Block] = {}
     while True:
         while len(flying) < most() and (block := next(blocks, None)) is not None:
             flying[submit(block)] = block
@@ -99,10 +107,9 @@ def raised(error: BaseException | None) -> Exception | None:
 
 
 def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
-    """Join blocks of one picture, so that few workers need to prepare the same picture.
+    """Join blocks of one picture, so that few workers prepare the same picture, which costs as much as a cell or two.
 
-    Preparing costs as much as a cell or two. A picture is split where it has many cells, or where there are fewer
-    pictures than workers.
+    A picture is split where it has many cells, or where there are fewer pictures than workers.
     """
     left = iter(blocks)
     while some := list(islice(left, _BLOCKS_READ * workers)):
@@ -115,26 +122,21 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(engine: str, what: str, value: object) -> bytes:
+def pickled(engine: str, value: Work | Block) -> bytes:
     """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
         return pickle.dumps(value)
     except Exception as error:  # pickling runs anybody's code
+        what = f"picture {value.picture.name!r}" if isinstance(value, Block) else "models"
         raise ValueError(
             f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
         ) from None
 
 
-def pickled_block(engine: str, block: Block) -> bytes:
-    """A block for a worker process."""
-    return pickled(engine, f"picture {block.picture.name!r}", block)
-
-
 def compute(key: str, opened: Callable[[], Work], block: bytes | None) -> BlockResult:
     """In a worker process: the results of a pickled block; None only opens the models.
 
-    key: of the work. ``opened`` gives it where this process has not opened it yet. Raises what opening the models and
-    :meth:`~blurnoise_eval.sweep.work.Worker.compute` raise.
+    key: of the work, which ``opened`` gives where this process has not opened it yet.
     """
     global _worker
     results: list[CellResult] = []
@@ -155,3 +157,34 @@ def results_of(block: BlockResult) -> list[CellResult]:
     for text, category in caught:
         warnings.warn(text, category, stacklevel=2)
     return results
+
+
+@dataclass(frozen=True)
+class ThreadEngine:
+    """Threads of this process over each model's one session. Models and pictures need not pickle.
+
+    PyTorch and OpenCV have one thread each meanwhile. Raises ``ValueError`` for less than one thread.
+    """
+
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        at_least_one("threads", self.threads)
+
+    def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
+        """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
+        worker = work.open(self.threads + _HELD_BESIDE)
+        with limited_threads(1):
+            pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
+            try:
+                most = _IN_FLIGHT * self.threads
+                submitted = in_flight(
+                    lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
+                )
+                for block, future in submitted:
+                    yield block, raised(future.exception()) or future.result()
+            except BaseException:  # closed early, or an interrupt
+                worker.interrupt()
+                raise
+            finally:
+                pool.shutdown(cancel_futures=True)

@@ -32,24 +32,22 @@ class ProcessEngine(base.Staying):
     """Processes, each with sessions and prepared pictures of its own.
 
     Models and pictures must pickle: those of this package do. A program that uses this engine keeps its own work
-    under ``if __name__ == "__main__"``, as for everything that starts processes. Used as a context manager, the
-    processes stay from one :meth:`map` to the next of the same work. Raises ``ValueError`` for less than one process
-    and for what does not pickle, ``ChildProcessError`` where processes die before they have opened the models.
+    under ``if __name__ == "__main__"``. Used as a context manager, the processes stay from one :meth:`map` to the
+    next of the same work. Raises ``ChildProcessError`` where processes die before they have opened the models.
 
-    When a process dies, all are replaced, and what they were computing is computed again, one block at a time. If a
-    process dies again, on one block alone, the block's picture is given up.
+    When a process dies, all are replaced, and their blocks are computed again, one at a time. If one dies again, the
+    picture of its block is given up.
     """
 
     processes: int = 1
     _pool: _Pool | None = field(default=None, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.processes < 1:
-            raise ValueError(f"processes = {self.processes}: must be >= 1")
+        base.at_least_one("processes", self.processes)
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        pickled = base.pickled(_NAME, "models", work)
+        pickled = base.pickled(_NAME, work)
         with self:
             try:
                 yield from self._computed(pickled, base.shared_out(blocks, self.processes))
@@ -70,7 +68,7 @@ class ProcessEngine(base.Staying):
 
         suspects: list[Block] = []
         while True:
-            flying = base.in_flight({}, submit, blocks, lambda: 0 if suspects else self.processes + 1)
+            flying = base.in_flight(submit, blocks, lambda: 0 if suspects else self.processes + 1)
             for block, future in flying:
                 if isinstance(future.exception(), BrokenProcessPool):  # so fails all that is in flight
                     suspects.append(block)
@@ -106,12 +104,11 @@ class ProcessEngine(base.Staying):
         self.stop()
         raise ChildProcessError(
             f"engine = {_NAME!r}: {_OPENINGS} workers one after the other died before they had opened the models "
-            "(killed, or out of memory, or the program that was started has no if __name__ == '__main__':); what was "
-            "finished is kept"
+            "(killed, out of memory, or a program that has no if __name__ == '__main__':); what was finished is kept"
         )
 
     def stop(self) -> None:
-        """End all processes at once, whatever they are computing."""
+        """End all processes at once."""
         if self._pool is not None:
             pool, self._pool = self._pool, None
             pool.stop()
@@ -128,7 +125,7 @@ class _Pool:
 
     def submit(self, block: Block | None) -> Future[BlockResult]:
         """Compute the block, or only open the models."""
-        data = None if block is None else base.pickled_block(_NAME, block)
+        data = None if block is None else base.pickled(_NAME, block)
         try:
             with _interrupts_ignored():
                 return self._executor.submit(_compute, data)

@@ -36,8 +36,7 @@ class RayEngine(base.Staying):
     ``ray.init`` takes it; None: the one that this process is connected to, else one on this machine, started and
     stopped again. patience_s: how long to wait while no node has a core. Every node has this package in the same
     version, and reads models and pictures by the same names. Used as a context manager, the connection stays from one
-    :meth:`map` to the next. Raises ``ValueError`` for less than one worker, without the package ray, and for what
-    does not pickle; ``ChildProcessError`` where no worker is available.
+    :meth:`map` to the next. Raises ``ChildProcessError`` where no worker is available.
 
     Ray computes a block whose worker died once more, on another one that has nothing else to do. If that dies, too,
     the block's picture is given up.
@@ -49,8 +48,7 @@ class RayEngine(base.Staying):
     _connected: bool = field(default=False, init=False, repr=False, compare=False)  # by this engine
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise ValueError(f"ray = {self.workers}: must be >= 1")
+        base.at_least_one("ray", self.workers)
         if importlib.util.find_spec("ray") is None:
             raise ValueError("engine = 'ray': needs the package ray: pip install 'blurnoise[ray]'")
 
@@ -62,12 +60,12 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        packed = base.pickled(_NAME, "models", work)
+        packed = base.pickled(_NAME, work)
         todo = iter(blocks)
         first = next(todo, None)
         if first is None:
             return
-        needed = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
+        needed = _bits_of(work)
         with self:
             ray = _imported()
             if not ray.is_initialized():
@@ -85,6 +83,10 @@ class RayEngine(base.Staying):
     ) -> Answers:
         task = ray.remote(num_cpus=1, max_retries=1, scheduling_strategy="SPREAD")(_compute)
         work = ray.put(packed), needed
+
+        def submit(block: Block) -> Any:
+            return task.remote(*work, base.pickled(_NAME, block))
+
         todo = base.shared_out(blocks, self.workers or _cores(ray))
         lost = dict[str, Exception]()
         flying: dict[Any, Block] = {}
@@ -96,7 +98,7 @@ class RayEngine(base.Staying):
                     if block.picture.name in lost:
                         yield block, lost[block.picture.name]
                     else:
-                        flying[task.remote(*work, base.pickled_block(_NAME, block))] = block
+                        flying[submit(block)] = block
                 if not flying:
                     return
                 done, _ = ray.wait(list(flying), timeout=_LOOK_S)
@@ -114,7 +116,7 @@ class RayEngine(base.Staying):
                     except ray.exceptions.RayTaskError as error:  # its own text is a traceback
                         yield block, base.raised(error.cause) or error
                     except ray.exceptions.NodeDiedError:  # which is no fault of a picture
-                        flying[task.remote(*work, base.pickled_block(_NAME, block))] = block
+                        flying[submit(block)] = block
                     except ray.exceptions.RayError:
                         for _ in range(2):
                             yield block, WorkerDied(block.picture.name)
@@ -127,23 +129,25 @@ class RayEngine(base.Staying):
 
 
 def _compute(packed: bytes, needed: Mapping[str, str], block: bytes) -> BlockResult:
-    """In a worker of a node. Raises ``ValueError`` unless packages and models are those that are ``needed``: other
-    bits may come of others."""
+    """In a worker of a node. Raises ``ValueError`` unless packages and models are those that are ``needed``."""
 
     def opened() -> Work:
         work: Work = pickle.loads(packed)
-        found = {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
-        if others := [
-            f"{name} {found.get(name)}, not {needed[name]}"
-            for name in needed
-            if found.get(name) != needed[name]
-        ]:
-            raise ValueError(
-                f"engine = {_NAME!r}: node {socket.gethostname()} has {', '.join(others)} as here"
-            )
+        found = _bits_of(work)
+        others = [
+            f"{name} {found.get(name)}, not {it}" for name, it in needed.items() if found.get(name) != it
+        ]
+        if others:
+            node = socket.gethostname()
+            raise ValueError(f"engine = {_NAME!r}: node {node} has {', '.join(others)} as here")
         return work
 
     return base.compute(hashlib.sha256(packed).hexdigest(), opened, block)
+
+
+def _bits_of(work: Work) -> dict[str, str]:
+    """The versions of packages and models, on which the bits of the rows depend."""
+    return {**versions(), **{f"model {each.name}": each.sha256 for each in work.models}}
 
 
 def _cores(ray: Any) -> int:
@@ -183,10 +187,9 @@ def _connect(ray: Any, cores: int | None, address: str | None) -> None:
 def _check_reached(address: str) -> None:
     """Raise ``ChildProcessError`` where nobody listens: Ray itself would try for minutes."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if not colon or not port.isdecimal():  # "auto", which Ray finds by its files
-        return
     try:
-        socket.create_connection((host.strip("[]"), int(port)), _REACHED_S).close()
+        if colon and port.isdecimal():  # not "auto", which Ray finds by its files
+            socket.create_connection((host.strip("[]"), int(port)), _REACHED_S).close()
     except (OSError, OverflowError) as error:
         raise ChildProcessError(f"engine = {_NAME!r}: no cluster at {address} ({_line(error)})") from None
 
