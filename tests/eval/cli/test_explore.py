@@ -42,7 +42,7 @@ def test_a_picture_is_written_as_simulate_writes_it(tmp_path: Path, capsys: Outp
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--at", "lux=1,2"], "lux = '1,2': must be >= 0"),
+        (["--at", "lux=1,2"], "lux = '1,2': must be a number"),
         (["--at", "picture=sign-99"], "picture = 'sign-99': is not here"),
         (["--cell", "abc"], "cell: goes with a run"),
         (["--camera", "nikon"], "nikon"),
