@@ -103,8 +103,8 @@ class Run:
 
     def heat_map(self, model: str, near: Mapping[str, float | None]) -> HeatMap:
         """Exposure, or what else varies most, across and the next down; the other axes at the tested value nearest to
-        that of ``near``."""
-        means = self._means[model]
+        that of ``near``. Of a model that is not the run's, the first model's."""
+        means = self._means.get(model, self._means[self.models[0]])
         tested = {
             each.name: sorted({value for key in means if (value := key[place]) is not None})
             for place, each in enumerate(AXES)

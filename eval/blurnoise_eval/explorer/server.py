@@ -30,8 +30,7 @@ from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from blurnoise_eval.explorer.catalogue import MOST_UPLOADED_MB, Catalogue
-from blurnoise_eval.explorer.page import Page
-from blurnoise_eval.explorer.session import Session
+from blurnoise_eval.explorer.page import Page, Session
 from blurnoise_eval.explorer.state import State
 
 _MOST_MB = MOST_UPLOADED_MB + 1

@@ -127,7 +127,7 @@ def test_command_and_script_give_the_cell_and_what_it_was_moved_to(
 def test_the_map_has_the_runs_means(run: Run) -> None:
     near = run.cell(run.start()).conditions
     assert near is not None
-    found = run.heat_map(run.models[0], {**near, "velocity_x_px_s": 700.0})
+    found = run.heat_map("none", {**near, "velocity_x_px_s": 700.0})  # the first model's
     assert (found.across.name, found.down and found.down.name) == ("exposure_s", "illuminance_lux")
     for column, exposure_s in enumerate(found.columns):
         for row, lux in enumerate(found.rows):

@@ -13,8 +13,10 @@ import pytest
 from blurnoise_eval.datasets import encode
 from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.rendered import POINTS
-from blurnoise_eval.explorer.session import Session
 from blurnoise_eval.explorer.state import State
+
+pytest.importorskip("nicegui")
+from blurnoise_eval.explorer.page import Session  # needs NiceGUI
 
 QUIET = State(model="none")
 
