@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
@@ -33,11 +33,8 @@ GIVEN = "given"
 OF_RUN = "run"
 """The camera of the run that is explored; its pictures and models are run/NAME."""
 _NAMES = ("picture", "camera", "model", "along", "cell")
-
-
-def start() -> Conditions:
-    """Where one begins: dusk, some motion, gain as the camera sets it."""
-    return Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
+_START = Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
+"""Where one begins: dusk, some motion, gain as the camera sets it."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class State:
     picture: str = "sign-1"
     camera: str = "imx250"
     model: str = BUILT_IN
-    at: Conditions = field(default_factory=start)
+    at: Conditions = _START
     figures: tuple[tuple[str, float], ...] = ()
     seed: int = 0
     along: str = "exposure_s"
@@ -118,9 +115,8 @@ class State:
         axis = next((each for each in axes.AXES if key(each) == name), None)
         if axis is not None:
             own = text == "own" and axes.CORE.get(axis.name, 0.0) is not None
-            return replace(
-                self, at=Conditions(**{**self.at, axis.name: None if own else of_text(axis, text)})
-            )
+            value = None if own else of_text(axis, text)
+            return replace(self, at=Conditions(**{**self.at, axis.name: value}))
         if name in _FIGURES:
             return self.put_figure(name, number(text, automatic=False))
         if name == "seed":
@@ -132,10 +128,7 @@ class State:
 
 
 _FIGURES = tuple(
-    each.name
-    for each in fields(Camera)
-    if isinstance(value := getattr(PRESETS["imx250"], each.name), (int, float))
-    and not isinstance(value, bool)
+    each.name for each in fields(Camera) if type(getattr(PRESETS["imx250"], each.name)) in (int, float)
 )
 """A camera's numbers."""
 
@@ -228,10 +221,13 @@ class Control:
 
     def put(self, state: State, value: float | str) -> State:
         """The state with another value, a number or as it is typed. Raises ``ValueError``."""
-        if self.axis is None:
-            return state.put_figure(self.name, number(value, automatic=False))
-        if isinstance(value, str):
-            return state.put(self.name, of_text(self.axis, value))
+        try:
+            if self.axis is None:
+                return state.put_figure(self.name, number(value, automatic=False))
+            if isinstance(value, str):
+                return state.put(self.name, of_text(self.axis, value))
+        except ValueError as error:
+            raise ValueError(f"{self.title} = {value!r}: {error}") from None
         whole = value == AUTOMATIC or self.axis.choices
         return state.put(self.name, value if whole else self.axis.of_option(value) + 0.0)
 

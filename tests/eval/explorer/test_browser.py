@@ -157,14 +157,6 @@ def test_what_a_url_cannot_have_is_told_until_something_else_is_shown(browser: B
     other.close()
 
 
-def test_conditions_that_give_no_picture_are_told(browser: Browser, address: str) -> None:
-    other = browser.tab()
-    other.open(f"{base(address)}?token={token(address)}&dx=50000&exposure-ms=3600000")
-    other.until("document.querySelector('h1')?.innerText === 'No picture yet.'")
-    assert "velocity times exposure" in text(other, ".message")
-    other.close()
-
-
 def test_two_visitors_do_not_disturb_each_other(tab: Tab, browser: Browser, address: str) -> None:
     other = browser.tab()
     other.open(address)

@@ -166,14 +166,6 @@ def test_texts_are_read_or_not() -> None:
     assert standard.enough == pytest.approx(0.9)
 
 
-def test_a_weak_detector_that_keeps_all_works() -> None:
-    """Whose confidences never reach 0.6, as those of real detectors on small targets."""
-    standard = Standard.of(KEPT, sight(0.5))
-    kept = works(strip(10.0), standard.enough, 10.0)
-    assert kept is not None
-    assert kept[0] < 10 < kept[1]
-
-
 @pytest.mark.parametrize("best_ms", [3.0, 7.7, 21.0])
 def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float) -> None:
     """Ninety per cent of a parabola in log2: the root of a tenth of its half width, to a fifth of a stop."""

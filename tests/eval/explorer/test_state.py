@@ -159,6 +159,22 @@ def test_positions_are_values() -> None:
             assert each.position(values[77]) == pytest.approx(77, abs=0.6)
 
 
+def test_a_value_that_is_typed_is_the_options_or_refused_by_name() -> None:
+    every, state = controls(IMX250), State()
+    for name, text, value in (
+        ("exposure_s", "12.5", 12.5),
+        ("gain_db", "auto", AUTOMATIC),
+        ("moves", "targets", 1.0),
+    ):
+        assert every[name].read(every[name].put(state, text), IMX250) == value
+    for name, text, told in (
+        ("illuminance_lux", "", "Light = '': must be a number"),
+        ("prnu", "much", "= 'much': must"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            every[name].put(state, text)
+
+
 def test_effects_and_stages_bring_their_figures() -> None:
     named = set(controls(IMX250))
     of_tables = {figure for entry in (*EFFECTS, *STAGES) for figure in entry.figures}
