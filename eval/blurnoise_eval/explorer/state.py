@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
@@ -33,8 +33,11 @@ GIVEN = "given"
 OF_RUN = "run"
 """The camera of the run that is explored; its pictures and models are run/NAME."""
 _NAMES = ("picture", "camera", "model", "along", "cell")
-_START = Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
-"""Where one begins: dusk, some motion, gain as the camera sets it."""
+
+
+def start() -> Conditions:
+    """Where one begins: dusk, some motion, gain as the camera sets it."""
+    return Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ class State:
     picture: str = "sign-1"
     camera: str = "imx250"
     model: str = BUILT_IN
-    at: Conditions = _START
+    at: Conditions = field(default_factory=start)
     figures: tuple[tuple[str, float], ...] = ()
     seed: int = 0
     along: str = "exposure_s"
