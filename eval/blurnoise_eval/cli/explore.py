@@ -62,7 +62,7 @@ def explore(
             "--output",
             parser=new_file,
             metavar="OUT.png",
-            help="write this picture and what is told of it; no page",
+            help="write this picture, report what is measured in it; no page",
         ),
     ] = None,
     host: Annotated[
