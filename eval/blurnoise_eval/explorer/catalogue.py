@@ -1,70 +1,49 @@
-"""The catalogue of the explorer: what pictures, cameras and models there are, by the names that states have for them.
+"""The catalogue of the explorer: which pictures, cameras and models there are, by the names that states use.
 
 A visitor names only what is in it, never a file: what the command names, what is built in, a run's own, and uploaded
-pictures and cameras. These are kept in memory, under names that nobody can guess, the last few of them.
+pictures. Uploads are kept in memory, under names that nobody can guess, the last few of them.
 """
 
 from __future__ import annotations
 
-import hashlib
-import re
-import secrets
+import shlex
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Generic, NamedTuple, TypeVar
-
-import PIL.Image
+from typing import Any, NamedTuple
+from uuid import uuid4
 
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.answers.criterion import KEPT, MATCHES, Criterion
-from blurnoise_eval.datasets import Picture, UnreadablePicture, read_picture, rendered_signs
+from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_eval.explorer.controls import control
 from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
-from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, with_figures
-from blurnoise_eval.grid.axes import MOVES
+from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, control, with_figures
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.sweep.default_camera import default_camera, is_grey
-from blurnoise_eval.system.files import RUN_FILE, write_whole
+from blurnoise_eval.system.files import RUN_FILE
 
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
-MOST_UPLOADED_MB = {"picture": 128, "camera": 1}
-_MOST_UPLOADS, _UPLOADED_MB = 24, 1024
+MOST_UPLOADED_MB = 128
+_UPLOADED_MB = 1024
 """Of all visitors, pictures decoded; then the oldest goes."""
 _OWN = Criterion(KEPT, kept=True)
-"""What is enough of a picture that is of no run."""
-T = TypeVar("T")
+"""The criterion of a picture that is of no run."""
 
 
-class Upload(NamedTuple):
-    """kind: "picture" or "camera"; title: the file's name; value: the picture or the camera; megabytes: in memory."""
+class Entry(NamedTuple):
+    """Something in the catalogue: its title, and what opens it."""
 
-    kind: str
     title: str
-    value: Any
-    megabytes: float
-
-
-class _Once(Generic[T]):
-    """Something that is made when it is first asked for, by one thread while others wait."""
-
-    def __init__(self, make: Callable[[], T]) -> None:
-        self._make, self._made, self._lock = make, list[T](), threading.Lock()
-
-    def __call__(self) -> T:
-        with self._lock:
-            if not self._made:
-                self._made.append(self._make())
-            return self._made[0]
+    open: Callable[[], Any]
 
 
 class Catalogue:
@@ -93,8 +72,6 @@ class Catalogue:
             if value and not is_run:
                 raise ValueError(f"{name}: goes with a run")
         self.run: Run | None = None
-        if path is not None and is_run:
-            self.run = Run(path if path.is_dir() else path.parent, images, trusted=trust)
         self.arguments: dict[str, Any] = {
             "where": where,
             "images": images,
@@ -103,117 +80,108 @@ class Catalogue:
             "camera": camera,
         }
         """What the catalogue was made with."""
-        self._where = None if path is None or self.run else path
-        self._timeout_s, self._files = timeout_s, {BUILT_IN: Path(STOP_SIGN)}
-        self._signs = rendered_signs()
-        self._uploads: OrderedDict[str, Upload] = OrderedDict()
-        self._key = secrets.token_bytes(16)
-        self._subjects = lru_cache(2)(lambda name: _Once(self._subject(name)))
-        self._models = cache(lambda name: _Once(partial(self._model, name)))
-        self._opened: list[Any] = []
+        self._uploads: OrderedDict[str, Picture] = OrderedDict()
         self._lock = threading.Lock()
-        names: dict[str, str] = {"model": str(model or BUILT_IN)}
-        if model is not None and str(model) not in (BUILT_IN, NO_MODEL):
-            names["model"], self._files[GIVEN] = GIVEN, Path(model)
-            self._models(GIVEN)()
-        if self.run:
-            names |= {"picture": f"{OF_RUN}/{self.run.pictures[0]}", "camera": OF_RUN}
-            names |= {} if model else {"model": f"{OF_RUN}/{self.run.models[0]}"}
+        self._subject = lru_cache(2)(lambda name: self._entry("picture", name).open())
+        self._model = cache(lambda name: self._entry("model", name).open())
+        pictures, cameras, models = dict[str, Entry](), dict[str, Entry](), dict[str, Entry]()
+        self._entries = {"picture": pictures, "camera": cameras, "model": models}
+        if path is not None and is_run:
+            self.run = run = Run(path if path.is_dir() else path.parent, images, trusted=trust)
+            for name in run.pictures:
+                pictures[f"{OF_RUN}/{name}"] = Entry(name, partial(_of_run, run, name))
+            cameras[OF_RUN] = Entry(f"{run.camera.name} (of the run)", lambda: run.camera)
+            for name in run.models:
+                models[f"{OF_RUN}/{name}"] = Entry(
+                    f"{name} (of the run)", partial(run.model, name, timeout_s)
+                )
         elif path is not None:
-            names["picture"] = GIVEN
-        self._camera = None if camera is None or str(camera) in PRESETS else Camera.load(camera)
+            load = partial(read_picture, path, MOST_MEGAPIXELS)
+            pictures[GIVEN] = Entry(path.name, lambda: Subject(Picture(path.name, None, load, str(path), 1)))
+        for number, sign in enumerate(rendered_signs().pictures, 1):
+            pictures[f"sign-{number}"] = Entry(f"Stop signs, scene {number}", partial(Subject, sign))
+        if camera is not None and str(camera) not in PRESETS:
+            given = Camera.load(camera)
+            cameras[GIVEN] = Entry(given.name, lambda: given)
+        cameras |= {name: Entry(name, partial(PRESETS.__getitem__, name)) for name in sorted(PRESETS)}
+        if model is not None and str(model) not in (BUILT_IN, NO_MODEL):
+            models[GIVEN] = Entry(
+                Path(model).stem, lambda: open_models([Path(model)], timeout_s=timeout_s)[0]
+            )
+            self._model(GIVEN)
+        models[BUILT_IN] = Entry(
+            "built-in stop-sign detector", lambda: open_models([STOP_SIGN], timeout_s=timeout_s)[0]
+        )
+        models[NO_MODEL] = Entry("no model", lambda: None)
+        names = {kind: next(iter(entries)) for kind, entries in self._entries.items()}
+        if model is not None:
+            names["model"] = GIVEN if GIVEN in models else str(model)
         if camera is not None:
-            names["camera"] = GIVEN if self._camera else str(camera)
+            names["camera"] = GIVEN if GIVEN in cameras else str(camera)
         elif not self.run:
             built_in = names["model"] == BUILT_IN
-            grey = not built_in and is_grey(self.subject(State(**names)).original)  # type: ignore[arg-type]
+            grey = not built_in and is_grey(self._subject(names["picture"]).original)
             names["camera"] = default_camera(colour=not grey, built_in=built_in).name
         self.base = State(**names)  # type: ignore[arg-type]  # names are texts
 
     def start(self, query: str | None = None) -> State:
         """The state of a query; without one ``base``, or the cell in the middle of a run's map. Raises
         ``ValueError`` for what is not allowed, or not here."""
-        if query is not None:
-            state, wrong = self.resolved(query)
-            if wrong:
-                raise ValueError("; ".join(wrong))
-            return state
-        if self.run is None or self.base.camera != OF_RUN:
-            return self.base
-        middle = self.run.heat_map(self.run.models[0]).middle
-        return self.of_cell(self.run.cell_at(middle, self.run.pictures[0]), self.base)
+        if query is None and self.run and self.base.camera == OF_RUN:
+            return self.of_cell(self.run.start(), self.base)
+        state, wrong = self.resolved(query or "")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return state
 
     def resolved(self, query: str) -> tuple[State, tuple[str, ...]]:
-        """The state of a query, with ``base``'s picture, camera and model in place of those that are not here, and
-        without figures, a curve or a cell that cannot be; a line on each of these."""
-        base = self.base
-        state, told = State.of_query(query, base)
-        lines = list(told)
-        for kind in ("picture", "camera", "model"):
-            name = getattr(state, kind)
-            if name not in self.titles(kind, (name,)):
-                lines.append(f"{kind} = {name[:60]!r}: is not here (any more); upload it again")
-                at = state.put(MOVES.name, None).at if kind == "picture" else state.at
-                state = replace(state, **{kind: getattr(base, kind)}, at=at)
-        for part in ("figures", "along", "cell"):
+        """The state of a query, with ``base``'s part in place of what is not here or not allowed; a line on each of
+        these."""
+        state, wrong = State.of_query(query, self.base)
+        lines = list(wrong)
+        checks: dict[str, Callable[[State], object]] = {
+            "picture": lambda state: self._entry("picture", state.picture),
+            "camera": lambda state: self._entry("camera", state.camera),
+            "model": lambda state: self._entry("model", state.model),
+            "figures": self.camera,
+            "along": lambda state: control(state.along, self.camera(state)),
+            "cell": lambda state: state.cell and self.of_cell(state.cell, state),
+        }
+        for part, check in checks.items():
             try:
-                if part == "figures":
-                    self.camera(state)
-                elif part == "along":
-                    control(state.along, self.camera(state))
-                elif state.cell:
-                    state = self.of_cell(state.cell, state)
+                check(state)
             except (ValueError, TypeError) as error:
                 lines.append(str(error))
-                state = replace(state, **{part: getattr(base, part)})
-        return state, tuple(lines)
+                state = replace(state, **{part: getattr(self.base, part)})
+        return self.of_cell(state.cell, state) if state.cell else state, tuple(lines)
 
     def of_cell(self, cell_id: str, state: State) -> State:
-        """The state that is a run's cell. Raises ``ValueError`` for none, or the untouched picture's."""
+        """The state that is a run's cell. Raises ``ValueError`` for none, or the original picture's."""
         if self.run is None:
             raise ValueError("cell: goes with a run")
         cell = self.run.cell(cell_id)
         own = {"picture": f"{OF_RUN}/{cell.image}", "camera": OF_RUN, "cell": cell_id}
         return replace(state, **own, at=cell.conditions, figures=(), seed=cell.seed)  # type: ignore[arg-type]
 
-    # -- what there is ---------------------------------------------------------------------------------------
-
-    def titles(self, kind: str, uploads: Collection[str] = ()) -> dict[str, str]:
-        """Names to titles of every "picture", "camera" or "model"; of uploads those that are named."""
-        run, found = self.run, dict[str, str]()
-        if kind == "picture":
-            found |= {f"{OF_RUN}/{name}": name for name in run.pictures} if run else {}
-            found |= {GIVEN: self._where.name} if self._where else {}
-            found |= {f"sign-{n}": f"Stop signs, scene {n}" for n in range(1, len(self._signs) + 1)}
-        elif kind == "camera":
-            found |= {OF_RUN: f"{run.camera.name} (of the run)"} if run else {}
-            found |= {GIVEN: self._camera.name} if self._camera else {}
-            found |= {name: name for name in sorted(PRESETS)}
-        else:
-            found |= {f"{OF_RUN}/{name}": f"{name} (of the run)" for name in run.models} if run else {}
-            found |= {GIVEN: self._files[GIVEN].stem} if GIVEN in self._files else {}
-            found |= {BUILT_IN: "built-in stop-sign detector", NO_MODEL: "no model"}
-        own = {name: self._uploads.get(name) for name in uploads}
-        return found | {name: upload.title for name, upload in own.items() if upload and upload.kind == kind}
+    def titles(self, kind: str, name: str) -> dict[str, str]:
+        """Names to titles of every "picture", "camera" or "model"; of uploads that which is named."""
+        titles = {each: entry.title for each, entry in self._entries[kind].items()}
+        return titles | {name: self._entry(kind, name).title}
 
     def subject(self, state: State) -> Subject:
         """The state's picture, prepared. Raises ``ValueError`` for one that is not here."""
-        return self._subjects(state.picture)()
+        found: Subject = self._subject(state.picture)
+        return found
 
     def camera(self, state: State, *, figures: bool = True) -> Camera:
         """The state's camera, with its figures or without. Raises ``ValueError``."""
-        name = state.camera
-        if name == OF_RUN and self.run:
-            camera = self.run.camera
-        elif name == GIVEN and self._camera:
-            camera = self._camera
-        else:
-            camera = PRESETS.get(name) or self._upload("camera", name).value
+        camera: Camera = self._entry("camera", state.camera).open()
         return with_figures(camera, state.figures) if figures else camera
 
     def model(self, state: State) -> Model | None:
         """The state's model. Raises ``ValueError`` for one that is not here."""
-        return None if state.model == NO_MODEL else self._models(state.model)()
+        found: Model | None = self._model(state.model)
+        return found
 
     def criterion(self, state: State, model: Model | None) -> Criterion:
         """What is enough of a picture: the run's own, or a share of what the model reaches in the original."""
@@ -227,83 +195,79 @@ class Catalogue:
         frame = subject.frame(state, camera)
         return rendered(state, subject, camera, frame, model, self.criterion(state, model))
 
-    def _subject(self, name: str) -> Callable[[], Subject]:
-        run = self.run
-        if run and name.startswith(f"{OF_RUN}/"):
-            return lambda: Subject(run.picture(name.removeprefix(f"{OF_RUN}/")), run)
-        if name == GIVEN and self._where:
-            path = self._where
-            return lambda: Subject(
-                Picture(path.name, None, partial(read_picture, path, MOST_MEGAPIXELS), str(path), 1)
-            )
-        sign = name.removeprefix("sign-")
-        if name.startswith("sign-") and sign.isdecimal() and 1 <= int(sign) <= len(self._signs):
-            return lambda: Subject(self._signs.pictures[int(sign) - 1])
-        upload = self._upload("picture", name)
-        return lambda: Subject(Picture(upload.title, None, lambda: upload.value, name, 1))
+    def _entry(self, kind: str, name: str) -> Entry:
+        if entry := self._entries[kind].get(name):
+            return entry
+        if kind == "picture" and (upload := self.uploaded(name)):
+            return Entry(upload.name, partial(Subject, upload))
+        raise ValueError(f"{kind} = {name[:60]!r}: is not here (any more)")
 
-    def _model(self, name: str) -> Model:
-        own = name.removeprefix(f"{OF_RUN}/")
-        model: Model
-        if self.run and own != name and own in self.run.models:
-            model = self.run.model(own, self._timeout_s)
-        elif name in self._files:
-            model = open_models([self._files[name]], timeout_s=self._timeout_s)[0]
-        else:
-            raise ValueError(f"model = {name[:60]!r}: is not here")
-        self._opened.append(model)
-        return model
-
-    # -- uploads ---------------------------------------------------------------------------------------------
-
-    def take(self, kind: str, title: str, content: bytes) -> str:
-        """Take an upload, a "picture" or a "camera"; returns its name here, the same for the same file. Raises
-        ``ValueError`` of one line, that names the file, for what is no such thing, or is broken."""
+    def take(self, title: str, content: bytes) -> str:
+        """Take an uploaded picture; returns its name here. Raises ``ValueError`` that names the file, for what is no
+        picture."""
         title = Path(title.replace("\\", "/")).name[-80:] or "file"
-        name = hashlib.blake2b(
-            title.encode(errors="replace") + content, key=self._key, digest_size=16
-        ).hexdigest()
-        if name not in self._uploads:
-            with TemporaryDirectory(prefix="blurnoise-explore-") as folder:
-                path = Path(folder) / (re.sub(r"[^\w.+-]", "_", title).lstrip(".") or "file")
-                write_whole(path, content)
-                try:
-                    value = _checked_picture(path) if kind == "picture" else Camera.load(path)
-                except (ValueError, TypeError, OSError) as error:
-                    message = str(error).replace(str(path), title).replace(path.name, title)
-                    raise ValueError(message) from None
-            with self._lock:
-                self._uploads[name] = Upload(kind, title, value, getattr(value, "nbytes", 0) / 2**20)
-                megabytes = sum(each.megabytes for each in self._uploads.values())
-                while len(self._uploads) > _MOST_UPLOADS or megabytes > _UPLOADED_MB:
-                    megabytes -= self._uploads.popitem(last=False)[1].megabytes
+        with TemporaryDirectory(prefix="blurnoise-explore-") as folder:
+            path = Path(folder) / f"picture{Path(title).suffix}"
+            path.write_bytes(content)
+            try:
+                value = read_picture(path, MOST_MEGAPIXELS)
+            except (ValueError, OSError) as error:
+                raise ValueError(str(error).replace(str(path), title).replace(path.name, title)) from None
+        name = uuid4().hex
+        with self._lock:
+            self._uploads[name] = Picture(title, None, lambda: value, name, 1)
+            while sum(each.load().nbytes for each in self._uploads.values()) > _UPLOADED_MB << 20:
+                self._uploads.popitem(last=False)
         return name
 
-    def uploaded(self, name: str) -> Upload | None:
+    def uploaded(self, name: str) -> Picture | None:
         """The upload of this name; None of what is none."""
         return self._uploads.get(name)
 
-    def _upload(self, kind: str, name: str) -> Upload:
-        upload = self._uploads.get(name)
-        if upload is None or upload.kind != kind:
-            raise ValueError(f"{kind} = {name[:60]!r}: is not here (any more); upload it again")
-        return upload
 
-    def close(self) -> None:
-        """End the inferences that run."""
-        for model in self._opened:
-            model.interrupt()
+def _of_run(run: Run, name: str) -> Subject:
+    return Subject(run.picture(name), run)
 
 
-def _checked_picture(path: Path) -> Any:
-    """All of it can be read: OpenCV makes grey of what is cut off, Pillow says so."""
-    picture = read_picture(path, MOST_MEGAPIXELS)
-    if min(picture.shape[:2]) < 16:
-        height, width = picture.shape[:2]
-        raise UnreadablePicture(f"{path}: {width} x {height} px; must be at least 16 x 16")
-    try:
-        with PIL.Image.open(path) as file:
-            file.load()
-    except (OSError, SyntaxError, ValueError) as error:
-        raise UnreadablePicture(f"{path}: is damaged or cut short ({error})") from None
-    return picture
+def command(catalogue: Catalogue, state: State) -> str:
+    """What to type for this picture."""
+    arguments, query = _repeated(catalogue, state)
+    words = ["blurnoise", "explore"]
+    for name, value in arguments.items():
+        words += [] if name == "where" else [f"--{name}"]
+        words += [] if value is True else [str(value)]
+    return shlex.join([*words, "--at", query, "-o", "seen.png"])
+
+
+def python(catalogue: Catalogue, state: State) -> str:
+    """A script for this picture, and for what the model finds in it."""
+    arguments, query = _repeated(catalogue, state)
+    given = ", ".join(
+        f"{name}={value if value is True else str(value)!r}" for name, value in arguments.items()
+    )
+    lines = [
+        "from pathlib import Path",
+        "",
+        "from blurnoise_eval.datasets import write_picture",
+        "from blurnoise_eval.explorer.catalogue import Catalogue",
+        "",
+        f"catalogue = Catalogue({given})",
+        f"found = catalogue.render(catalogue.start({query!r}))",
+        "write_picture(Path('seen.png'), found.image)",
+    ]
+    if state.model != NO_MODEL:
+        lines += ['print([round(target["confidence"], 3) for target in found.sight.targets])']
+    return "\n".join([*lines, ""])
+
+
+def _repeated(catalogue: Catalogue, state: State) -> tuple[dict[str, Any], str]:
+    """What a catalogue elsewhere is made with, and the query of the state in it: an upload is the file that it was.
+    Raises ``ValueError`` for an upload with a run's camera or model."""
+    arguments, base = catalogue.arguments, catalogue.base
+    if picture := catalogue.uploaded(state.picture):
+        if state.camera == OF_RUN or state.model.startswith(f"{OF_RUN}/"):
+            raise ValueError("picture: an uploaded one has no command with a run's camera or model")
+        arguments = {"where": picture.name, **{name: arguments[name] for name in ("model", "camera")}}
+        state = replace(state, picture=GIVEN)
+        base = replace(base, picture=GIVEN, camera="", model="")
+    return {name: value for name, value in arguments.items() if value}, state.query(base)

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -42,34 +41,20 @@ Key = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class HeatMap:
-    """A model's mean confidence by ``across`` and ``down``, the other axes at ``at``. means: by the values of all
-    ``AXES``. fixed: those of the other axes that were varied."""
+    """A model's mean confidence by ``across`` and ``down``; the other axes are at ``at``. cells: (column, row) to the
+    mean, of what was computed."""
 
     across: Axis
     down: Axis | None
     columns: tuple[float, ...]
     rows: tuple[float, ...]
     at: Mapping[str, float | None]
-    means: Mapping[Key, float | None]
-    fixed: tuple[Axis, ...]
+    cells: Mapping[tuple[int, int], float]
 
-    def condition(self, x: float, y: float) -> dict[str, float | None]:
-        """The values on all axes in a column and a row."""
-        return {**self.at, self.across.name: x, **({self.down.name: y} if self.down else {})}
-
-    def is_at(self, x: float, y: float, at: Mapping[str, float | None]) -> bool:
-        """Whether conditions are those of a column and a row."""
-        varied = [each.name for each in (self.across, self.down, *self.fixed) if each]
-        return all(self.condition(x, y)[name] == at[name] for name in varied)
-
-    def mean(self, x: float, y: float) -> float | None:
-        """None where nothing was computed."""
-        return self.means.get(tuple(self.condition(x, y).values()))
-
-    @property
-    def middle(self) -> dict[str, float | None]:
-        """The condition in the middle."""
-        return self.condition(self.columns[len(self.columns) // 2], self.rows[len(self.rows) // 2])
+    def condition(self, column: int, row: int) -> dict[str, float | None]:
+        """The values on all axes."""
+        down = {self.down.name: self.rows[row]} if self.down else {}
+        return {**self.at, self.across.name: self.columns[column], **down}
 
 
 class Run:
@@ -94,18 +79,14 @@ class Run:
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))
 
     @cached_property
-    def answer(self) -> tuple[str, str]:
-        """What the run's report opens with, as HTML, and what limits it and would make it surer. Raises
-        :class:`StoreError`."""
-        told = opening(Decision(self.folder, **self._enough, progress=False).data)
-        answer, *others = told.sentences
-        what, colon, rest = answer.partition(":")
-        kind = "" if what.startswith("Use ") else ' class="no"'
-        marked = f"<b{kind}>{escape(what)}</b>{colon}{escape(rest)}" if colon else escape(answer)
-        return marked, " ".join((*others, *(f"{title}: {text}" for title, text in told.notes)))
+    def answer(self) -> str:
+        """What the run's report opens with. Raises :class:`StoreError`."""
+        opened_with = opening(Decision(self.folder, **self._enough, progress=False).data)
+        notes = (f"{title}: {text}" for title, text in opened_with.notes)
+        return "\n".join((*opened_with.sentences, *notes))
 
     @cached_property
-    def _means(self) -> dict[str, dict[Key, float | None]]:
+    def _means(self) -> dict[str, dict[Key, float]]:
         """Mean confidence of every model under each condition."""
         sums: dict[str, dict[Key, list[float]]] = {name: {} for name in self.models}
         with Store(self.folder, shared=True) as store:
@@ -116,34 +97,45 @@ class Run:
                         own[0] += row["target_confidence"]
                         own[1] += row["n_target_confidence"]
         return {
-            model: {key: total / n if n else None for key, (total, n) in own.items()}
-            for model, own in sums.items()
+            model: {key: total / n for key, (total, n) in own.items() if n} for model, own in sums.items()
         }
 
-    def heat_map(self, model: str, fixed: Mapping[str, float] | None = None) -> HeatMap:
-        """Exposure, or what else varies most, across and the next down; the other axes at ``fixed``, by
-        default in the middle of what was computed."""
-        tested = self.tested(model)
+    def heat_map(self, model: str, near: Mapping[str, float | None]) -> HeatMap:
+        """Exposure, or what else varies most, across and the next down; the other axes at the tested value nearest to
+        that of ``near``. Of a model that is not the run's, the first model's."""
+        means = self._means.get(model, self._means[self.models[0]])
+        tested = {
+            each.name: sorted({value for key in means if (value := key[place]) is not None})
+            for place, each in enumerate(AXES)
+        }
         varied = [each for each in AXES if len(tested[each.name]) > 1] or [AXES[0]]
         varied.sort(key=lambda each: (each is not EXPOSURE, -len(tested[each.name])))
         across, down = varied[0], varied[1] if len(varied) > 1 else None
-        at: dict[str, float | None] = {}
-        for name, values in tested.items():
-            asked_for = (fixed or {}).get(name)
-            middle = values[len(values) // 2] if values else None
-            at[name] = asked_for if asked_for in values else middle
-        rows = tuple(tested[down.name]) if down else (math.nan,)
-        return HeatMap(
-            across, down, tuple(tested[across.name]), rows, at, self._means[model], tuple(varied[2:])
-        )
-
-    def tested(self, model: str) -> dict[str, list[float]]:
-        """The values on every axis, increasing."""
-        keys = list(self._means[model])
-        return {
-            each.name: sorted({value for key in keys if (value := key[place]) is not None})
-            for place, each in enumerate(AXES)
+        at = {
+            name: min(
+                values,
+                key=lambda value: (value != near[name], abs(value - (near[name] or 0.0))),
+                default=None,
+            )
+            for name, values in tested.items()
         }
+        columns, rows = tuple(tested[across.name]), tuple(tested[down.name]) if down else (math.nan,)
+        found = HeatMap(across, down, columns, rows, at, {})
+        cells = {
+            (column, row): means[key]
+            for column in range(len(columns))
+            for row in range(len(rows))
+            if (key := tuple(found.condition(column, row).values())) in means
+        }
+        return replace(found, cells=cells)
+
+    def start(self) -> str:
+        """The id of the cell in the middle of those of the first picture. Raises ``ValueError`` for none."""
+        with Store(self.folder, shared=True) as store:
+            rows = [*queries.cells_with(store, image=self.pictures[0], repeat=0, clean=0)]
+        if not rows:
+            raise ValueError("run: has no cell yet")
+        return str(rows[len(rows) // 2]["cell_id"])
 
     def cell_at(self, condition: Mapping[str, float | None], image: str) -> str:
         """The cell's id of a picture under a condition. Raises ``ValueError`` for none."""
@@ -159,10 +151,10 @@ class Run:
         if row is None:
             raise ValueError(f"cell = {cell_id!r}: is none of the run's; they stand in results.csv")
         if row["clean"]:
-            raise ValueError(f"cell = {cell_id!r}: is an untouched picture")
-        stated = [Conditions(**{name: row[name] for name in {*CORE, *self._grid}})] if self._grid else []
-        stated += [at for batch in self._batches for at in batch.conditions]
-        for at in stated:
+            raise ValueError(f"cell = {cell_id!r}: is an original picture")
+        planned = [Conditions(**{name: row[name] for name in {*CORE, *self._grid}})] if self._grid else []
+        planned += [at for batch in self._batches for at in batch.conditions]
+        for at in planned:
             cell = Cell(row["image"], row["repeat"], at, row["seed"])
             if cell.cell_id == cell_id:
                 return cell
@@ -209,49 +201,37 @@ class Run:
     @cached_property
     def _opened(self) -> PictureSet:
         kind, source = self.manifest["images"]["kind"], self.manifest["images"]["source"]
-        if kind == "folder" and self.images:
-            return datasets.image_folder(Path(self.images))
-        self._check_trusted("images", source, " --images names the folder." * (kind == "folder"))
+        folder = Path(self.images) if self.images else None
+        if kind == "folder" and folder:
+            return datasets.image_folder(folder)
+        self._check_trusted("images", source)
         if kind == "folder":
             return datasets.image_folder(Path(source))
         if kind not in _LABELS or not Path(source).exists():
-            raise ValueError(
-                f"images = {source!r}: the run's pictures are no longer there; --images says where they are"
-            )
+            raise ValueError(f"images = {source!r}: the run's pictures are no longer there")
         opener: Any = _LABELS[kind]
-        found: PictureSet = opener(Path(source), **({"images": Path(self.images)} if self.images else {}))
+        found: PictureSet = opener(Path(source), **({"images": folder} if folder else {}))
         return found
 
-    def model_file(self, name: str) -> Path:
-        """Where a model of the run is; the built-in one wherever it lay then. Raises ``ValueError`` where it is gone
-        or another, and for files outside of a run that is not trusted."""
+    def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Model:
+        """A model of the run, opened again; the built-in one wherever it lay then. Raises ``ValueError`` where it is
+        gone or another, and for files outside of a run that is not trusted."""
         from blurnoise_models.detector import STOP_SIGN
 
-        note = self._note(name)
-        if note["sha256"] == model_sha256(STOP_SIGN):
-            return STOP_SIGN
-        self._check_trusted("model", note["file"], " --model names one.")
+        note = next(model for model in self.manifest["models"] if model["name"] == name)
         path = Path(note["file"]).expanduser()
-        if not path.is_file():
-            raise ValueError(f"model = {note['file']!r}: the run's model is no longer there")
-        if model_sha256(path) != note["sha256"]:
-            raise ValueError(f"model = {note['file']!r}: is not what it was when the run was computed")
-        return path
-
-    def model(self, name: str, timeout_s: float = TIMEOUT_S) -> Model:
-        """A model of the run, opened again. Raises ``ValueError`` as :meth:`model_file`."""
-        path, note = self.model_file(name), self._note(name)
+        if note["sha256"] == model_sha256(STOP_SIGN):
+            path = STOP_SIGN
+        else:
+            self._check_trusted("model", note["file"])
+        if not path.is_file() or model_sha256(path) != note["sha256"]:
+            raise ValueError(f"model = {note['file']!r}: is not there, or another than in the run")
         if note.get("kind") != "detector":
             return open_models([path], timeout_s=timeout_s)[0]
         contract = parse_contract(note["contract"], "the run's contract")
         return Detector(path, contract=contract, timeout_s=timeout_s)
 
-    def _note(self, name: str) -> dict[str, Any]:
-        """What the run says of a model."""
-        return next(model for model in self.manifest["models"] if model["name"] == name)
-
-    def _check_trusted(self, name: str, told: str, otherwise: str = "") -> None:
+    def _check_trusted(self, name: str, place: str) -> None:
         if not self.trusted:
-            raise ValueError(
-                f"{name} = {told!r}: outside the run's folder; --trust opens what a run of your own names.{otherwise}"
-            )
+            other = "--trust opens files of a run of your own, --images a folder, --model a model"
+            raise ValueError(f"{name} = {place!r}: outside the run's folder; {other}")

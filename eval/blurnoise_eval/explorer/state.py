@@ -1,4 +1,6 @@
-"""The state of the explorer: all that says what is shown, and the query of a URL or a command that says it.
+"""The state of the explorer, the query of a URL or a command that names it, and the controls that move it.
+
+Controls follow from the tables of axes, light effects and sensor stages: a new entry of these is a new slider.
 
 Domain: conditions in SI units, as on the axes; texts hold the numbers of the command line's options. A state is made
 of such numbers alone, so that a URL, a command and a script give the same bits.
@@ -7,18 +9,22 @@ of such numbers alone, so that a URL, a command and a script give the same bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
-from blurnoise._core.checks import integer
+from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
+from blurnoise.light import effects
+from blurnoise.light.effect import LightEffect
 from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.sensor import stages
+from blurnoise.sensor.stage import SensorStage
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, MOVES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.grid.values import number
 
 BUILT_IN, NO_MODEL = "built-in", "none"
 """Models: the built-in detector, and none."""
@@ -78,58 +84,54 @@ class State:
     def query(self, base: State) -> str:
         """Behind the question mark of a URL: every condition that is specified, and what else differs from
         ``base``; of a run's cell its id."""
-        values = {
-            key(each): "own" if value is None else option_text(each, value)
+        parts = [
+            (key(each), "own" if value is None else option_text(each, value))
             for each in axes.AXES
             if (value := self.at[each.name]) is not None or base.at[each.name] is not None
-        }
-        parts = [] if self.cell else list(values.items())
-        parts += [(name, f"{value!r}") for name, value in self.figures if not self.cell]
-        parts += [("seed", str(self.seed))] if self.seed != base.seed and not self.cell else []
-        of_cell = {"picture", "camera"} if self.cell else set()
-        differing = {name for name in _NAMES if getattr(self, name) != getattr(base, name)} - of_cell
-        return urlencode([*parts, *((name, getattr(self, name)) for name in _NAMES if name in differing)])
+        ]
+        parts += [(name, f"{value!r}") for name, value in self.figures]
+        parts += [("seed", str(self.seed))] if self.seed != base.seed else []
+        names = [name for name in _NAMES if getattr(self, name) != getattr(base, name)]
+        if self.cell:
+            parts, names = [], [name for name in names if name not in ("picture", "camera")]
+        return urlencode([*parts, *((name, getattr(self, name)) for name in names)])
 
     @classmethod
     def of_query(cls, text: str, base: State) -> tuple[State, tuple[str, ...]]:
         """The state of a :meth:`query`, and a line on each part that is not allowed, in place of which ``base``'s
         stands."""
-        state, wrong, told, read = base, list[str](), set[str](), set[str]()
-        by_key = {key(each): each for each in axes.AXES}
+        state, wrong, read = base, list[str](), set[str]()
         for name, value in parse_qsl(text, keep_blank_values=True):
             try:
                 if name in read:
-                    raise ValueError("stands twice; the first counts")
+                    raise ValueError("is given twice; the first counts")
+                state = state._with(name, value)
                 read.add(name)
-                if name in by_key:
-                    own = value == "own" and by_key[name].name not in _STATED
-                    number = None if own else of_text(by_key[name], value)
-                    state = replace(state, at=Conditions(**{**state.at, by_key[name].name: number}))
-                    told.add(by_key[name].name)
-                elif name in _FIGURES:
-                    state = state.put_figure(name, _number(value))
-                elif name == "seed":
-                    state = replace(state, seed=_integer(value))
-                elif name in _NAMES:
-                    state = replace(state, **{name: value})  # type: ignore[arg-type]  # names are texts
-                else:
-                    raise ValueError(f"must be one of {', '.join((*_NAMES, 'seed', *by_key, *_FIGURES))}")
             except ValueError as error:
-                message = str(error)
-                allowed_text = message.partition(": ")[2] if message.startswith(f"{name} = ") else message
-                wrong.append(f"{name} = {value[:60]!r}: {allowed_text}")
-        if state.at[EGO.name] and not told & set(VELOCITY):  # the base's, which it excludes
+                wrong.append(f"{name} = {value[:60]!r}: {error}")
+        if state.at[EGO.name] and not read & {key(axes.axis(name)) for name in VELOCITY}:
             state = replace(state, at=Conditions(**{**state.at, **dict.fromkeys(VELOCITY, 0.0)}))
         return state, tuple(wrong)
 
+    def _with(self, name: str, text: str) -> State:
+        """With one part of a query. Raises ``ValueError``."""
+        axis = next((each for each in axes.AXES if key(each) == name), None)
+        if axis is not None:
+            own = text == "own" and axes.CORE.get(axis.name, 0.0) is not None
+            value = None if own else of_text(axis, text)
+            return replace(self, at=Conditions(**{**self.at, axis.name: value}))
+        if name in _FIGURES:
+            return self.put_figure(name, number(text, automatic=False))
+        if name == "seed":
+            return replace(self, seed=int(text))
+        if name in _NAMES:
+            return replace(self, **{name: text})  # type: ignore[arg-type]  # names are texts
+        known = (*_NAMES, "seed", *map(key, axes.AXES), *_FIGURES)
+        raise ValueError(f"must be one of {', '.join(known)}")
 
-_STATED = {name for name, usual in axes.CORE.items() if usual is None}
-"""Axes on which no camera has a value of its own."""
+
 _FIGURES = tuple(
-    each.name
-    for each in fields(Camera)
-    if isinstance(value := getattr(PRESETS["imx250"], each.name), (int, float))
-    and not isinstance(value, bool)
+    each.name for each in fields(Camera) if type(getattr(PRESETS["imx250"], each.name)) in (int, float)
 )
 """A camera's numbers."""
 
@@ -169,42 +171,147 @@ def option_text(axis: Axis, value: float) -> str:
 
 
 def of_text(axis: Axis, text: str) -> float:
-    """The value that an option's text says. Raises ``ValueError``."""
-    if axis.automatic and text == "auto":
-        return AUTOMATIC
+    """The value that an option's text gives. Raises ``ValueError``."""
     if axis.choices:
         return axis.place_of(text)
-    try:
-        return of_number(axis, float(text))
-    except ValueError:
-        raise ValueError(f"must be {_allowed(axis)}") from None
+    return axis.of_option(number(text, automatic=axis.automatic)) + 0.0
 
 
-def of_number(axis: Axis, number: float) -> float:
-    """The value that an option's number says. Raises ``ValueError`` with the option's name and what is allowed."""
-    value = axis.of_option(number)
-    if not axis.low <= value <= axis.high or (axis.positive and value == axis.low):
-        raise ValueError(f"{key(axis)} = {number:g}: must be {_allowed(axis)}")
-    return value + 0.0
+STEPS = 200
+_SPANS: Mapping[str, tuple[float, float]] = {
+    **dict.fromkeys(VELOCITY, (-2000.0, 2000.0)),
+    "temperature_c": (-40.0, 105.0),
+    "f_number": (1.0, 16.0),
+    "defocus_radius_px": (0.0, 8.0),
+    "ego_speed_m_s": (0.0, 200.0),
+    "row_time_s": (0.0, 100e-6),
+    "diffraction_wavelength_um": (0.0, 1.0),
+    "prnu": (0.0, 0.05),
+    "dsnu_e": (0.0, 50.0),
+    "read_noise_e": (0.0, 50.0),
+    "dark_current_e_s": (0.0, 1000.0),
+}
+"""From where to where a slider goes, in the option's or the figure's unit; others follow from the tables."""
+_UNITS = {"_e_s": "e-/s", "_um": "µm", "_e": "e-", "_px": "px", "_s": "s"}
+"""By the end of a figure's name."""
 
 
-def _allowed(axis: Axis) -> str:
-    """What an option may be, in its unit."""
-    low, high = axis.shown(axis.low), axis.shown(axis.high)
-    unit = f" {axis.unit}" if axis.unit else ""
-    text = f"{'>' if axis.positive else '>='} {low:.12g} and <= {high:.12g}{unit}"
-    return f"{text}, or auto" if axis.automatic else text
+@dataclass(frozen=True)
+class Control:
+    """Something to move: a condition, ``axis``, or, with none, a figure of the camera. low, high: in its unit.
+    logarithmic: how positions run from 0 to ``STEPS``."""
+
+    name: str
+    title: str
+    unit: str
+    low: float
+    high: float
+    logarithmic: bool = False
+    axis: Axis | None = None
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Of a control of names."""
+        return self.axis.choices if self.axis else ()
+
+    def read(self, state: State, camera: Camera) -> float:
+        """The value with a camera, which is that of the state, own figures included."""
+        if self.axis is None:
+            return float(getattr(camera, self.name))
+        value = state.at[self.name]
+        value = self.axis.own(camera) if value is None else value
+        return value if value == AUTOMATIC or self.choices else self.axis.shown(value)
+
+    def put(self, state: State, value: float | str) -> State:
+        """The state with another value, a number or as it is typed. Raises ``ValueError``."""
+        try:
+            if self.axis is None:
+                return state.put_figure(self.name, number(value, automatic=False))
+            if isinstance(value, str):
+                return state.put(self.name, of_text(self.axis, value))
+        except ValueError as error:
+            raise ValueError(f"{self.title} = {value!r}: {error}") from None
+        whole = value == AUTOMATIC or self.axis.choices
+        return state.put(self.name, value if whole else self.axis.of_option(value) + 0.0)
+
+    @property
+    def steps(self) -> int:
+        """The position of the high end."""
+        return len(self.choices) - 1 if self.choices else STEPS
+
+    def value(self, position: float) -> float:
+        """At a position, rounded to three digits, as nobody sets more by hand."""
+        share = min(1.0, max(0.0, position / self.steps))
+        if self.logarithmic:
+            return float(f"{self.low * (self.high / self.low) ** share:.3g}")
+        digits = max(0, 1 - math.floor(math.log10((self.high - self.low) / self.steps)))
+        return round(self.low + share * (self.high - self.low), digits)
+
+    def position(self, value: float) -> float:
+        """Of a value, at the nearest end if it lies beyond."""
+        value = min(self.high, max(self.low, value))
+        if self.logarithmic:
+            return self.steps * math.log(value / self.low) / math.log(self.high / self.low)
+        return self.steps * (value - self.low) / (self.high - self.low)
+
+    def places(self, count: int) -> list[float]:
+        """So many values from end to end, or every choice."""
+        count = len(self.choices) or count
+        return list(dict.fromkeys(self.value(self.steps * place / (count - 1)) for place in range(count)))
+
+    def text(self, value: float) -> str:
+        """The value as people type it."""
+        return "auto" if value == AUTOMATIC else self.choices[int(value)] if self.choices else f"{value:.4g}"
 
 
-def _number(text: str) -> float:
-    with suppress(ValueError):
-        if math.isfinite(number := float(text)):
-            return number
-    raise ValueError("must be a number")
+def controls(camera: Camera) -> dict[str, Control]:
+    """Every control of this camera, by name: one for each axis, then the camera's figures that effects and stages
+    depend on."""
+    made = [_of_axis(each, camera) for each in axes.AXES]
+    known = {each.into.partition(".")[2] for each in axes.AXES if each.into.startswith("camera.")}
+    numbers = {each.name for each in fields(Camera) if isinstance(getattr(camera, each.name), float)}
+    parts: tuple[LightEffect | SensorStage, ...] = (*effects.EFFECTS, *stages.STAGES)
+    for part in parts:
+        for name in part.figures:
+            if name in numbers - known:
+                known.add(name)
+                made.append(_of_figure(name, part.name, camera))
+    return {each.name: each for each in made}
 
 
-def _integer(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise ValueError("must be an integer") from None
+def control(name: str, camera: Camera) -> Control:
+    """The control of this name. Raises ``ValueError`` that lists the names."""
+    every = controls(camera)
+    if name not in every:
+        raise ValueError(f"along = {name!r}: must be one of {', '.join(every)}")
+    return every[name]
+
+
+def _of_axis(axis: Axis, camera: Camera) -> Control:
+    """What a sweep tests by default, a decade to either side; else around the camera's own value."""
+    least, most = axis.shown(axis.low), axis.shown(axis.high)
+    tested = [axis.shown(value) for value in axis.default if value != AUTOMATIC]
+    own = axis.shown(axis.own(camera))
+    if axis.name == "gain_db":
+        low, high = 0.0, camera.gain_max_db
+    elif axis.name in _SPANS:
+        low, high = _SPANS[axis.name]
+    elif tested and axis.logarithmic:
+        low, high = min(tested) / 10, max(tested) * 10
+    elif math.isfinite(own) and own > 0:
+        low, high = (own / 10, own * 10) if axis.logarithmic else (0.0, 4 * own)
+    else:
+        low, high = least, least + 100.0
+    low, high = max(low, least), min(high, most)
+    return Control(axis.name, axis.title, axis.unit, low, high, axis.logarithmic and low > 0, axis)
+
+
+def _of_figure(name: str, of: str, camera: Camera) -> Control:
+    own, limit = float(getattr(camera, name)), LIMITS.get(name)
+    low, high = _SPANS.get(name, (0.0, 4 * own if own else 1.0))
+    high = max(high, 2 * own)
+    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    title = "diffraction at" if name == "diffraction_wavelength_um" else of
+    return Control(
+        name, title[:1].upper() + title[1:], unit, low, high if limit is None else min(limit.high, high)
+    )

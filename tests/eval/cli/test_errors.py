@@ -107,7 +107,7 @@ COMMANDS = {
         ("no_pictures", "directory"),
     ],
     "explore -o out.png": [
-        ("--at lux=1,2", "lux = '1,2': must be >= 0"),
+        ("--at lux=1,2", "lux = '1,2': must be a number"),
         ("--at picture=sign-99", "picture = 'sign-99': is not here"),
         ("--at prnu=much", "prnu = 'much': must be a number"),
         ("--at colour=3", "colour = '3': must be one of"),

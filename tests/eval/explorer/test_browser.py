@@ -34,7 +34,7 @@ ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.sta
 SHOWN = "document.querySelector('.seen img').src"
 IDLE = "!document.querySelector('.busy')"
 READY = (
-    "document.querySelector('.seen img')?.naturalWidth && document.querySelector('.numbers b') "
+    "document.querySelector('.seen img')?.naturalWidth && document.querySelector('.numbers dd') "
     "&& / (or more|tried) /.test(document.querySelector('.window').innerText)"
 )
 
@@ -112,18 +112,10 @@ def slide(tab: Tab, name: str, key: str = "ArrowRight", times: int = 1) -> None:
 
 def test_the_first_screen_answers(tab: Tab) -> None:
     assert re.match(r"Keeps \d+ % of its confidence in the original .*, \d of 3 found", text(tab, "h1"))
-    window = r"keeps 90 % or more from about .* to .* ms.*; most, \d+ % at \d.* ms"
+    window = r"90 % or more from about .* to .* ms.*; most, \d+ % at \d.* ms"
     assert re.search(window, text(tab, ".window"))
-    told = {
-        each: text(tab, f"[data-number={each}] b")
-        for each in ("white_electrons", "snr_db", "blur_px", "mtf50")
-    }
-    assert told == {
-        "white_electrons": "276 e-",
-        "snr_db": "16.6 dB",
-        "blur_px": "20.0 px",
-        "mtf50": "0.030 c/px",
-    }
+    for name, told in {"white_electrons": "276.24 e-", "snr_db": "16.6 dB", "blur_px": "20.0 px"}.items():
+        assert told in text(tab, f"[data-number={name}]")
     assert tab.run("document.querySelectorAll('.seen .boxes > g').length") >= 3
     assert tab.run("location.search") == "?exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto"
 
@@ -134,9 +126,9 @@ def test_sliders_move_the_picture_the_numbers_and_the_url(tab: Tab) -> None:
         ("illuminance_lux", "snr_db"),
         ("velocity_x_px_s", "blur_px"),
     ):
-        before = text(tab, f"[data-number={number}] b")
+        before = text(tab, f"[data-number={number}]")
         changes(tab, lambda name=name: slide(tab, name, times=4))
-        tab.until(f"document.querySelector('[data-number={number}] b').innerText !== {before!r}")
+        tab.until(f"document.querySelector('[data-number={number}]').innerText !== {before!r}")
         tab.until(f"document.querySelector('[data-control={name}]').classList.contains('last')")
     assert "exposure-ms=" in tab.run("location.search")
     assert "along=velocity_x_px_s" in tab.run("location.search")
@@ -149,7 +141,7 @@ def test_the_url_brings_the_state_back(tab: Tab, browser: Browser, address: str)
     other.open(f"{base(address)}?token={token(address)}&{tab.run('location.search.slice(1)')}")
     other.until(READY)
     for each in ("blur_px", "snr_db"):
-        assert text(other, f"[data-number={each}] b") == text(tab, f"[data-number={each}] b")
+        assert text(other, f"[data-number={each}]") == text(tab, f"[data-number={each}]")
     other.close()
 
 
@@ -157,7 +149,7 @@ def test_what_a_url_cannot_have_is_told_until_something_else_is_shown(browser: B
     other = browser.tab()
     other.open(f"{base(address)}?token={token(address)}&exposure-ms=-4&model=wild&lux=7")
     other.until(f"location.search.includes('exposure-ms=20&lux=7') && {READY}")
-    for part in ("exposure-ms = '-4': must be > 0", "model = 'wild': is not here"):
+    for part in ("exposure-ms = '-4': exposure_s = -0.004: must be", "model = 'wild': is not here"):
         assert part in text(other, ".message")
     assert other.run("document.querySelector('.message').offsetParent !== null"), "nobody sees it"
     changes(other, lambda: slide(other, "illuminance_lux"))
@@ -165,24 +157,16 @@ def test_what_a_url_cannot_have_is_told_until_something_else_is_shown(browser: B
     other.close()
 
 
-def test_conditions_that_give_no_picture_are_told(browser: Browser, address: str) -> None:
-    other = browser.tab()
-    other.open(f"{base(address)}?token={token(address)}&dx=50000&exposure-ms=3600000")
-    other.until("document.querySelector('h1')?.innerText === 'No picture yet.'")
-    assert "velocity times exposure" in text(other, ".message")
-    other.close()
-
-
 def test_two_visitors_do_not_disturb_each_other(tab: Tab, browser: Browser, address: str) -> None:
     other = browser.tab()
     other.open(address)
     other.until(READY)
-    before = (text(other, "[data-number=blur_px] b"), other.run(SHOWN))
+    before = (text(other, "[data-number=blur_px]"), other.run(SHOWN))
     for _ in range(3):
         changes(tab, lambda: slide(tab, "exposure_s"))
         changes(other, lambda: slide(other, "illuminance_lux"))
-    assert text(other, "[data-number=blur_px] b") == before[0]
-    assert text(tab, "[data-number=blur_px] b") != before[0]
+    assert text(other, "[data-number=blur_px]") == before[0]
+    assert text(tab, "[data-number=blur_px]") != before[0]
     assert "lux=2&" in tab.run("location.search")
     assert "exposure-ms=20&" in other.run("location.search")
     assert other.failures == []
@@ -194,14 +178,14 @@ def test_an_upload_is_listed_for_its_visitor_and_opened_by_its_address(
     tab: Tab, browser: Browser, address: str, tmp_path: Path
 ) -> None:
     (tmp_path / "own.png").write_bytes(encode(np.zeros((60, 90, 3), np.uint8)))
-    changes(tab, lambda: tab.choose(".upload-picture input", tmp_path / "own.png"))
+    tab.choose(".q-uploader input", tmp_path / "own.png")
     tab.until("location.search.includes('picture=')")
     other = browser.tab()
     other.open(address)
     other.until(READY)
     assert "own.png" not in other.run("document.documentElement.outerHTML")
     other.open(tab.run("location.href"))  # a bookmark: the cookie stands for the token
-    other.until("document.querySelector('.untouched figcaption')?.innerText.includes('90 x 60 px')")
+    other.until("document.querySelector('.original img')?.naturalWidth === 90")
     other.close()
 
 
@@ -282,20 +266,14 @@ def foreign() -> Iterator[int]:
 
 def test_files_are_taken_or_refused_and_the_page_lives_on(tab: Tab, tmp_path: Path) -> None:
     sound = encode(np.random.default_rng(0).integers(0, 255, (60, 90, 3), np.uint8))
-    files = {
-        "text.png": (b"not a picture", "picture", "text.png: not an"),
-        "cut.png": (sound[: len(sound) // 2], "picture", "cut.png"),
-        "bad.yaml": (b"f_number: [", "camera", "bad.yaml"),
-        "large.yaml": (bytes(2 << 20), "camera", "camera: a file must be at most 1 MB"),
-    }
-    for name, (content, kind, told) in files.items():
+    for name, content in {"text.png": b"not a picture", "empty.png": b""}.items():
         (tmp_path / name).write_bytes(content)
-        tab.choose(f".upload-{kind} input", tmp_path / name)
-        tab.until(f"document.querySelector('.message').innerText.includes({told!r})")
-    assert tab.run("document.querySelector('.upload-model')") is None
+        tab.choose(".q-uploader input", tmp_path / name)
+        tab.until(f"document.querySelector('.message').innerText.includes({name!r})")
     (tmp_path / "sound.png").write_bytes(sound)
-    changes(tab, lambda: tab.choose(".upload-picture input", tmp_path / "sound.png"))
-    tab.until("document.querySelector('.untouched figcaption').innerText.includes('90 x 60 px')")
+    tab.choose(".q-uploader input", tmp_path / "sound.png")
+    tab.until("document.querySelector('.original img')?.naturalWidth === 90")
+    tab.until(f"document.querySelector('.numbers dd') && {IDLE}")
     assert tab.run("document.querySelector('.message').offsetParent") is None
     assert tab.run("document.querySelector('[data-control=moves]')") is None  # nobody knows its parts
     changes(tab, lambda: slide(tab, "exposure_s"))
@@ -305,39 +283,23 @@ def test_what_is_copied_gives_the_picture_that_is_seen(
     tab: Tab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     changes(tab, lambda: slide(tab, "velocity_x_px_s", times=3))
-    tab.press("n")
-    tab.until("location.search.includes('seed=1')")
     shown = tab.run(f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))")
     (tmp_path / "shown.png").write_bytes(bytes(shown))
     monkeypatch.chdir(tmp_path)
-    tab.press("c")
-    command = str(tab.until("document.querySelector('.shown-code')?.innerText"))
+    tab.click("nav .q-btn:nth-of-type(1)")
+    command = str(tab.until("document.querySelector('.code')?.innerText"))
     assert main(shlex.split(command)[1:]) == 0
     assert np.array_equal(read_picture(Path("seen.png")), read_picture(Path("shown.png")))
     Path("seen.png").unlink()
-    tab.run("document.querySelector('.q-dialog .q-btn').click()")
-    tab.until("document.querySelector('.shown-code') === null")
-    tab.press("p")
-    script = str(tab.until("document.querySelector('.shown-code')?.innerText"))
+    tab.run("document.querySelector('.q-dialog__backdrop').click()")
+    tab.until("document.querySelector('.code') === null")
+    tab.click("nav .q-btn:nth-of-type(2)")
+    script = str(tab.until("document.querySelector('.code')?.innerText"))
     exec(compile(script, "script", "exec"), {})
     assert np.array_equal(read_picture(Path("seen.png")), read_picture(Path("shown.png")))
 
 
-def test_keys_and_numbers_that_are_typed(tab: Tab) -> None:
-    tab.run("document.activeElement?.blur()")
-    changes(tab, lambda: tab.press("E"))
-    assert "exposure-ms" in tab.until("location.search")
-    dark = "document.body.classList.contains('body--dark')"
-    before = tab.run(dark)
-    tab.press("d")
-    tab.until(f"{dark} !== {str(before).lower()}")
-    tab.press("b")
-    tab.until("document.querySelector('.panes.no-boxes')")
-    for kind, held in (("keyDown", "true"), ("keyUp", "false")):
-        tab.call(
-            "Input.dispatchKeyEvent", type=kind, key="o", code="KeyO", text="o" if held == "true" else ""
-        )
-        tab.until(f"document.querySelector('.panes').classList.contains('held') === {held}")
+def test_numbers_that_are_typed(tab: Tab) -> None:
     tab.click("[data-control=exposure_s] input")
     tab.run("document.querySelector('[data-control=exposure_s] input').select()")
     tab.call("Input.insertText", text="12.5")
@@ -346,14 +308,7 @@ def test_keys_and_numbers_that_are_typed(tab: Tab) -> None:
     tab.run("document.querySelector('[data-control=exposure_s] input').select()")
     tab.call("Input.insertText", text="-4")
     tab.press("Enter")
-    tab.until("document.querySelector('.message').innerText.includes('exposure-ms = -4: must be > 0')")
-
-
-def test_a_click_on_the_curve_goes_there(tab: Tab) -> None:
-    changes(tab, lambda: tab.click(".curve"))
-    clicked = re.search(r"exposure-ms=([\d.]+)", str(tab.until("location.search")))
-    assert clicked
-    assert float(clicked[1]) == pytest.approx(1.64, rel=0.2)  # the middle of 0.003 to 900, less the margins
+    tab.until("document.querySelector('.message').innerText.includes('exposure_s = -0.004: must be')")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -378,17 +333,16 @@ def test_phone_and_desk_in_light_and_dark(
         tab.close()
 
 
-def test_a_loupe_follows_the_pointer(tab: Tab) -> None:
-    tab.run("document.querySelector('.seen > div').scrollIntoView()")
-    place = tab.run("document.querySelector('.seen > div').getBoundingClientRect().toJSON()")
-    tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=place["x"] + 100, y=place["y"] + 100)
-    tab.until("document.body.classList.contains('magnified')")
-    shown = tab.run(
-        "[...document.querySelectorAll('.loupe')].map(each => getComputedStyle(each).backgroundImage)"
-    )
-    assert len(shown) == 2
-    assert all("pictures/" in each for each in shown)
-    assert shown[0] != shown[1]
+def click_cell(tab: Tab, column: int, row: int) -> None:
+    """Click a cell of the map of two columns and rows."""
+    chart = "document.querySelectorAll('main .nicegui-echart')[1]"
+    tab.until(f"{chart}?.querySelector('svg path')")
+    tab.run(f"{chart}.scrollIntoView({{block: 'center'}})")
+    box = tab.run(f"{chart}.getBoundingClientRect().toJSON()")
+    x = box["x"] + 90 + (box["width"] - 106) * (0.25 + 0.5 * column)
+    y = box["y"] + 8 + (box["height"] - 52) * (0.75 - 0.5 * row)
+    for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+        tab.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
 
 
 def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path: Path) -> None:
@@ -405,26 +359,22 @@ def test_a_runs_cell_is_the_picture_that_the_run_kept(browser: Browser, tmp_path
     with served(run) as address:
         tab = browser.tab()
         tab.open(address)
-        tab.until("document.querySelector('.numbers b') && document.querySelector('.heat .cell')")
-        assert tab.run("document.querySelectorAll('.heat .cell').length") == 4
-        tab.until("document.querySelector('h1 b') !== null")
-        assert text(tab, "h1") == opening(found.data).sentences[-1]
-        assert tab.run("document.querySelector('h1').getBoundingClientRect().bottom") < 200
+        tab.until("document.querySelector('.numbers dd') && document.querySelector('h1')")
+        tab.until("document.querySelector('.run-answer').innerText.length > 20")
+        assert text(tab, ".run-answer").startswith(opening(found.data).sentences[0])
         for row in kept[:3]:
             exposures, lights = sorted(grid["exposure_s"]), sorted(grid["illuminance_lux"])
-            place = 2 * lights.index(row["illuminance_lux"]) + exposures.index(row["exposure_s"])
-            cell = f"document.querySelectorAll('.heat .cell')[{place}]"
-            tab.run(f"{cell}.click()")
+            place = exposures.index(row["exposure_s"]), lights.index(row["illuminance_lux"])
+            click_cell(tab, *place)
             tab.until(f"location.search.includes('cell={row['cell_id']}')")
-            tab.until(f"{cell}.getAttribute('aria-pressed') === 'true'")
             tab.until(IDLE)
             shown = tab.run(
                 f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))"
             )
             (tmp_path / "shown.png").write_bytes(bytes(shown))
             assert np.array_equal(read_picture(tmp_path / "shown.png"), read_picture(run / row["example"]))
-        tab.press("c")
-        copied = str(tab.until("document.querySelector('.shown-code')?.innerText"))
+        tab.click("nav .q-btn:nth-of-type(1)")
+        copied = str(tab.until("document.querySelector('.code')?.innerText"))
         assert shlex.split(copied)[:4] == ["blurnoise", "explore", str(run), "--at"]
         assert tab.failures == []
 

@@ -1,21 +1,26 @@
-"""The catalogue: uploads that are taken, and those that are refused with a line; what is named but not there."""
+"""The catalogue: uploads, what is named but not there, and commands and scripts that give the same picture."""
 
 from __future__ import annotations
 
+import shlex
 import struct
+import subprocess
+import sys
 import tempfile
-import threading
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import encode, write_picture
+from blurnoise_eval.cli import main
+from blurnoise_eval.datasets import encode, read_picture, write_picture
 from blurnoise_eval.explorer import catalogue as catalogues
-from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.catalogue import Catalogue, command, python
 from blurnoise_eval.explorer.state import State
 
-CAMERA = b"base: imx250\nf_number: 2\n"
+from blurnoise import Camera
+
 PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
 
@@ -37,10 +42,8 @@ def png_of(side_px: int) -> bytes:
 BROKEN = {
     "text.png": (b"hello, I am no picture", "text.png: not an 8- or 16-bit picture"),
     "empty.png": (b"", "empty"),
-    "cut.png": (PNG[: len(PNG) // 2], "cut.png"),
     "huge.png": (png_of(9000), "81 megapixels; must be at most 24"),
     "enormous.png": (png_of(200_000), "enormous.png: more than 178 megapixels"),
-    "tiny.png": (encode(np.zeros((8, 30, 3), np.uint8)), "30 x 8 px; must be at least 16 x 16"),
     "../../etc/passwd": (b"root", "passwd: not an 8"),
 }
 
@@ -49,45 +52,32 @@ BROKEN = {
 def test_what_is_no_picture_is_refused_with_a_line(name: str, catalogue: Catalogue) -> None:
     content, told = BROKEN[name]
     with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
-        catalogue.take("picture", name, content)
+        catalogue.take(name, content)
     assert told in str(error.value)
     assert "/tmp" not in str(error.value)
-
-
-@pytest.mark.parametrize("content", [b"a: [", b"base: imx250\nf_number: -1\n", b"\xff\xfe\x00", b"- 1\n"])
-def test_a_broken_camera_is_refused(content: bytes, catalogue: Catalogue) -> None:
-    with pytest.raises(ValueError, match=r"mine\.yaml"):
-        catalogue.take("camera", "mine.yaml", content)
 
 
 def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
     catalogue: Catalogue, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    name = catalogue.take("picture", "C:\\photos\\a b.png", PNG)
-    camera = catalogue.take("camera", "mine.yaml", CAMERA)
+    name = catalogue.take("C:\\photos\\a b.png", PNG)
     assert list(tmp_path.iterdir()) == []
-    assert name == catalogue.take("picture", "a b.png", PNG)
-    assert len(name) == 32
-    assert name != Catalogue().take("picture", "a b.png", PNG), "nobody can guess it"
-    assert name not in catalogue.titles("picture")
-    assert catalogue.titles("picture", {name, camera})[name] == "a b.png"
-    assert camera not in catalogue.titles("picture", {camera})
-    state = State(picture=name, camera=camera, model="none")
+    assert name != catalogue.take("a b.png", PNG), "nobody can guess it"
+    assert name not in catalogue.titles("picture", "sign-1")
+    assert catalogue.titles("picture", name)[name] == "a b.png"
+    state = State(picture=name, model="none")
     assert catalogue.resolved(state.query(catalogue.base)) == (state, ())
     assert catalogue.subject(state) is catalogue.subject(state)
     assert catalogue.subject(state).size == (40, 52)
-    assert catalogue.camera(state).f_number == 2
 
 
 def test_of_many_uploads_the_oldest_go(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogues, "_MOST_UPLOADS", 2)
-    names = [catalogue.take("picture", f"{number}.png", PNG) for number in range(4)]
+    monkeypatch.setattr(catalogues, "_UPLOADED_MB", 1)
+    content = encode(np.zeros((400, 400, 3), np.uint8))  # 0.46 MB decoded
+    names = [catalogue.take(f"{number}.png", content) for number in range(4)]
     assert [name for name in names if catalogue.uploaded(name)] == names[2:]
-    monkeypatch.setattr(catalogues, "_UPLOADED_MB", 1.5 * 40 * 52 * 3 / 2**20)
-    last = catalogue.take("picture", "last.png", PNG)
-    assert [name for name in (*names, last) if catalogue.uploaded(name)] == [last]
-    with pytest.raises(ValueError, match="upload it again"):
+    with pytest.raises(ValueError, match="is not here"):
         catalogue.subject(State(picture=names[0]))
 
 
@@ -104,7 +94,7 @@ def test_a_url_names_no_files(name: str, catalogue: Catalogue) -> None:
 
 def test_of_what_is_not_here_the_rest_of_the_state_is_kept(catalogue: Catalogue) -> None:
     lux = State().put("illuminance_lux", 7.0)
-    state, lines = catalogue.resolved("lux=7&moves=targets&picture=00&model=11&cell=a")
+    state, lines = catalogue.resolved("lux=7&picture=00&model=11&cell=a")
     assert state == lux
     for line, word in zip(lines, ("picture = '00'", "model = '11'", "cell: goes with a run"), strict=True):
         assert word in line
@@ -124,29 +114,60 @@ def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:
         "none",
         "imx250m",
     )
-    assert catalogue.titles("picture")["given"] == "grey.png"
+    assert catalogue.titles("picture", "given")["given"] == "grey.png"
     with pytest.raises(ValueError, match="trust: goes with a run"):
         Catalogue(tmp_path / "grey.png", trust=True)
     with pytest.raises(ValueError, match="gone"):
         Catalogue(tmp_path / "gone.png", model="none")
 
 
-def test_who_waits_for_a_picture_keeps_nobody_else_waiting() -> None:
-    slow, begun, made = threading.Event(), threading.Event(), list[int]()
+STATES = {
+    "a sign": State(picture="sign-3", seed=11).put("moves", 1.0),
+    "auto, of figures": State(camera="imx250c", model="none")
+    .put("exposure_s", float("inf"))
+    .put_figure("prnu", 0.02)
+    .put_figure("row_time_s", 1.7e-5),
+    "driven": State(model="none")
+    .put("ego_speed_m_s", 50 / 3.6)
+    .put("f_number", 8.0)
+    .put("defocus_radius_px", 1.3),
+}
 
-    def make() -> int:
-        begun.set()
-        slow.wait(20)
-        made.append(1)
-        return len(made)
 
-    once = catalogues._Once(make)
-    waiting = [threading.Thread(target=once) for _ in range(2)]
-    for each in waiting:
-        each.start()
-    begun.wait(20)
-    assert catalogues._Once(lambda: "other")() == "other"
-    slow.set()
-    for each in waiting:
-        each.join(20)
-    assert once() == 1
+def same(state: State, catalogue: Catalogue, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    shown = catalogue.render(state).image
+    _, *words = shlex.split(command(catalogue, state))
+    assert main(words) == 0
+    assert np.array_equal(read_picture(Path("seen.png")), shown)
+    Path("seen.png").unlink()
+    exec(compile(python(catalogue, state), "script", "exec"), {})
+    assert np.array_equal(read_picture(Path("seen.png")), shown)
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_both_give_the_picture(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same(STATES[name], Catalogue(), tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("uploaded", [True, False])
+def test_of_files_of_ones_own(uploaded: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Uploaded, the picture is the file that it was."""
+    rng = np.random.default_rng(0)
+    picture, camera = tmp_path / "mine.png", tmp_path / "own.yaml"
+    write_picture(picture, rng.integers(0, 255, (48, 70, 3), np.uint8))
+    Camera.preset("mt9m034").save(camera)
+    catalogue = Catalogue(camera=camera) if uploaded else Catalogue(picture, camera=camera, model="none")
+    state = catalogue.base.put("illuminance_lux", 7.0)
+    if uploaded:
+        state = replace(state, picture=catalogue.take(picture.name, picture.read_bytes()))
+    same(state, catalogue, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+def test_a_script_runs_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(python(Catalogue(), State()))
+    done = subprocess.run(
+        [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("[0.9")

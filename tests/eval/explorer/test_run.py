@@ -26,12 +26,11 @@ from blurnoise_eval.datasets import (
     write_picture,
 )
 from blurnoise_eval.deciding.decision import Decision
-from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.catalogue import Catalogue, command, python
+from blurnoise_eval.explorer.charts import heat_map
 from blurnoise_eval.explorer.run import Run
-from blurnoise_eval.explorer.snippets import command, python
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_models.detector import STOP_SIGN
 from commands import Output
 
 GRID = {
@@ -70,7 +69,7 @@ def test_a_picture_and_the_answer_are_held_to_what_the_run_was_asked(tmp_path: P
     signs = rendered_signs((32,), count=1)
     evaluate(pictures=signs, plan=plan, output=tmp_path / "run", keep=0.8, threads=1, progress=False)
     assert Run(tmp_path / "run").criterion == Criterion(0.8, kept=True)
-    assert "of its confidence" in Run(tmp_path / "run").answer[0]
+    assert "of its confidence" in Run(tmp_path / "run").answer
 
 
 def test_every_kept_picture_is_computed_anew(run: Run) -> None:
@@ -117,20 +116,21 @@ def test_command_and_script_give_the_cell_and_what_it_was_moved_to(
         Path("seen.png").unlink()
         exec(compile(python(catalogue, state), "script", "exec"), {})
         assert np.array_equal(read_picture(Path("seen.png")), shown)
-    picture = catalogue.take("picture", "mine.png", encode(np.zeros((60, 90, 3), np.uint8)))
-    with pytest.raises(ValueError, match="camera: the run's"):
+    picture = catalogue.take("mine.png", encode(np.zeros((60, 90, 3), np.uint8)))
+    with pytest.raises(ValueError, match="a run's camera"):
         command(catalogue, replace(cell, picture=picture))
-    mine = replace(cell, picture=picture, camera="imx250", cell="")
-    assert f"mine.png --model {STOP_SIGN} --at" in command(catalogue, mine)
+    mine = replace(cell, picture=picture, camera="imx250", model="built-in", cell="")
+    assert "explore mine.png --at" in command(catalogue, mine)
     capsys.readouterr()
 
 
 def test_the_map_has_the_runs_means(run: Run) -> None:
-    found = run.heat_map(run.models[0], {"velocity_x_px_s": 800.0})
+    near = run.cell(run.start()).conditions
+    assert near is not None
+    found = run.heat_map("none", {**near, "velocity_x_px_s": 700.0})  # the first model's
     assert (found.across.name, found.down and found.down.name) == ("exposure_s", "illuminance_lux")
-    assert [each.name for each in found.fixed] == ["velocity_x_px_s"]
-    for lux in found.rows:
-        for exposure_s in found.columns:
+    for column, exposure_s in enumerate(found.columns):
+        for row, lux in enumerate(found.rows):
             own = [
                 each["target_confidence"]
                 for each in rows(run)
@@ -138,13 +138,17 @@ def test_the_map_has_the_runs_means(run: Run) -> None:
                 == (exposure_s, lux, 800.0)
             ]
             mean = np.mean(own)  # type: ignore[arg-type]  # as many targets in each
-            assert found.mean(exposure_s, lux) == pytest.approx(mean)
-    at = found.condition(0.02, 50.0)
+            assert found.cells[column, row] == pytest.approx(mean)
+    at = found.condition(0, 1)
     assert (at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"]) == (0.02, 50.0, 800.0)
     cell = run.cell(run.cell_at(at, run.pictures[1]))
     assert cell.conditions is not None
-    assert found.is_at(0.02, 50.0, cell.conditions)
-    assert not found.is_at(0.06, 50.0, cell.conditions)
+    marked = [
+        each["value"][:2]
+        for each in heat_map(found, cell.conditions)["series"][0]["data"]
+        if each["itemStyle"]
+    ]
+    assert marked == [[0, 1]]
     assert cell.image == run.pictures[1]
 
 
@@ -219,7 +223,7 @@ def test_what_is_no_cell_is_refused(run: Run, tmp_path: Path) -> None:
     clean = next(str(row["cell_id"]) for row in rows(run) if row["clean"])
     with pytest.raises(ValueError, match="none of the run's"):
         run.cell("nonsense")
-    with pytest.raises(ValueError, match="untouched"):
+    with pytest.raises(ValueError, match="original"):
         run.cell(clean)
     with pytest.raises(StoreError):
         Run(tmp_path)

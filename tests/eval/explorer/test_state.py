@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from urllib.parse import urlencode
 
 import pytest
-from blurnoise_eval.explorer.catalogue import Catalogue
-from blurnoise_eval.explorer.controls import controls
-from blurnoise_eval.explorer.snippets import command, python
-from blurnoise_eval.explorer.state import State, key, of_text, option_text, with_figures
+from blurnoise_eval.explorer import state as states
+from blurnoise_eval.explorer.catalogue import Catalogue, command, python
+from blurnoise_eval.explorer.state import (
+    STEPS,
+    State,
+    control,
+    controls,
+    key,
+    of_text,
+    option_text,
+    with_figures,
+)
+from blurnoise_eval.grid import axes, conditions
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, axis
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blurnoise import Camera
+from blurnoise.light.effects import EFFECTS
+from blurnoise.optics.camera import PRESETS
+from blurnoise.sensor.stages import STAGES
 
 USUAL = State()
 MOVED = (
@@ -58,15 +71,15 @@ def test_what_excludes_another_resets_it() -> None:
 @pytest.mark.parametrize(
     ("query", "told"),
     [
-        ("exposure-ms=-3", "exposure-ms = '-3': must be > 0 and <= 3600000 ms, or auto"),
-        ("exposure-ms=1e400", "exposure-ms = '1e400': must be > 0 and <= 3600000 ms, or auto"),
-        ("gain=nan", "gain = 'nan': must be >= "),
-        ("lux=bright", "lux = 'bright': must be >= 0 and <= 1000000000 lux"),
-        ("exposure-ms=own", "exposure-ms = 'own': must be > 0"),
-        ("seed=x", "seed = 'x': must be an integer"),
+        ("exposure-ms=-3", "exposure-ms = '-3': exposure_s = -0.003: must be finite and >= 0"),
+        ("exposure-ms=1e400", "exposure-ms = '1e400': must be a number, or auto"),
+        ("gain=nan", "gain = 'nan': gain_db = nan: must be"),
+        ("lux=bright", "lux = 'bright': must be a number"),
+        ("exposure-ms=own", "exposure-ms = 'own': must be a number, or auto"),
+        ("seed=x", "seed = 'x': "),
         ("prnu=1e400", "prnu = '1e400': must be a number"),
         ("lux=", "lux = '': must"),
-        ("dx=8", "dx = '8': stands twice"),
+        ("dx=8", "dx = '8': is given twice"),
         ("fog=3", "fog = '3': must be one of"),
         ("moves=nobody", "must be one of all, targets, background"),
     ],
@@ -119,3 +132,76 @@ def test_whatever_a_url_says_there_is_a_state_that_can_be_shown(value: str, cata
         assert all(each.text(each.read(state, camera)) for each in controls(camera).values())
         assert command(catalogue, state)
         assert python(catalogue, state)
+
+
+IMX250 = Camera.preset("imx250")
+
+
+@pytest.mark.parametrize("name", sorted(PRESETS))
+def test_every_control_stands_where_the_state_is_and_moves_it(name: str) -> None:
+    camera, state = PRESETS[name], State()
+    for each in controls(camera).values():
+        assert each.low < each.high
+        value = each.read(state, camera)
+        assert value == AUTOMATIC or math.isfinite(value)
+        for place in each.places(5):
+            moved = each.put(state, place)
+            assert each.read(moved, with_figures(camera, moved.figures)) == pytest.approx(place, rel=1e-9)
+
+
+def test_positions_are_values() -> None:
+    for each in controls(IMX250).values():
+        if not each.choices:
+            assert each.value(0) == pytest.approx(each.low, rel=1e-3, abs=1e-9)
+            assert each.value(STEPS) == pytest.approx(each.high, rel=1e-3)
+            values = [each.value(place) for place in range(STEPS + 1)]
+            assert values == sorted(values)
+            assert each.position(values[77]) == pytest.approx(77, abs=0.6)
+
+
+def test_a_value_that_is_typed_is_the_options_or_refused_by_name() -> None:
+    every, state = controls(IMX250), State()
+    for name, text, value in (
+        ("exposure_s", "12.5", 12.5),
+        ("gain_db", "auto", AUTOMATIC),
+        ("moves", "targets", 1.0),
+    ):
+        assert every[name].read(every[name].put(state, text), IMX250) == value
+    for name, text, told in (
+        ("illuminance_lux", "", "Light = '': must be a number"),
+        ("prnu", "much", "= 'much': must"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            every[name].put(state, text)
+
+
+def test_effects_and_stages_bring_their_figures() -> None:
+    named = set(controls(IMX250))
+    of_tables = {figure for entry in (*EFFECTS, *STAGES) for figure in entry.figures}
+    assert {name for name in of_tables if isinstance(getattr(IMX250, name, None), float)} <= named
+
+
+def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the page's controls, in the URL, in command and script, and in what is exposed."""
+    noise = replace(
+        axis("f_number"), name="read_noise_made_up", into="camera.read_noise_e", option="--read-noise-e",
+        title="Read noise, made up", unit="e-", low=0.0, high=1e3, own=lambda camera: camera.read_noise_e,
+    )  # fmt: skip
+    table = (*axes.AXES, noise)
+    monkeypatch.setattr(axes, "AXES", table)
+    monkeypatch.setattr(conditions, "AXES", table)
+    monkeypatch.setattr(conditions, "NAMES", (*axes.NAMES, noise.name))
+    monkeypatch.setitem(conditions._PLACE, noise.name, len(axes.NAMES))
+    assert states.axes.AXES is table
+    made = control("read_noise_made_up", IMX250)
+    assert (made.title, made.unit, made.logarithmic) == ("Read noise, made up", "e-", True)
+    assert made.read(State(), IMX250) == IMX250.read_noise_e
+    state = made.put(State(), 33.0)
+    catalogue = Catalogue()
+    assert State.of_query(state.query(catalogue.base), catalogue.base) == (state, ())
+    assert "read-noise-e=33" in command(catalogue, state)
+    assert "read-noise-e=33" in python(catalogue, state)
+    assert state.at.exposure(IMX250).camera.read_noise_e == 33.0
+    assert (
+        sum(name.startswith("read_noise") for name in controls(IMX250)) == 1
+    )  # the axis, in the figure's place

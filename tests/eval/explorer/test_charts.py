@@ -1,17 +1,15 @@
-"""Boxes, charts and sentences: what they show, and that names from files are only ever text."""
+"""Boxes and charts: what they show, and that names from files are only ever text."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
 import numpy as np
-import pytest
-from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.explorer import charts, sentences
-from blurnoise_eval.explorer.boxes import boxes
-from blurnoise_eval.explorer.controls import control
-from blurnoise_eval.explorer.judging import Point, Standard
+from blurnoise_eval.explorer import charts
+from blurnoise_eval.explorer.charts import boxes
+from blurnoise_eval.explorer.rendered import Point
+from blurnoise_eval.explorer.state import control
 from blurnoise_eval.scoring.on_picture import Sight
 
 from blurnoise import Camera
@@ -46,34 +44,11 @@ def test_names_are_text() -> None:
     ET.fromstring(svg)
 
 
-@pytest.mark.parametrize(
-    ("held", "told"),
-    [
-        ((0.9, 0.9, 0.9), "the mean is 0.60 or more at every value tried; most, 0.90 at 1.64 ms."),
-        (
-            (0.1, 0.9, 0.1),
-            "the mean is 0.60 or more from about 0.15 to 17 ms, not here; most, 0.90 at 1.64 ms.",
-        ),
-        ((0.9, 0.8, 0.1), "the mean is 0.60 or more up to about 9.9 ms, not here; most, 0.90 at 0.003 ms."),
-        (
-            (0.1, 0.2, 0.1),
-            "None of the 3 values of exposure tried brings the mean to 0.60; most is 0.20 at 1.64 ms.",
-        ),
-    ],
-)
-def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
-    along = control("exposure_s", IMX250)
-    curve = [Point(value, (each,)) for value, each in zip(along.places(3), held, strict=True)]
-    standard = Standard(Criterion(0.6, kept=False), frozenset(), 1.0)
-    assert sentences.window(curve, along, 20.0, standard).removeprefix("Exposure: ") == told
-
-
 def test_a_chart_of_scores_has_a_point_for_each_value_that_was_tried() -> None:
     along = control("exposure_s", IMX250)
     curve = [Point(value, (0.9, 0.3 * place)) for place, value in enumerate(along.places(4))]
-    mean, *targets = charts.scores(curve, along, 20.0, 0.6, (1.0, 50.0))["series"]
-    assert [each["value"] for each in mean["data"]] == [[point.value, point.mean] for point in curve]
+    (mean,) = charts.scores(curve, along, 20.0, 0.6, (1.0, 50.0))["series"]
+    assert mean["data"] == [[point.value, point.mean] for point in curve]
     assert mean["markArea"]["data"] == [[{"xAxis": 1.0}, {"xAxis": 50.0}]]
     assert [next(iter(line)) for line in mean["markLine"]["data"]] == ["yAxis", "xAxis"]
-    assert [each["data"][3] for each in targets] == [(900.0, 0.9), (900.0, pytest.approx(0.9))]
     assert len(charts.scores([], along, float("nan"), 0.6, None)["series"][0]["markLine"]["data"]) == 1
