@@ -7,7 +7,6 @@ from blurnoise_eval.grid.settings import Settings
 
 MODULES = {
     "bench": "blurnoise_eval.bench",
-    "gallery": "blurnoise_eval.gallery",
     "maps": "blurnoise_eval.maps",
     "paper": "blurnoise_eval.paper",
     "scenes": "blurnoise_eval.scenes",

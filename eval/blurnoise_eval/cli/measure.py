@@ -42,17 +42,6 @@ def measure(
     full_scale: Annotated[
         float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
     ] = None,
-    oecf: Annotated[
-        Path | None,
-        Option(
-            metavar="FILE.csv",
-            help="the camera's curve from a grey scale, a line per field: digital number, light",
-        ),
-    ] = None,
-    target_size: Annotated[int, Option(metavar="PX", help="side of SNRI's square, 1 to 64")] = 10,
-    target_contrast: Annotated[
-        float, Option(metavar="C", help="of SNRI's square to the region's mean level")
-    ] = 0.1,
     plot: Annotated[
         Path | None,
         Option(
@@ -75,7 +64,7 @@ def measure(
 
     Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason; a
     number that may be wrong has a question mark, and its reason below. A tone curve that is symmetric about the
-    middle of an edge shows in no single edge; --oecf, or edges of another contrast, resolve it. Nor do mild
+    middle of an edge shows in no single edge, only in edges of another contrast. Nor do mild
     sharpening (amount up to 0.3) of an edge of sigma 1 px and more, and median or bilateral filters.
     SIC radial takes the blur for the same in all directions. SIC square and the NEQ sum cover the square of all
     frequencies: with the nearest edge across the other axis, or without one as if the blur were the same both ways.
@@ -89,16 +78,14 @@ def measure(
 
     if plot:
         plot_suffix(plot)  # before anything is measured
-    target = measuring.Square(target_size, target_contrast)
     light = measuring.linear(
         decode(image),
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=measuring.read_oecf(oecf) if oecf else None,
     )
     rois, passed = (roi, ()) if roi else measuring.found_regions(light)
-    measured = measuring.measure(light, rois, mode=mode, target=target)
+    measured = measuring.measure(light, rois, mode=mode)
     notes = [*light.notes, *passed]
     rows = [region.row() for region in measured]
     if table:
@@ -116,13 +103,12 @@ def measure(
             "image": str(image),
             "mode": mode,
             "unit": light.unit,
-            "target": {"size_px": target.size_px, "contrast": target.contrast},
             "notes": notes,
             "regions": rows,
         }
         say_json(facts)
         return
-    _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
+    _print(measured)
     for note in notes:
         say(note, error=True)
     for path in (table, plot):
@@ -130,7 +116,7 @@ def measure(
             say(path)
 
 
-def _print(measured: list[Measured], target: str) -> None:
+def _print(measured: list[Measured]) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
@@ -143,7 +129,7 @@ def _print(measured: list[Measured], target: str) -> None:
         table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
         table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
         for metric in EDGE_METRICS:
-            label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
+            label = metric.label.replace(" / ", ", ")
             table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
         table.add_row("square, SNRI with", *(_second(region) for region in shown))
         show(table)

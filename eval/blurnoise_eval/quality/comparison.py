@@ -24,8 +24,7 @@ from blurnoise_eval.quality.picture import Coding, Linear
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
-BLOCK_PX = 16
-"""Side of the squares in which noise is looked for."""
+BLOCK_PX = 16  # side of the squares in which noise is looked for
 HEADS = ("quantity", "simulated", "real", "chance", "verdict")
 MOST_LEVELS = 8
 FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %

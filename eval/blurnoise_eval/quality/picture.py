@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +16,6 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.files import read_samples
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Estimate, Roi
@@ -30,16 +27,14 @@ from blurnoise_eval.system.tables import finite
 
 Coding = Literal["auto", "srgb", "linear"]
 
-LARGEST_TARGET_PX = 64
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
-_DOUBTS = {
+TARGET_PX, TARGET_CONTRAST = 10, 0.1
+"""The square that SNRI's ideal observer is to see: its side, and its Weber contrast to the region's mean level."""
+_DOUBTS = {  # flags of numbers, in words
     "noiseless": "no noise: what is measured against it has no bound",
     information.NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it "
     "for white",
 }
-"""Flags of numbers, in words."""
-_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
+_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: the numbers must be linear, or sRGB"
 _RESAMPLES = 200
 _FEWEST_LEVELS = 255  # of a converter
 
@@ -58,24 +53,11 @@ class Linear:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Square:
-    """A square that an ideal observer is to see: its side, px, and its Weber contrast to the region's mean level."""
-
-    size_px: int
-    contrast: float
-
-    def __post_init__(self) -> None:
-        checks.in_range("target_size", self.size_px, 1, LARGEST_TARGET_PX)
-        checks.limited("target_contrast", self.contrast, "contrast")
-
-
 class Pair(NamedTuple):
-    """An edge, one across the other axis, or the same again, and the square that an ideal observer is to see."""
+    """An edge, and one across the other axis, or the same again."""
 
     edge: SlantedEdge
     second: SlantedEdge
-    target: Square
 
 
 def _edge(measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
@@ -92,9 +74,8 @@ def _scalar(name: str) -> Callable[[Pair], Estimate]:
 
 def _square_snr(pair: Pair) -> Estimate:
     # square_snr's target is as high as the mean step of both
-    level, step = (sum(each.bright + sign * each.dark for each in pair[:2]) for sign in (1, -1))
-    scale = pair.target.contrast * level / 2 / step
-    return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
+    level, step = (sum(each.bright + sign * each.dark for each in pair) for sign in (1, -1))
+    return information.square_snr(*pair, side_px=TARGET_PX) * (TARGET_CONTRAST * level / 2 / step)
 
 
 EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
@@ -109,8 +90,11 @@ EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
     Metric("sic_square", "SIC square", "bits/px", "all frequencies", _both(information.capacity_square)),
     Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _edge(information.neq_0), "log"),
     Metric("neq_integral", "NEQ sum", "quanta/px", "all frequencies", _both(information.neq_integral), "log"),
-    Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
-)
+    Metric(
+        "snri", f"SNRI of {TARGET_PX} px, {100 * TARGET_CONTRAST:g} %", "1", "ideal observer of a square",
+        _square_snr, "log",
+    ),
+)  # fmt: skip
 """The numbers of a region in their order: a new one is a line here."""
 
 
@@ -141,56 +125,24 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-class Oecf(NamedTuple):
-    """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
-
-    numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
-    """
-
-    numbers: tuple[float, ...]
-    light: tuple[float, ...]
-
-
-def read_oecf(path: Path) -> Oecf:
-    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-    Raises ``OSError``, and ``ValueError`` for other content.
-    """
-    oecf = Oecf(*read_samples(path, 1, "a digital number"))
-    for name, values in oecf._asdict().items():
-        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-        if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
-    return oecf
-
-
 def linear(
-    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
-    oecf: Oecf | None = None,
+    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None
 ) -> Linear:  # fmt: skip
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
-    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
-    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
-    coding, and for numbers that do not fit.
+    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture. Raises
+    ``ValueError`` for them beside sRGB coding, and for numbers that do not fit.
     """
     bits = 8 * picture.itemsize
     planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
     levels = {"black_level": black_level, "full_scale": full_scale}
     given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
-    if oecf is not None:
-        if given or coding != "auto":
-            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
-        least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
-        light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
-        note = f"made linear by a grey scale of {len(oecf.light)} fields"
-        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
-        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
-        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
-        notes.append(f"{bits} bits: taken as {usual}")
+        made_linear = "sRGB-coded and made linear; --linear takes the numbers as they are"
+        as_is = "linear; --srgb if the picture is sRGB-coded"
+        notes.append(f"{bits} bits: taken as {made_linear if coded else as_is}")
     if coded and given:
         raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
     if coded:
@@ -227,9 +179,7 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
     return found.rois, (left_out,) * (found.left_out > 0)
 
 
-def measure(
-    light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
-) -> list[Measured]:
+def measure(light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact") -> list[Measured]:
     """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
@@ -242,7 +192,7 @@ def measure(
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
-        pair = Pair(edge, edge if second is None else edges[second], target or Square(10, 0.1))
+        pair = Pair(edge, edge if second is None else edges[second])
         estimates = {metric.name: metric.of(pair) for metric in EDGE_METRICS}
         flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
         doubts = [flag.value for flag in Flag if flag in edge.flags]

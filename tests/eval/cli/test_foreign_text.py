@@ -84,10 +84,8 @@ def test_a_camera_shows_its_sources_as_they_are(camera: Path, capsys: Output) ->
 
 
 @pytest.mark.slow
-def test_quality_and_gallery_draw_a_camera_by_its_name(camera: Path, pictures: Path, capsys: Output) -> None:
+def test_quality_draws_a_camera_by_its_name(camera: Path, capsys: Output) -> None:
     folder = camera.parent
-    drawn = [str(pictures / "a.png"), "-o", str(folder / "g.png"), "--count", "2", "--size", "64"]
-    assert main(["gallery", *drawn, "--camera", str(camera)]) == 0
     few = ["--exposure-ms", "10", "--lux", "50", "--dx", "0", "--repeats", "1", "--threads", "1"]
     assert main(["quality", "-o", str(folder / "quality"), "--camera", str(camera), *few]) == 0
     assert "\x1b" not in capsys.readouterr().out
