@@ -163,7 +163,7 @@ def _directories(path: Path) -> list[Tags]:
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is no sound DNG file: {error}") from None
             below = [*_numbers(directory, _SUB), *_numbers(directory, _EXIF), directory.next]
-            places += {int(each) for each in below if each} - {*places}
+            places += [int(each) for each in below if each and each not in places]
     refuse(not any(found), "is no DNG file: it has no tags")
     return found
 

@@ -107,16 +107,14 @@ REFUSED: dict[str, tuple[Callable[[Planes], Planes], str]] = {
     "bands": (lambda p: flats(p, banded), "flickering in bands"),
     "filtered": (lambda p: flats(p, blurred), "filtered or lossy"),
     "compressed": (lambda p: every(p, squeezed), "filtered or lossy"),
-    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "all the same"),
+    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "all frames are the same"),
     "two exposures": (lambda p: dict(list(p.items())[:4]), "frames: 2 flat exposures; must be 3"),
     "no dark": (lambda p: {key: x for key, x in p.items() if key[0] == "flat"}, "no dark ones"),
     "one frame": (
         lambda p: {**p, ("flat", 0.05): p["flat", 0.05][:1]}, r"flat_50.0000ms_0.npy: alone; must be two"
     ),
-    "sizes": (
-        lambda p: of_50_ms(p, lambda x: x[:, :-1]), "mixed sizes, 120 x 96 px; the frames before it: 121 x 96"
-    ),
-    "depths": (lambda p: of_50_ms(p, sixteenth), "mixed depths, 8 bits; the frames before it: 16"),
+    "sizes": (lambda p: of_50_ms(p, lambda x: x[:, :-1]), "this is 120 x 96 px, .* before it 121 x 96 px"),
+    "depths": (lambda p: of_50_ms(p, sixteenth), "this is 121 x 96 px, 8 bits; .* before it .* 16 bits"),
 }  # fmt: skip
 
 
