@@ -179,7 +179,9 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
                 *((edge.mtf50, edge.noise_intervals["mtf50"]) for edge in edges), strict=True
             )
             chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / values)
-            found.append(Quantity("MTF50 at {},{}".format(*both[0].roi), "cycles/px", *values, chance))
+            found.append(
+                Quantity("MTF50 at {},{}".format(*both[0].roi), "cycles/px", values[0], values[1], chance)
+            )
     return found[:MOST_EDGES]
 
 
@@ -201,8 +203,8 @@ def _octaves(shares: Floats, noise: Floats | None) -> list[Quantity]:
     while high * min(height, width) >= 8:
         ring = (radius > high / 2) & (radius <= high)
         error = 2.1 * np.sqrt(variance[:, ring].sum(1)) / power[:, ring].sum(1)
+        simulated, real = power[:, ring].mean(1).tolist()
         name = f"power, {high / 2:.3g} to {high:.3g} c/px"
-        chance = _Z * float(np.hypot(*error))
-        found.append(Quantity(name, "px^2", *power[:, ring].mean(1).tolist(), chance))
+        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*error)))
         high /= 2
     return found
