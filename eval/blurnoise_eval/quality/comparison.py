@@ -175,13 +175,11 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
         edges = [each.edge for each in both]
         usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
         if usable and edges[0].bright_side == edges[1].bright_side:
-            values, ranges = zip(
-                *((edge.mtf50, edge.noise_intervals["mtf50"]) for edge in edges), strict=True
-            )
-            chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / values)
-            found.append(
-                Quantity("MTF50 at {},{}".format(*both[0].roi), "cycles/px", values[0], values[1], chance)
-            )
+            one, other = (edge.mtf50 for edge in edges)
+            ranges = [edge.noise_intervals["mtf50"] for edge in edges]
+            chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / (one, other))
+            name = "MTF50 at {},{}".format(*both[0].roi)
+            found.append(Quantity(name, "cycles/px", one, other, chance))
     return found[:MOST_EDGES]
 
 
