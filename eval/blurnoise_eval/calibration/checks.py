@@ -37,9 +37,8 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
     for level in dark:
         zero, noise = level.share(0), math.sqrt(level.variance_dn2)
         cut = level.highest_dn == 0 or (zero > PILED and level.mean_dn + 0.5 < 3 * noise)
-        refuse(
-            cut, f"{level}: clipped, {100 * zero:.3g} % of its pixels are 0; raise the camera's black level"
-        )
+        share = f"{100 * zero:.3g} % of its pixels are 0"
+        refuse(cut, f"{level}: clipped, {share}; raise the camera's black level")
     rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
     lamp = "use a steady lamp, or exposures of whole periods"
     for level in flat:
@@ -57,9 +56,8 @@ def check_noise(flat: Sequence[Level]) -> None:
         raw = "must be the sensor's own numbers, not demosaiced, denoised, resized or compressed"
         why = f"filtered or lossy, the noise of neighbouring pixels correlates by {level.correlation:.2f}"
         refuse(alike and level.variance_dn2 > 0.5, f"{level}: {why}; {raw}")
-        refuse(
-            level.variance_dn2 == 0, f"{level}: all frames are the same; must be taken one after the other"
-        )
+        same = f"{level}: all frames are the same; must be taken one after the other"
+        refuse(level.variance_dn2 == 0, same)
 
 
 def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
@@ -217,5 +215,5 @@ def _blocks(growth: Floats) -> Floats:
     """Medians of blocks of the picture, of each of the four places of a mosaic."""
     down, across = (side // (2 * _BLOCKS) for side in growth.shape)
     cut = growth[: 2 * _BLOCKS * down, : 2 * _BLOCKS * across]
-    blocks = cut.reshape(_BLOCKS, down, 2, _BLOCKS, across, 2).transpose(0, 3, 2, 5, 1, 4)
-    return np.asarray(np.median(blocks.reshape(4 * _BLOCKS**2, -1), -1))
+    blocks = cut.reshape(_BLOCKS, down, 2, _BLOCKS, across, 2)
+    return np.asarray(np.median(blocks, (1, 4))).ravel()

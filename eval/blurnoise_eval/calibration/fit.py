@@ -11,19 +11,11 @@ import numpy as np
 
 from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.calibration import checks, levels
+from blurnoise_eval.calibration import checks, levels, transfer
 from blurnoise_eval.calibration.checks import Doubt
 from blurnoise_eval.calibration.frames import Floats, Folder, Size, refuse
 from blurnoise_eval.calibration.levels import Level, columns, level_of
-from blurnoise_eval.calibration.transfer import (
-    TWO_NUMBERS_DN,
-    Linearity,
-    Transfer,
-    dark_line,
-    fit,
-    linearity,
-    root,
-)
+from blurnoise_eval.calibration.transfer import Linearity, Transfer
 
 _MOST_FOR_PATTERN = 8  # levels whose mean frames are read again, for PRNU
 
@@ -70,25 +62,29 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
         level, mean = level_of(files.planes(frames), frames[0])
         dark.append(level)
         dark_mean = dark_mean + (mean - level.mean_dn) / len(files.dark)
-    line = dark_line(dark)
+    line = transfer.dark_line(dark)
 
     def lit(place: int) -> tuple[Level, Floats]:
         first = files.flat[place][0]
         return level_of(files.planes(files.flat[place]), first, line.at(first.exposure_s))
 
     flat = [lit(place)[0] for place in range(len(files.flat))]
-    bits = _depth(max(level.highest_dn for level in [*dark, *flat]), bit_depth)
+    highest_dn = max(level.highest_dn for level in [*dark, *flat])
+    bits = bit_depth or next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
+    refuse(
+        highest_dn >= 2**bits, f"bit_depth = {bits}: frames hold {highest_dn}; must be at most {2**bits - 1}"
+    )
     checks.check_levels(dark, flat)
     clip_dn, usable = checks.clipping(flat, line.offset, 2.0**bits - 1)
     used = [flat[place] for place in usable]
     checks.check_noise(used)
 
     pattern = levels.dark_pattern(dark_mean, dark)
-    found = fit(dark, used, pattern)
+    found = transfer.fit(dark, used, pattern)
     exposure, mean_dn = columns(flat, "exposure_s", "mean_dn")
     signal = mean_dn - found.dark.at(exposure)
-    top_dn = (max(level.mean_dn for level in used) if clip_dn is None else clip_dn) - found.dark.offset
-    linear = linearity(flat, signal, top_dn)
+    top_dn = (clip_dn or max(level.mean_dn for level in used)) - found.dark.offset
+    linear = transfer.linearity(flat, signal, top_dn)
     estimates = found.estimates(dark[0].pixels)
     if clip_dn is not None:
         estimates["full_well_e"] = found.electrons(top_dn, found.dark.offset_error)
@@ -104,51 +100,31 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     noise = levels.noise_of_mean(bright) + levels.noise_of_mean(dark)
     response = levels.response_pattern(light - dark_mean, noise)
     power = float(signal[chosen].mean()) ** 2
-    estimates["prnu"] = root(response.fixed_dn2 / power, response.error_dn2 / power)
+    estimates["prnu"] = transfer.root(response.fixed_dn2 / power, response.error_dn2 / power)
     first = checks.warming(dark, found) or checks.tone_curve(dark, used, found)
     stray = None if first else checks.stray_light(files, dark, bright, light, found)
     doubts = [doubt for doubt in (first, checks.hot_pixels(pattern, found), stray) if doubt]
     for doubt in doubts:
         doubt.widen(estimates)
+    notes = _notes(found, files.step_dn, len(flat) - len(used))
     return Measurement(
-        estimates=estimates,
-        dark=dark,
-        flat=flat,
-        used=usable,
-        fit=found,
-        linearity=linear,
-        size_px=files.size_px,
-        bit_depth=bits,
-        bits_given=bit_depth is not None,
-        clip_dn=clip_dn,
-        notes=_notes(found, files.step_dn, len(flat) - len(used)),
-        doubts=doubts,
-    )
-
-
-def _depth(highest_dn: int, given: int | None) -> int:
-    if given is None:
-        return next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
-    most = 2**given - 1
-    refuse(highest_dn > most, f"bit_depth = {given}: frames hold {highest_dn}; must be at most {most}")
-    return given
+        estimates=estimates, dark=dark, flat=flat, used=usable, fit=found, linearity=linear, size_px=files.size_px,
+        bit_depth=bits, bits_given=bit_depth is not None, clip_dn=clip_dn, notes=notes, doubts=doubts,
+    )  # fmt: skip
 
 
 def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
     """What was assumed, and what else to know of the figures."""
-    bounds = (
-        ", and are bounds only, with black level and dark current" if fit.noise_dn < TWO_NUMBERS_DN else ""
-    )
+    bounds = ", and are bounds only, with black level and dark current"
+    bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
     dark = f"noise in the dark is {fit.noise_dn:.2g} DN before rounding, which rules there"
+    hidden = "the camera takes dark charge off the mean: dark current is that of the variance"
     every = (
         (step > 1, f"all numbers are multiples of {step}: counted in steps of {step}"),
         (math.isnan(fit.dark.slope), "dark frames of one exposure: dark current is part of the black level"),
         (fit.rounding, f"{dark}: read noise and DSNU rest on the noise being normal{bounds}"),
         (left_out > 0, f"{left_out} flat levels near or beyond saturation are left out of the fit"),
-        (
-            fit.hidden_dn2_s[0] > 0,
-            "the camera takes dark charge off the mean: dark current is that of the variance",
-        ),
+        (fit.hidden_dn2_s[0] > 0, hidden),
         (fit.widened, "the variances scatter beyond chance about the line: intervals are widened for that"),
     )
     return [text for applies, text in every if applies]

@@ -54,11 +54,8 @@ class Frame(BaseModel, frozen=True, extra="forbid"):
     @property
     def level(self) -> tuple[float, float, bool]:
         """What frames of one level have in common, in the order of levels."""
-        return (
-            self.exposure_s,
-            -1.0 if self.photons_per_px is None else self.photons_per_px,
-            self.kind == "flat",
-        )
+        light = -1.0 if self.photons_per_px is None else self.photons_per_px
+        return self.exposure_s, light, self.kind == "flat"
 
 
 class Folder:
@@ -76,21 +73,20 @@ class Folder:
         self.dark = [frames for frames in levels if frames[0].kind == "dark"]
         self.flat = [frames for frames in levels if frames[0].kind == "flat"]
         refuse(not self.dark, "frames: no dark ones; must be two or more, with the lens covered")
-        refuse(
-            len(self.flat) < FEWEST_FLAT,
-            f"frames: {len(self.flat)} flat exposures; must be 3, better 8 or more",
-        )
+        few = f"frames: {len(self.flat)} flat exposures; must be 3, better 8 or more"
+        refuse(len(self.flat) < FEWEST_FLAT, few)
         for frame, *others in levels:
             refuse(not others, f"{frame.file}: alone; must be two of each level, to tell noise from pattern")
-        before: dict[str, str] = {}
+        before = ""
         held = np.zeros(1 << 16, bool)
         for frame in ordered:
             plane = read_plane(frame.file, raw_size_px)
             held[plane] = True
             height, width = plane.shape
-            for what, here in (("sizes", f"{width} x {height} px"), ("depths", f"{8 * plane.itemsize} bits")):
-                first = before.setdefault(what, here)
-                refuse(here != first, f"{frame.file}: mixed {what}, {here}; the frames before it: {first}")
+            here = f"{width} x {height} px, {8 * plane.itemsize} bits"
+            before = before or here
+            mixed = f"{frame.file}: mixed frames, this is {here}; those before it {before}"
+            refuse(here != before, mixed)
         self.size_px, self.step_dn = (width, height), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
 
     def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
@@ -158,23 +154,20 @@ def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
     16 bits, and files that cannot be read; ``OSError`` where the file is missing.
     """
     check_regular(path)
-    with path.open("rb") as file:
-        head = file.read(4)
     try:
+        with path.open("rb") as file:
+            head = file.read(4)
         for magic, name in _LOSSY.items():
-            refuse(
-                head.startswith(magic), f"{name} is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
-            )
+            lossy = f"{name} is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
+            refuse(head.startswith(magic), lossy)
         plane = READERS.get(path.suffix.lower(), _raw)(path, raw_size_px)
-        refuse(
-            plane.ndim != 2, f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
-        )
+        colours = f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
+        refuse(plane.ndim != 2, colours)
         size = "{1} x {0}".format(*plane.shape)
         refuse(min(plane.shape) < SMALLEST_PX, f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-    kept: Plane = plane.astype(np.uint8) if plane.dtype == np.uint8 else plane.astype(np.uint16)
-    return kept
+    return plane if plane.dtype == np.uint8 else plane.astype(np.uint16)
 
 
 def _array(path: Path, _: Size | None) -> NDArray[Any]:

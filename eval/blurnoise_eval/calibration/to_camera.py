@@ -28,18 +28,9 @@ from blurnoise_eval.system.files import check_regular
 
 Tags = Mapping[int, Any]
 NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
-_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SUB, _EXIF, _F_NUMBER, _ISO = (
-    256,
-    257,
-    258,
-    262,
-    330,
-    34665,
-    33437,
-    34855,
-)
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SUB, _EXIF = 256, 257, 258, 262, 330, 34665
+_F_NUMBER, _ISO = 33437, 34855
 _RAW = (32803, 34892)  # colour filter array, linear raw
-_MOST_DIRECTORIES = 64
 _GREEN = 1  # of NoiseProfile's planes, in the order red, green, blue
 Known = dict[str, tuple[Any, str]]
 """Values and their sources, by the camera's field."""
@@ -74,7 +65,7 @@ def camera_of(
         doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
         known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
     known.pop("linearity_error", None)
-    if "full_well_e" not in estimates:
+    if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
         brightest = (max(level.mean_dn for level in found.flat) - black) / gain
         limit = f"assumed: the converter's limit; no frame clips, up to {brightest:.4g} electrons"
@@ -114,14 +105,13 @@ def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
         raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
         # a tag of the raw picture before that of its preview
         tags = ChainMap(dict(raw), *(dict(each) for each in directories))
-        iso, f_number = (_numbers(tags, each, None)[0] for each in (_ISO, _F_NUMBER))
-        at = "" if iso is None else f" at ISO {iso:g}"
+        at = f" at ISO {_numbers(tags, _ISO)[0]:g}" if _ISO in tags else ""
         known = _levels(raw, tags, f"of {path.name}{at}")
         for name, tag in (("width_px", _WIDTH), ("height_px", _HEIGHT)):
             if tag in raw:
                 known[name] = (int(raw[tag]), f"stated: size of the raw picture of {path.name}")
-        if f_number is not None and f_number > 0:
-            known["f_number"] = (f_number, f"stated: FNumber of {path.name}")
+        if _numbers(tags, _F_NUMBER, 0)[0] > 0:
+            known["f_number"] = (_numbers(tags, _F_NUMBER)[0], f"stated: FNumber of {path.name}")
         return on_base(str(tags.get(MODEL) or path.stem).strip("\0 ") + at, known, base)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
@@ -129,13 +119,13 @@ def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
 
 def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     """Gain, noise and levels, with their sources."""
-    profile = _numbers(tags, NOISE_PROFILE, ())
+    profile = _numbers(tags, NOISE_PROFILE)
     refuse(not profile, "states no NoiseProfile (tag 51041); measure frames: blurnoise cameras fit FOLDER")
     pairs = len(profile) % 2 == 0 and np.isfinite(profile).all() and min(profile[::2]) > 0
     refuse(not pairs, f"NoiseProfile = {profile}: must be pairs of S > 0 and O")
-    planes = len(profile) // 2
-    used = min(_GREEN, planes - 1)
-    scale, offset = profile[2 * used : 2 * used + 2]
+    planes = np.reshape(profile, (-1, 2)).tolist()
+    used = min(_GREEN, len(planes) - 1)
+    scale, offset = planes[used]
     bits = int(max(_numbers(raw, _BITS, 16)))
     white = min(_numbers(raw, WHITE_LEVEL, 2**bits - 1))
     black = float(np.mean(_numbers(raw, BLACK_LEVEL, 0)))
@@ -143,9 +133,9 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     refuse(not sound, f"{levels}: must be 0 <= black < white <= 65535")
     span, gain = white - black, scale * (white - black)
     read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
-    profiled = f"from NoiseProfile {of}" + ("" if planes == 1 else f", its plane {used + 1} of {planes}")
-    whole = f"derived: the fewest bits that hold WhiteLevel {white:g}"
-    depth = whole if WHITE_LEVEL in raw else "stated: BitsPerSample"
+    profiled = f"from NoiseProfile {of}" + (f", its plane {used + 1} of {len(planes)}" if used else "")
+    depth = f"derived: the fewest bits that hold WhiteLevel {white:g}"
+    depth = depth if WHITE_LEVEL in raw else "stated: BitsPerSample"
     level = "stated: BlackLevel" if BLACK_LEVEL in raw else "assumed: no BlackLevel, so 0,"
     return {
         "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),
@@ -172,15 +162,13 @@ def _directories(path: Path) -> list[Tags]:
                 found.append(dict(directory))
             except Exception as error:  # Pillow raises all sorts
                 raise ValueError(f"is no sound DNG file: {error}") from None
-            below = [*_numbers(directory, _SUB, ()), *_numbers(directory, _EXIF, ()), directory.next]
-            new = [int(each) for each in below if each and each not in places]
-            places += new[: _MOST_DIRECTORIES - len(places)]
+            below = [*_numbers(directory, _SUB), *_numbers(directory, _EXIF), directory.next]
+            places += [int(each) for each in below if each and each not in places]
     refuse(not any(found), "is no DNG file: it has no tags")
     return found
 
 
-def _numbers(tags: Tags, tag: int, default: Any) -> list[Any]:
+def _numbers(tags: Tags, tag: int, default: Any = ()) -> list[float]:
     """A tag's numbers, one or many, NaN for fractions over 0; those of ``default`` without it."""
     value = tags.get(tag, default)
-    every = value if isinstance(value, (tuple, list)) else (value,)
-    return [None if each is None else float(each) for each in every]
+    return [float(each) for each in (value if isinstance(value, (tuple, list)) else (value,))]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -26,10 +27,8 @@ from blurnoise_eval.calibration.levels import Level, Pattern, columns
 
 F = TypeVar("F", float, Floats)
 Z = 1.959964  # of a normal number, two-sided 95 %
-SURELY = 5.0
-"""Standard deviations from which on something is there."""
-SUSPICIOUS = 0.01
-"""Probability of the scatter about a line below which its errors are widened to the scatter."""
+SURELY = 5.0  # standard deviations from which on something is there
+SUSPICIOUS = 0.01  # probability of the scatter about a line below which its errors are widened to the scatter
 PLAIN_DN2 = 0.7**2
 """Variance before rounding from which on it adds 1/12: the first term left out is 2e^(-2 pi^2 0.49), 0.01 %."""
 TWO_NUMBERS_DN = 0.2
@@ -149,12 +148,9 @@ def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Trans
         if found.rounding or not more > SURELY * line.slope_error:  # nor where it is NaN
             break
         hidden = more, line.slope_error
-        found = _fit(_less(dark, more), _less(flat, more), pattern)
+        every = [replace(x, variance_dn2=x.variance_dn2 - more * x.exposure_s) for x in (*dark, *flat)]
+        found = _fit(every[: len(dark)], every[len(dark) :], pattern)
     return replace(found, hidden_dn2_s=hidden)
-
-
-def _less(levels: Sequence[Level], dn2_s: float) -> list[Level]:
-    return [replace(each, variance_dn2=each.variance_dn2 - dn2_s * each.exposure_s) for each in levels]
 
 
 def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
@@ -174,16 +170,14 @@ def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Tran
     for _ in range(3):
         found = least_squares(
             lambda unknown: data.residuals(unknown * scale),
-            np.maximum(start / scale, low),
-            bounds=(low, np.inf),
-            x_scale="jac",
-        )
+            np.maximum(start / scale, low), bounds=(low, np.inf), x_scale="jac",
+        )  # fmt: skip
         start = found.x * scale
         data.weigh(data.model(start)[0])
     residuals = data.residuals(start)
-    if not rounding:
-        residuals = residuals[: len(data.seen)]  # the pattern always fits
-    factor = _widened(float((residuals**2).sum()), len(residuals) - (len(start) if rounding else 2))
+    if not rounding:  # the pattern, and its spread, always fit
+        residuals = residuals[: len(data.seen)]
+    factor = _widened(residuals, len(start) if rounding else 2)
     covariance = factor * np.linalg.pinv(found.jac.T @ found.jac) * np.outer(scale, scale)
     if rounding:
         values, errors = ([*each[3:], math.nan][:2] for each in (start, np.sqrt(np.diag(covariance))))
@@ -237,12 +231,10 @@ class _Data:
 
     def best_start(self, start: Floats) -> Floats:
         """Of starts over read noise and the phase of the black level the best: there are several minima."""
+        gain, _, spread, offset, slope = start
         tries = [start]
-        for step in range(8):
-            for phase in (-0.4, -0.2, 0.0, 0.2, 0.4):
-                tries.append(
-                    np.array([start[0], (0.04 * 1.5**step) ** 2, start[2], start[3] + phase, start[4]])
-                )
+        for step, phase in product(range(8), (-0.4, -0.2, 0.0, 0.2, 0.4)):
+            tries.append(np.array([gain, (0.04 * 1.5**step) ** 2, spread, offset + phase, slope]))
         return min(tries, key=lambda each: float((self.residuals(each) ** 2).sum()))
 
 
@@ -281,13 +273,14 @@ def _weighted_fit(design: Sequence[Floats], y: Floats, error: Floats) -> tuple[l
     """Factors (k,) of the k columns (n,) whose sum is next to y (n,), and their standard deviations."""
     scaled, of = np.stack(design, 1) / error[:, None], y / error
     values, *_ = np.linalg.lstsq(scaled, of)
-    factor = _widened(float(((scaled @ values - of) ** 2).sum()), len(y) - len(values))
+    factor = _widened(scaled @ values - of, len(values))
     covariance = factor * np.linalg.inv(scaled.T @ scaled)
     return values.tolist(), np.sqrt(np.diag(covariance)).tolist()
 
 
-def _widened(chi_square: float, freedom: int) -> float:
+def _widened(residuals: Floats, fitted: int) -> float:
     """By how much a variance grows for scatter beyond chance: chi-square per degree of freedom, or 1."""
+    chi_square, freedom = float((residuals**2).sum()), len(residuals) - fitted
     if freedom < 1 or chi2.sf(chi_square, freedom) > SUSPICIOUS:
         return 1.0
     return max(1.0, chi_square / freedom)

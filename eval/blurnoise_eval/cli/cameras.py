@@ -24,9 +24,6 @@ def cameras(
     save: Annotated[
         Path | None, Option(parser=new_file, metavar="OUT.yaml", help="write it, to edit; or OUT.json")
     ] = None,
-    plot: Annotated[
-        Path | None, Option(parser=new_file, metavar="OUT.png", help="draw its photon transfer, measured")
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the camera presets, or show every figure of one camera and its source.
@@ -34,18 +31,16 @@ def cameras(
       blurnoise cameras                              the presets, a line each
       blurnoise cameras imx250 --save mine.yaml      a starting point for your own
       blurnoise cameras fit frames/ -o mine.yaml     your own, from dark and flat frames
-      blurnoise cameras mine.yaml --plot mine.png    variance against mean, and SNR
       blurnoise sweep --camera mine.yaml -o run      the answer for it
 
     A file may hold 'base: imx250' and only the fields that differ.
     """
     from blurnoise.optics.camera import PRESETS
     from blurnoise_eval import cameras as tables
-    from blurnoise_eval.system.files import plot_suffix, write_figure
 
     if camera is None:
-        if save or plot:
-            raise ValueError("save, plot: need a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
+        if save:
+            raise ValueError("save: needs a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
         presets = list(PRESETS.values())
         if as_json:
             say_json([tables.facts(preset) for preset in presets])
@@ -53,16 +48,11 @@ def cameras(
             show(tables.overview(presets))
         return
     found = tables.find(camera)
-    if plot:
-        plot_suffix(plot)  # before a file is made
     if save:
         found.save(save)
-    if plot:
-        from blurnoise_eval.calibration.figure import draw_camera
-
-        write_figure(plot, draw_camera(found), dpi=150)
     if as_json:
         say_json(tables.facts(found))
         return
     show(tables.figures(found))
-    say(*filter(None, (save, plot)))
+    if save:
+        say(save)

@@ -1,7 +1,7 @@
 """Map of the longest exposure that keeps motion blur within a limit, for every pixel of a camera on a vehicle.
 
-A map is of a scene: the road with the sky above it, or those behind a frontal plane; its figures are then of the
-plane alone. Exposures in s, inf where nothing moves, NaN beyond what the lens sees.
+Scenes: the road with the sky above it, and frontal planes before them, each with figures of the plane alone.
+Exposures in s, inf where nothing moves, NaN beyond what the lens sees.
 """
 
 from __future__ import annotations
@@ -13,10 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
-from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
@@ -26,11 +23,14 @@ from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics.spectra import Floats
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.tables import finite
+from blurnoise_eval.system.tables import csv_lines, finite
 from blurnoise_eval.system.terminal import plain
 
 COLUMNS = ("scene", "x_px", "y_px", "range_m", "flow_x_px_s", "flow_y_px_s", "longest_exposure_ms")
 ROAD = "road and sky"
+_PLACES = {
+    "bottom_edge": "at the bottom edge", "horizon": "at the horizon", "all": "for all of it", "half": "for half of it"
+}  # fmt: skip
 _DRAWN = 320  # points of a map along its longer side; it is smooth
 _LISTED = 33
 MOST_PLANES = 7
@@ -38,10 +38,8 @@ _MOST_LEVELS = 12
 
 
 class ExposureMap(NamedTuple):
-    """A scene, and what its pixels (2, H, W) see: ranges, m, flow (2, H, W), px/s, longest exposures, s.
-
-    own: (H, W), the pixels that count in shares of the scene.
-    """
+    """A scene: pixels (2, H, W), their ranges (H, W), m, flow (2, H, W), px/s, longest exposures, s, and which of
+    them count in shares of the scene."""
 
     scene: str
     pixels: Floats
@@ -60,43 +58,32 @@ class ExposureMap(NamedTuple):
         return float((self.longest_s[self.own] >= exposure_s).mean()) if self.own.any() else 1.0
 
     def limits_s(self) -> dict[str, float]:
-        """Exposures for all of a scene, for half of it, and for places of the picture; inf where any will do.
-
-        bottom_edge, horizon: of road and sky, the shortest along them; without a horizon where none is seen.
-        """
-        limits = {"all": self.at_share_s(1.0), "half": self.at_share_s(0.5)}
+        """Exposures for all and half of a scene; of road and sky the shortest along the bottom edge and the horizon,
+        where one is seen. inf: any."""
+        limits = {}
         if self.scene == ROAD:
             limits["bottom_edge"] = float(np.nanmin(self.longest_s[-1], initial=math.inf))
-            sky = np.isinf(self.range_m)
-            edge = sky[:-1] & np.isfinite(self.range_m[1:])
+            edge = np.isinf(self.range_m[:-1]) & np.isfinite(self.range_m[1:])
             if edge.any():
                 limits["horizon"] = float(self.longest_s[:-1][edge].min())
-        return limits
+        return limits | {"all": self.at_share_s(1.0), "half": self.at_share_s(0.5)}
 
     def facts(self, exposure_s: float | None = None) -> dict[str, str | float | None]:
-        """:meth:`limits_s` in ms for JSON, None without limit or horizon; with an exposure the share it serves."""
-        found: dict[str, str | float | None] = {"scene": self.scene}
-        found |= {f"{name}_ms": finite(1e3 * limit) for name, limit in self.limits_s().items()}
-        if self.scene == ROAD:
-            found.setdefault("horizon_ms", None)
-        return found if exposure_s is None else found | {"share": self.share(exposure_s)}
+        """:meth:`limits_s` in ms, None without limit; with an exposure the share of the scene within the limit."""
+        limits = {f"{name}_ms": finite(1e3 * limit) for name, limit in self.limits_s().items()}
+        return {"scene": self.scene, **limits} | ({"share": self.share(exposure_s)} if exposure_s else {})
 
     def sentence(self, blur_px: float, exposure_s: float | None = None) -> str:
-        """What the map answers; with an exposure, how much of the scene it serves."""
-        limits = {name: _ms(limit) for name, limit in self.limits_s().items()}
-        half = f"keeps below {blur_px:g} px up to {limits['half']}"
+        """The limits in words; with an exposure, the share of the scene within the limit."""
+        limits = [
+            f"{1e3 * limit:.3g} ms {_PLACES[name]}" if math.isfinite(limit) else f"no limit {_PLACES[name]}"
+            for name, limit in self.limits_s().items()
+        ]
         if exposure_s is not None:
-            half += f"; {100 * self.share(exposure_s):.0f} % of it at {_ms(exposure_s)}"
-        if self.scene != ROAD:
-            return f"{blur_px:g} px, {self.scene}: {limits['all']} for all of it; half of it {half}"
-        there = f", {limits['horizon']} at the horizon" if "horizon" in limits else ""
-        return (
-            f"{blur_px:g} px: {limits['bottom_edge']} at the bottom edge{there}; half of the picture {half}"
-        )
-
-
-def _ms(time_s: float) -> str:
-    return f"{1e3 * time_s:.3g} ms" if math.isfinite(time_s) else "no limit"
+            limits.append(
+                f"{100 * self.share(exposure_s):.0f} % of it keeps within at {1e3 * exposure_s:.3g} ms"
+            )
+        return f"{blur_px:g} px, {self.scene}: {', '.join(limits)}"
 
 
 def longest_exposure_s(flow_px_s: Floats, blur_px: float = 1.0) -> Floats:
@@ -143,50 +130,44 @@ def write_values(
         raise ValueError(f"values = {str(path)!r}: must end in .csv or .npy")
     most = _LISTED if path.suffix == ".csv" else None
     maps = maps_of(view, mount, motion, planes_m, blur_px=blur_px, most=most)
-    if path.suffix == ".csv":
-        lines = [",".join(COLUMNS)]
-        for found in maps:
-            columns = np.stack([*found.pixels, found.range_m, *found.flow_px_s, 1e3 * found.longest_s])
-            for values in columns.reshape(len(columns), -1).T.tolist():
-                lines.append(
-                    ",".join([found.scene, *(f"{v:.6g}" if math.isfinite(v) else "" for v in values)])
-                )
-        write_whole(path, "".join(f"{line}\r\n" for line in lines).encode())
+    if path.suffix == ".npy":
+        data = io.BytesIO()
+        np.save(data, np.stack([1e3 * found.longest_s for found in maps]).astype(np.float32))
+        write_whole(path, data.getvalue())
         return
-    data = io.BytesIO()
-    np.save(data, np.stack([1e3 * found.longest_s for found in maps]).astype(np.float32))
-    write_whole(path, data.getvalue())
+    rows = []
+    for found in maps:
+        columns = np.stack([*found.pixels, found.range_m, *found.flow_px_s, 1e3 * found.longest_s])
+        for values in columns.reshape(len(columns), -1).T:
+            rows.append(dict(zip(COLUMNS, [found.scene, *map(finite, values)], strict=True)))
+    write_whole(path, "".join(csv_lines(COLUMNS, rows)).encode())
 
 
 def draw(maps: Sequence[ExposureMap], view: View, blur_px: float, title: str) -> Figure:
     """Contours of the longest exposure on the picture plane, a panel for each map."""
     levels_ms = _levels(maps)
+    norm = BoundaryNorm(levels_ms, 256, extend="both")
     tall = max(2.2, min(5.5, 4.4 * view.height_px / view.width_px))
     figure, panels = small_multiples(len(maps), min(2, len(maps)), (4.6, tall + 0.4), (0.9, 0.5))
     for axes, found in zip(panels, maps, strict=True):
-        drawn = _panel(axes, found, view, levels_ms)
+        x, y = found.pixels
+        within = np.clip(1e3 * found.longest_s, 0.999 * levels_ms[0], 1.001 * levels_ms[-1])
+        shown = np.ma.masked_invalid(within)
+        drawn = axes.contourf(x, y, shown, levels_ms, cmap="viridis", norm=norm, extend="both")
+        crossed = [level for level in levels_ms if shown.min() < level < shown.max()]
+        if crossed:
+            lines = axes.contour(x, y, shown, crossed, colors="k", linewidths=0.7)
+            axes.clabel(lines, fmt=lambda level: f"{level:g} ms", fontsize=7.5)
+        sky = np.isinf(found.range_m)
+        if sky.any() and not sky.all():
+            axes.contour(x, y, sky, [0.5], colors="w", linewidths=1.2, linestyles="--")  # the horizon
+        tidy(axes, title=found.scene, x="x / px", y="y / px")
+        axes.set(xlim=(-0.5, view.width_px - 0.5), ylim=(view.height_px - 0.5, -0.5), aspect="equal")
     bar = figure.colorbar(drawn, ax=panels, ticks=levels_ms, pad=0.02, aspect=40)
     bar.set_label(f"Longest exposure for {blur_px:g} px of motion blur / ms", fontsize=9)
     plain_numbers(bar.ax.yaxis)
     figure.suptitle(plain(title), fontsize=10, parse_math=False)
     return figure
-
-
-def _panel(axes: Axes, found: ExposureMap, view: View, levels_ms: Sequence[float]) -> ContourSet:
-    x, y = found.pixels
-    shown = np.ma.masked_invalid(np.clip(1e3 * found.longest_s, 0.999 * levels_ms[0], 1.001 * levels_ms[-1]))
-    norm = BoundaryNorm(levels_ms, 256, extend="both")
-    drawn = axes.contourf(x, y, shown, levels_ms, cmap=colormaps["viridis"], norm=norm, extend="both")
-    crossed = [level for level in levels_ms if shown.min() < level < shown.max()]
-    if crossed:
-        lines = axes.contour(x, y, shown, crossed, colors="k", linewidths=0.7)
-        axes.clabel(lines, fmt=lambda level: f"{level:g} ms", fontsize=7.5)
-    sky = np.isinf(found.range_m)
-    if sky.any() and not sky.all():
-        axes.contour(x, y, sky, [0.5], colors="w", linewidths=1.2, linestyles="--")  # the horizon
-    tidy(axes, title=found.scene, x="x / px", y="y / px")
-    axes.set(xlim=(-0.5, view.width_px - 0.5), ylim=(view.height_px - 0.5, -0.5), aspect="equal")
-    return drawn
 
 
 def _levels(maps: Sequence[ExposureMap]) -> list[float]:

@@ -9,7 +9,6 @@ octaves of the spectrum.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import Any
@@ -25,8 +24,7 @@ from blurnoise_eval.quality.picture import Coding, Linear
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
-BLOCK_PX = 16
-"""Side of the squares in which noise is looked for."""
+BLOCK_PX = 16  # side of the squares in which noise is looked for
 HEADS = ("quantity", "simulated", "real", "chance", "verdict")
 MOST_LEVELS = 8
 FEWEST_BLOCKS = 4  # of a level: below, the noise is known to no better than 5 %
@@ -83,16 +81,11 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
     """
-    (one, other), bits = (
-        (f"{each.shape[1]} x {each.shape[0]} px" for each in (simulated, real)),
-        8 * real.itemsize,
-    )
+    one, other = ("{1} x {0} px, {2} bits".format(*x.shape[:2], 8 * x.itemsize) for x in (simulated, real))
     if one != other:
-        raise ValueError(f"simulated is {one}, real {other}: must be of one size, of the same chart")
-    if simulated.itemsize != real.itemsize:
-        raise ValueError(f"simulated has {8 * simulated.itemsize} bits, real {bits}: must be of one depth")
+        raise ValueError(f"simulated is {one}; real {other}: must be alike, of the same chart")
     if min(simulated.shape[:2]) < SMALLEST_PX:
-        raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
+        raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
     return measuring.linear(simulated, coding, **levels), measuring.linear(real, coding, **levels)
 
 
@@ -106,12 +99,12 @@ def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
-    white = np.array([[(each.simulated, each.real) for each in noise]]).reshape(-1, 2) ** 2
+    white = np.mean([(each.simulated**2, each.real**2) for each in noise] or [(0.0, 0.0)], axis=0)
     # chance of the mean: by the noise of the levels alone, the same in every pixel
     simulated, real = shares.mean((1, 2)).tolist()
-    error = math.sqrt(2 * float(white.mean()) / shares[0].size) if noise else 0.0
+    error = math.sqrt(white.sum() / shares[0].size)
     mean = Quantity("mean", "of full scale", simulated, real, _Z * error / abs(simulated or math.nan))
-    quantities = [mean, *noise, *sharpness, *_octaves(shares, white.mean(0) if noise else [math.inf] * 2)]
+    quantities = [mean, *noise, *sharpness, *_octaves(shares, white if noise else None)]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
     return [replace(each, chance=wider * each.chance) for each in quantities], notes
 
@@ -133,7 +126,7 @@ def _noise(shares: Floats) -> list[Quantity]:
     gaps = np.diff(level[order])
     wide = np.argsort(-gaps)[: MOST_LEVELS - 1]
     quantities = []
-    for members in np.split(order, sorted(int(place) + 1 for place in wide if gaps[place] > 0.01)):
+    for members in np.split(order, np.sort(wide[gaps[wide] > 0.01]) + 1):
         if (count := len(members)) < FEWEST_BLOCKS:
             continue
         simulated, real = np.sqrt(variance[members].mean(0)).tolist()
@@ -162,9 +155,8 @@ def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     variance = (rest * rest).sum((1, 2)) / (BLOCK_PX**2 - 3)
     cells = BLOCK_PX // _CELL_PX
     means = rest.reshape(-1, cells, _CELL_PX, cells, _CELL_PX).mean((2, 4))
-    expected = variance / _CELL_PX**2
     seen = (means * means).sum((1, 2)) / (cells**2 - 3)
-    structure = np.divide(seen, expected, out=np.zeros_like(level), where=expected > 0)
+    structure = seen * _CELL_PX**2 / np.maximum(variance, np.finfo(float).tiny)
     usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
     return level, variance, structure < _EVEN * usual
 
@@ -183,43 +175,34 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
         edges = [each.edge for each in both]
         usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
         if usable and edges[0].bright_side == edges[1].bright_side:
+            one, other = (edge.mtf50 for edge in edges)
             ranges = [edge.noise_intervals["mtf50"] for edge in edges]
-            errors = [(high - low) / 2 / edge.mtf50 for (low, high), edge in zip(ranges, edges, strict=True)]
-            simulated, real = (edge.mtf50 for edge in edges)
-            name = f"MTF50 at {both[0].roi[0]},{both[0].roi[1]}"
-            found.append(Quantity(name, "cycles/px", simulated, real, math.hypot(*errors)))
+            chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / (one, other))
+            name = "MTF50 at {},{}".format(*both[0].roi)
+            found.append(Quantity(name, "cycles/px", one, other, chance))
     return found[:MOST_EDGES]
 
 
-def _octaves(shares: Floats, noise: Sequence[float]) -> list[Quantity]:
+@np.errstate(divide="ignore", invalid="ignore")  # a black picture has no relative power
+def _octaves(shares: Floats, noise: Floats | None) -> list[Quantity]:
     """Power relative to the mean squared, by octave below half a cycle per px. noise: variance of each picture.
 
     A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
-    octave's values independent. N is that of white noise, or all of P where it is unknown (inf).
+    octave's values independent. N is that of white noise, or all of P where it is unknown.
     """
     height, width = shares[0].shape
     window = np.outer(np.hanning(height), np.hanning(width))
     radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
-    powers, errors = [], []
-    for share, variance in zip(shares, noise, strict=True):
-        mean = float((window * share).sum() / window.sum())
-        power = np.zeros(radius.shape)
-        if mean:
-            power = np.abs(np.fft.rfft2(window * (share / mean - 1))) ** 2 / float((window * window).sum())
-        flat = math.inf if not mean else variance / mean**2
-        white = power if math.isinf(flat) else np.full_like(power, flat)
-        powers.append(power)
-        errors.append(white**2 + 2 * white * np.maximum(power - white, 0))
+    mean = np.average(shares, (1, 2), np.stack([window, window]))[:, None, None]
+    power = np.abs(np.fft.rfft2(window * (shares / mean - 1))) ** 2 / (window * window).sum()
+    white = power if noise is None else noise[:, None, None] / mean**2
+    variance = white**2 + 2 * white * np.maximum(power - white, 0)
     found, high = [], 0.5
     while high * min(height, width) >= 8:
         ring = (radius > high / 2) & (radius <= high)
-        simulated, real = (float(power[ring].mean()) for power in powers)
-        totals = [
-            (float(np.sum(error[ring])), float(power[ring].sum()))
-            for error, power in zip(errors, powers, strict=True)
-        ]
-        relative = [2.1 * math.sqrt(error) / total if total else math.nan for error, total in totals]
+        error = 2.1 * np.sqrt(variance[:, ring].sum(1)) / power[:, ring].sum(1)
+        simulated, real = power[:, ring].mean(1).tolist()
         name = f"power, {high / 2:.3g} to {high:.3g} c/px"
-        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*relative)))
+        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*error)))
         high /= 2
     return found

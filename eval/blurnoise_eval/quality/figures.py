@@ -39,19 +39,14 @@ def write(rows: Sequence[Row], camera: str, folder: Path) -> list[Path]:
     """Write exposure-LUXlux.png per setting, with the other axes that vary in its name; raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
-    settings = sorted({setting_of(row.at) for row in rows})
-    varying = [len(set(column)) > 1 for column in zip(*settings, strict=True)]
-    named = [
-        axis(name)
-        for name, varies in zip(SETTING, varying, strict=True)
-        if varies or name == "illuminance_lux"
+    lights = [
+        name for name in SETTING if name == "illuminance_lux" or len({row.at[name] for row in rows}) > 1
     ]
-    for setting in settings:
+    for setting in sorted({setting_of(row.at) for row in rows}):
         alike = [row for row in rows if setting_of(row.at) == setting]
-        values = [(each, alike[0].at[each.name]) for each in named]
-        figure = against_exposure(
-            alike, f"{plain(camera)}, {', '.join(each.text(at) for each, at in values)}"
-        )
+        values = [(axis(name), alike[0].at[name]) for name in lights]
+        title = f"{plain(camera)}, {', '.join(each.text(at) for each, at in values)}"
+        figure = against_exposure(alike, title)
         path = folder / f"exposure-{'-'.join(each.slug(at) for each, at in values)}.png"
         written.append(path if path not in written else path.with_stem(f"{path.stem}-{len(written)}"))
         write_figure(written[-1], figure, dpi=120)
@@ -68,9 +63,8 @@ def against_exposure(rows: Sequence[Row], title: str) -> Figure:
         style.tidy(axes, title=metric.label)
         axes.set(xscale="log", yscale="log" if metric.scale == "log" else "linear")
         style.plain_numbers(axes.xaxis, digits=(1, 3))
-        measured = sorted(
-            (row for row in rows if row.metric == metric.name), key=lambda row: row.at["exposure_s"]
-        )
+        of_metric = (row for row in rows if row.metric == metric.name)
+        measured = sorted(of_metric, key=lambda row: row.at["exposure_s"])
         _shade(axes, measured)
         for number, velocity in enumerate(velocities):
             _line(axes, [row for row in measured if velocity_of(row.at) == velocity], colours[number], number)
@@ -107,9 +101,8 @@ def _shade(axes: Axes, rows: Sequence[Row]) -> None:
 
 def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
     x = np.array([1e3 * row.at["exposure_s"] for row in rows])
-    values, low, high = (
-        np.array([getattr(row.estimate, end) for row in rows]) for end in ("value", "low", "high")
-    )
+    ends = [(row.estimate.value, row.estimate.low, row.estimate.high) for row in rows]
+    values, low, high = np.reshape(ends, (-1, 3)).T
     available = np.isfinite(values)
     foot = np.full((~available).sum(), 0.03 + 0.035 * number)
     across = axes.get_xaxis_transform()  # y in shares of the panel
@@ -117,9 +110,8 @@ def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
     axes.plot(x, np.where(available, values, math.nan), "o-", color=colour, ms=3, lw=1.4, zorder=3)
     if axes.get_yscale() == "log":
         low = np.where(np.isfinite(low), np.maximum(low, _LEAST), math.nan)
-    axes.fill_between(
-        x, low, np.where(np.isfinite(high), high, math.nan), color=colour, alpha=0.18, lw=0, zorder=2
-    )
+    high = np.where(np.isfinite(high), high, math.nan)
+    axes.fill_between(x, low, high, color=colour, alpha=0.18, lw=0, zorder=2)
     flagged = available & [bool(row.estimate.flags) for row in rows]
     axes.plot(x[flagged], values[flagged], "o", mfc="white", mec=colour, ms=4.2, zorder=4)
 
@@ -162,10 +154,8 @@ def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
 def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
     """Edge spread, line spread and response of one region."""
     edge, (esf, lsf, response) = region.edge, panels
-    for axes, values, title in (
-        (esf, edge.esf, f"edge spread, {unit}"),
-        (lsf, edge.lsf, "line spread, 1/px"),
-    ):
+    curves = ((esf, edge.esf, f"edge spread, {unit}"), (lsf, edge.lsf, "line spread, 1/px"))
+    for axes, values, title in curves:
         axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
         style.tidy(axes, title=title, x="distance from the edge, px")
     for level in (edge.dark, edge.bright):

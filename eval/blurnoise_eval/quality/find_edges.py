@@ -29,8 +29,7 @@ SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""
 STEEPEST_DEG = 35.0
 """Off the rows or columns: beyond it the region would be mostly corners."""
-MOST = 24
-"""Regions reported of one picture, the largest ones."""
+MOST = 24  # regions reported of one picture, the largest ones
 UNUSABLE = WITHHELD | {Flag.TOO_FEW_PHASES, Flag.NOISE_DOMINATED}
 
 _STEEPEST = math.tan(math.radians(STEEPEST_DEG))

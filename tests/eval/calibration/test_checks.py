@@ -113,10 +113,8 @@ REFUSED: dict[str, tuple[Callable[[Planes], Planes], str]] = {
     "one frame": (
         lambda p: {**p, ("flat", 0.05): p["flat", 0.05][:1]}, r"flat_50.0000ms_0.npy: alone; must be two"
     ),
-    "sizes": (
-        lambda p: of_50_ms(p, lambda x: x[:, :-1]), "mixed sizes, 120 x 96 px; the frames before it: 121 x 96"
-    ),
-    "depths": (lambda p: of_50_ms(p, sixteenth), "mixed depths, 8 bits; the frames before it: 16"),
+    "sizes": (lambda p: of_50_ms(p, lambda x: x[:, :-1]), "this is 120 x 96 px, .* before it 121 x 96 px"),
+    "depths": (lambda p: of_50_ms(p, sixteenth), "this is 121 x 96 px, 8 bits; .* before it .* 16 bits"),
 }  # fmt: skip
 
 

@@ -108,13 +108,10 @@ def test_what_cannot_be_told() -> None:
 
 
 def test_pictures_that_do_not_go_together() -> None:
+    said = "simulated is 320 x 257 px, 16 bits; real"
     for first, second, why in (
-        (
-            picture(0),
-            np.zeros((257, 321), np.uint16),
-            "simulated is 320 x 257 px, real 321 x 257 px: must be of one",
-        ),
-        (picture(0), np.zeros(SIZE, np.uint8), "simulated has 16 bits, real 8: must be of one depth"),
+        (picture(0), np.zeros((257, 321), np.uint16), f"{said} 321 x 257 px, 16 bits: must be alike"),
+        (picture(0), np.zeros(SIZE, np.uint8), f"{said} 320 x 257 px, 8 bits: must be alike"),
         (np.zeros((63, 99), np.uint8), np.zeros((63, 99), np.uint8), "at least 64 x 64"),
     ):
         with pytest.raises(ValueError, match=re.escape(why)):

@@ -8,7 +8,7 @@ const {axes, views, measures} = run;
 const rowsOf = rows => rows.map(([place, y, low, high, n]) => ({at: run.conditions[place], y, low, high, n}));
 const series = run.series.map(([measure, model, group, clean, rows]) => ({measure, model, group, clean, rows: rowsOf(rows)}));
 const models = [...document.querySelectorAll(".models thead th")].slice(1).map(head => head.textContent);
-const colour = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const colour = name => getComputedStyle(document.querySelector(".panels")).getPropertyValue(`--${name}`).trim();
 // Only buttons that work offline: the library would otherwise offer to upload the chart.
 const config = {responsive: true, displaylogo: false, showSendToCloud: false, plotlyServerURL: "",
   modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]]};
