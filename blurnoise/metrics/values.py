@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -40,16 +40,6 @@ class Estimate:
         """The estimate times a number that is known exactly, >= 0."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high, self.flags)
 
-    @staticmethod
-    def mean(estimates: Sequence[Estimate]) -> Estimate:
-        """The mean of independent estimates of one number; NaN where one of them is, with the flags of all."""
-        count = len(estimates)
-        value = math.fsum(each.value for each in estimates) / count
-        below = math.fsum(each.value - each.low for each in estimates) / count**1.5
-        above = math.fsum(each.high - each.value for each in estimates) / count**1.5
-        flags = frozenset[str]().union(*(each.flags for each in estimates))
-        return Estimate(value, value - below, value + above, flags)
-
 
 @dataclass(frozen=True)
 class BatchEstimate:
@@ -59,23 +49,6 @@ class BatchEstimate:
     low: Tensor
     high: Tensor
     flags: Mapping[str, Tensor]
-
-    def squared(self) -> BatchEstimate:
-        """The squares of numbers >= 0."""
-        return BatchEstimate(
-            self.value.square(), self.low.clamp_min(0).square(), self.high.square(), self.flags
-        )
-
-    def estimates(self, withholding: Collection[str] = ()) -> list[Estimate]:
-        """An estimate per item of a batch (n,), NaN where one of these flags is raised."""
-        numbers = zip(self.value.tolist(), self.low.tolist(), self.high.tolist(), strict=True)
-        raised = {name: where.tolist() for name, where in self.flags.items()}
-        found = []
-        for index, (value, low, high) in enumerate(numbers):
-            flags = frozenset(name for name, where in raised.items() if where[index])
-            withheld = not flags.isdisjoint(withholding)
-            found.append(Estimate(math.nan, flags=flags) if withheld else Estimate(value, low, high, flags))
-        return found
 
 
 def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:

@@ -16,7 +16,7 @@ simulator's doing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
@@ -117,7 +117,7 @@ class Charts:
         """Estimates of what rests on both patches, either of which may be clipped."""
         bright, dark = self.snr
         clipped = bright.flags[CLIPPED] | dark.flags[CLIPPED]
-        return replace(batch, flags={**batch.flags, CLIPPED: clipped}).estimates(_WITHHELD)
+        return estimates_of(replace(batch, flags={**batch.flags, CLIPPED: clipped}))
 
     @cached_property
     def _sign(self) -> Tensor:
@@ -132,7 +132,34 @@ class Charts:
         cut = ((self._sign >= self._full) | (self._sign <= 0)).double().mean((1, 2, 3)) > _CLIPPED_SHARE
         none = torch.full_like(value, math.nan)
         flags = {CLIPPED: cut, "no_light": torch.full_like(cut, light_e == 0)}
-        return BatchEstimate(value, none, none, flags).estimates({"no_light"})
+        return estimates_of(BatchEstimate(value, none, none, flags), {"no_light"})
+
+
+def estimates_of(batch: BatchEstimate, withholding: Collection[str] = _WITHHELD) -> list[Estimate]:
+    """An estimate per item of a batch (n,), NaN where one of these flags is raised."""
+    numbers = zip(batch.value.tolist(), batch.low.tolist(), batch.high.tolist(), strict=True)
+    raised = {name: where.tolist() for name, where in batch.flags.items()}
+    found = []
+    for index, (value, low, high) in enumerate(numbers):
+        flags = frozenset(name for name, where in raised.items() if where[index])
+        withheld = not flags.isdisjoint(withholding)
+        found.append(Estimate(math.nan, flags=flags) if withheld else Estimate(value, low, high, flags))
+    return found
+
+
+def squared(batch: BatchEstimate) -> BatchEstimate:
+    """The squares of numbers >= 0."""
+    return BatchEstimate(batch.value**2, batch.low.clamp_min(0) ** 2, batch.high**2, batch.flags)
+
+
+def mean_of(estimates: Sequence[Estimate]) -> Estimate:
+    """The mean of independent estimates of one number; NaN where one of them is, with the flags of all."""
+    count = len(estimates)
+    value = math.fsum(each.value for each in estimates) / count
+    below = math.fsum(each.value - each.low for each in estimates) / count**1.5
+    above = math.fsum(each.high - each.value for each in estimates) / count**1.5
+    flags = frozenset[str]().union(*(each.flags for each in estimates))
+    return Estimate(value, value - below, value + above, flags)
 
 
 Measure = Callable[[Charts], list[Estimate]]
@@ -147,7 +174,7 @@ def _both(measure: Callable[..., Estimate], **how: int) -> Measure:
 
 
 def _patch(which: int) -> Measure:
-    return lambda charts: charts.snr[which].estimates(_WITHHELD)
+    return lambda charts: estimates_of(charts.snr[which])
 
 
 def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Measure:
@@ -193,7 +220,7 @@ METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
     ),
     Metric(
         "neq_0", "NEQ(0)", "quanta/px", f"mean²/variance at reflectance {BRIGHT:g}",  # white noise: its spectrum
-        lambda charts: charts.snr[0].squared().estimates(_WITHHELD), "log",
+        lambda charts: estimates_of(squared(charts.snr[0])), "log",
     ),
     Metric(
         "neq_integral", "NEQ, whole band", "quanta/px", "NEQ over the square of frequencies, from both edges",
@@ -263,7 +290,7 @@ def measure(
         charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
         found = {metric.name: metric.of(charts) for metric in METRICS}
         available = {name: sum(estimate.told for estimate in each) for name, each in found.items()}
-        return [Row(numbers, name, Estimate.mean(found[name]), available[name], repeats) for name in found]
+        return [Row(numbers, name, mean_of(found[name]), available[name], repeats) for name in found]
 
     rows: list[Row] = []
     with limited_threads(1), ThreadPoolExecutor(threads) as pool:  # each condition on one core

@@ -203,12 +203,12 @@ def test_motion_beyond_the_chart_is_withheld() -> None:
 
 def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
     told = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
-    both = Estimate.mean(told)
+    both = quality.mean_of(told)
     assert (both.value, both.flags) == (2.0, {"a", "b"})
     assert both.low == pytest.approx(2 - 0.3 / math.sqrt(2))
     assert both.high == pytest.approx(2 + 0.3 / math.sqrt(2))
-    assert Estimate.mean(told[:1]) == told[0]
-    lost = Estimate.mean([*told, Estimate(math.nan, flags=frozenset({"clipped"}))])
+    assert quality.mean_of(told[:1]) == told[0]
+    lost = quality.mean_of([*told, Estimate(math.nan, flags=frozenset({"clipped"}))])
     assert (lost.told, lost.flags) == (False, {"a", "b", "clipped"})
 
 
