@@ -35,9 +35,10 @@ class Limits(NamedTuple):
 class Line:
     """Tested exposures of one light and velocity, all (E,), NaN where something is not known.
 
-    value: mean of the score. slower: the same at the slowest speed tested under this light; None: this is it. moves:
-    whether this moves at all. saturated: share of the pictures' values at a limit of the sensor; brightness: mean of
-    the pictures, coded; dark_below: what of it is half of auto-exposure's aim.
+    value: mean of the score. slower: the same at the slowest speed tested under this light, NaN beyond what was
+    tested there; None: this is it. moves: whether this moves at all. saturated: share of the pictures' values at a
+    limit of the sensor; brightness: mean of the pictures, coded; dark_below: what of it is half of auto-exposure's
+    aim.
     """
 
     exposures_s: tuple[float, ...]
@@ -88,7 +89,7 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
         elif np.isfinite(slower) or not line.moves:
             high = "saturation" if saturates else None
             why = "the slowest fails there too" if np.isfinite(slower) else "at rest"
-            why += ", and nothing saturates"
+            why += ", and no more saturates"
         else:
             high = "blur" if saturates is False else None
             why = "blur and saturation cannot be told apart, as no slower speed was tested"
