@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Curve, Row, Stretch
@@ -25,6 +26,7 @@ from blurnoise_eval.scoring import uncertainty
 from blurnoise_eval.system.tables import finite
 
 WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
+Array = NDArray[np.float64]
 _MOST_PICTURES = 9999  # that are asked for
 _OF_LINES = ("exposures_s", "confidence", "low", "high", "saturated")
 _ENDS = tuple(f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high"))
@@ -45,11 +47,19 @@ def answers(
             curves = nested(curves, [line.velocities_px_s[0] for line in lines])
         speeds = [float(line.speeds_px_s[0]) for line in lines]
         slowest = lines[int(np.argmin(speeds))]
-        at_slowest = dict(zip(slowest.conditions["exposure_s"].tolist(), slowest.mean.tolist(), strict=True))
+        at_slowest = slowest.conditions["exposure_s"], slowest.mean
         for speed, curve in zip(speeds, curves, strict=True):
-            slower = np.array([at_slowest.get(x, np.nan) for x in curve.x]) if speed > min(speeds) else None
+            slower = _between(curve.x, *at_slowest) if speed > min(speeds) else None
             found.append(answer(curve, Line(curve.line, slower, dark_below), criterion))
     return found
+
+
+def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Array:
+    """Means at exposures, between two that were tested as windows have it; NaN beyond them. Where windows were
+    refined, few exposures were tested at all speeds."""
+    if len(tested_s) == 1:  # which may be the camera's own
+        return np.where(np.array(exposures_s) == tested_s, mean, np.nan)
+    return np.asarray(np.interp(np.log(exposures_s), np.log(tested_s), mean, left=np.nan, right=np.nan))
 
 
 def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:

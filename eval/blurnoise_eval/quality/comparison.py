@@ -66,7 +66,8 @@ class Quantity:
         """As ``HEADS``, within 80 columns."""
         scale, unit = (100, " %") if self.unit == "of full scale" else (1, "")
         numbers = [f"{scale * number:.4g}{unit}" for number in (self.simulated, self.real)]
-        return [self.name, *numbers, f"±{100 * self.chance:.2g} %", self.verdict]
+        chance = f"±{100 * self.chance:.2g} %" if math.isfinite(self.chance) else "-"
+        return [self.name, *numbers, chance, self.verdict]
 
     def row(self) -> dict[str, Any]:
         """Plain values, None for what is unknown."""

@@ -310,3 +310,12 @@ def test_pictures_asked_for_tell_as_often_as_said(pictures: int) -> None:
         low, high = (float(end[0]) for end in curve(values[:count, None], (0.01,)).ends)
         told += low >= 0.6 or high < 0.6
     assert 0.3 < told / cases < 0.75
+
+
+def test_an_end_that_was_refined_at_one_speed_is_limited_by_blur() -> None:
+    """Where it ends, rest was not tested, but it works on both sides; more of the picture saturates there, too."""
+    still = rows({0.001: [0.9] * 9, 0.01: [0.9] * 9, 0.1: [0.9] * 9})
+    moved = rows({0.001: [0.9] * 9, 0.01: [0.8] * 9, 0.03: [0.3] * 9, 0.1: [0.1] * 9}, speed=300.0)
+    table = [{**row, "saturated": row["exposure_s"], "brightness": 0.4} for row in still + moved]
+    _, answer = answers(table, 0.6)
+    assert answer.limited_high == "blur"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -102,6 +103,11 @@ def test_chance_is_as_wide_as_differences_are() -> None:
 def test_what_cannot_be_told() -> None:
     assert Quantity("x", "", 0.0, 1.0, 0.1).verdict == "cannot tell"
     assert Quantity("x", "", 1.0, 2.5, 0.1).verdict == "differs by +150 %"
+    assert [Quantity("x", "", 0.0, 0.0, each).cells()[3] for each in (0.1, math.nan, math.inf)] == [
+        "±10 %",
+        "-",
+        "-",
+    ]
     _, notes = compare(pair_of(np.full(SIZE, 500, np.uint16), np.full(SIZE, 500, np.uint16)))
     assert any("sharpness is not compared" in note for note in notes)
     assert any("noise is not compared" in note for note in notes)
