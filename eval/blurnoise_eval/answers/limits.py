@@ -37,7 +37,8 @@ class Line:
     """Tested exposures of one light and velocity.
 
     of: a table of one exposure after the other. slower: mean score at the slowest speed tested under this light (E,),
-    NaN beyond what was tested there; None: this is it. dark_below: brightness of a picture that is half of auto-exposure's aim.
+    NaN beyond what was tested there; None: this is it. dark_below: brightness of a picture that is half of
+    auto-exposure's aim.
     """
 
     of: ScoreTable
