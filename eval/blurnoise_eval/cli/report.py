@@ -111,7 +111,9 @@ def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:
 
 def _found_text(labels: Mapping[str, int]) -> str:
     """What is taken for targets where nothing is labelled: "63 targets: sports ball 61, person 2"."""
+    from blurnoise_eval.report.words import counted
+
     named = [f"{label} {count}" for label, count in islice(labels.items(), _MOST_LABELS)]
     more = len(labels) - len(named)
     named += [f"{more} more classes"] if more else []
-    return f"{sum(labels.values())} targets, as found in the original pictures: {', '.join(named)}"
+    return f"{counted(sum(labels.values()), 'target')}, as found in the original pictures: {', '.join(named)}"

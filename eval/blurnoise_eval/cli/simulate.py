@@ -52,6 +52,8 @@ def simulate(
     from blurnoise_eval.sweep.default_camera import camera_text, is_grey_light
 
     given.at()
+    if output.exists() and output.samefile(image):
+        raise ValueError(f"output = {str(output)!r}: is the picture itself; must be another file")
     scene = light(image, given)
     colour = not is_grey_light(scene)
     taken = take(given, given_by.camera(given.camera, given.cfa, colour=colour), scene)

@@ -64,7 +64,8 @@ def inputs_of(
     chosen = names[0] if model is None and len(names) == 1 else model
     if chosen not in names:
         unfit = "".join(f"; {name}: {reason}" for name, reason in withheld.items())
-        raise ValueError(f"{where}: model = {chosen!r}: must be one of {', '.join(names)}{unfit}")
+        given = "model: missing" if model is None else f"model = {chosen!r}"
+        raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
     of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]

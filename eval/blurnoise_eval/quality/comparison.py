@@ -57,9 +57,10 @@ class Quantity:
         """In words."""
         if not math.isfinite(self.difference) or not math.isfinite(self.chance):
             return "cannot tell"
-        if abs(self.difference) <= self.chance:
+        least = max(-self.chance, (1 + self.chance) ** -2 - 1)  # no chance makes any loss agree
+        if least <= self.difference <= self.chance:
             return "agree"
-        digits = ".0f" if abs(self.difference) >= 1 else ".2g"
+        digits = ".0f" if abs(self.difference) >= 0.995 else ".2g"
         return f"differs by {100 * self.difference:+{digits}} %"
 
     def cells(self) -> list[str]:

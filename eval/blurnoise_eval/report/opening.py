@@ -259,10 +259,9 @@ class _OfModel:
     def surer(self) -> str:
         """What to do next for a surer answer."""
         unknown = sum(row["verdict"] == CANNOT_TELL for row in self.conditions)
-        pictures = counted(max((answer["n_pictures"] for answer in self.answers), default=0), "picture")
-        parts = (
-            [f"more pictures ({pictures} leave {unknown} of {len(self.conditions)} open)"] if unknown else []
-        )
+        count = max((answer["n_pictures"] for answer in self.answers), default=0)
+        leave = f"{counted(count, 'picture')} {'leaves' if count == 1 else 'leave'}"
+        parts = [f"more pictures ({leave} {unknown} of {len(self.conditions)} open)"] if unknown else []
         exposures = self.data.axes[0]
         tested = exposures.values[: exposures.count]
         chosen = None if self.whole is None else self.whole["exposure_s"]

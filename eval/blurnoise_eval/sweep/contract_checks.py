@@ -271,7 +271,7 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str
     garbage = found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found
     shown, share = _pictures(count), agreed / max(found, 1e-9)
     wrong = (
-        f"what it finds ({found:.3g} in sum of scores) is not found again when {shown} are mirrored and cropped "
+        f"what it finds ({found:.3g} in sum of scores) is not found again in the mirrored, cropped view of {shown} "
         f"({share:.0%} is): family, input or export are probably wrong"
     )
     if not any(each.merit for each in left):
@@ -296,7 +296,7 @@ def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
     option = contract_option(rival.contract)
     parts = [
         f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {_text(rival.contract)} instead of "
-        f"{_text(final.contract)}, {again} is found again where {_pictures(count)} are mirrored and cropped "
+        f"{_text(final.contract)}, {again} is found again in the mirrored, cropped view of {_pictures(count)} "
         f"({sums} in sum of scores, instead of {own})",
         f"{rival.same(final):.0%} of what the two find is the same",
         f"further variants that are open: {len(rivals) - 1}" if len(rivals) > 1 else "",
@@ -373,7 +373,7 @@ def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Det
     outputs = detector.run(blob)
     nothing = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
     if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return nothing, f"the outputs hold {count} values that are NaN or infinite"
+        return nothing, f"the outputs hold {count} NaN or infinite"
     # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
     if contract.nms_iou is not None and detector.top_score(outputs) == 0:
         return nothing, "every score is exactly 0: is it an int8 export that rounds all scores away?"

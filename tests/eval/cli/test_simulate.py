@@ -130,3 +130,12 @@ def test_simulate_explains_what_it_models(tmp_path: Path, capsys: pytest.Capture
     assert not stages["PRNU"]["kept"]
     assert main([*command, "--tolerance-dn", "0"]) == 2
     assert "tolerance_dn = 0.0" in capsys.readouterr().err
+
+
+def test_the_picture_itself_is_not_written_over(tmp_path: Path, capsys: Output) -> None:
+    source = tmp_path / "scene.png"
+    write_picture(source, pixels((31, 44), np.uint8))
+    before = source.read_bytes()
+    assert main(["simulate", str(source), "-o", str(source)]) == 2
+    assert "is the picture itself; must be another file" in capsys.readouterr().err
+    assert source.read_bytes() == before

@@ -142,3 +142,16 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main([*words[:2], str(tmp_path / "missing.png")]) == 2
     assert main([*words, "--srgb", "--linear"]) == 2
     assert capsys.readouterr().err.count("\n") == 2
+
+
+@pytest.mark.parametrize(
+    ("real", "chance", "verdict"),
+    [
+        (0.85, 0.2, "agree"),
+        (0.75, 0.2, "differs by -25 %"),
+        (0.3, 2.0, "agree"),
+        (1e-6, 2.0, "differs by -100 %"),
+    ],
+)
+def test_no_chance_makes_any_loss_agree(real: float, chance: float, verdict: str) -> None:
+    assert Quantity("power", "", 1.0, real, chance).verdict == verdict

@@ -255,7 +255,7 @@ def answering(path: Path, value: float, top: float) -> Detector:
     [
         (0.5, 0.0, "every score is exactly 0"),
         (0.5, 1.5, "score 2.25 > 1"),
-        (np.nan, 0.5, "336 values that are NaN"),
+        (np.nan, 0.5, "336 NaN or"),
     ],
 )
 def test_outputs_that_no_picture_explains(value: float, top: float, words: str, tmp_path: Path) -> None:
