@@ -28,7 +28,7 @@ from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, control, with_figures
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.sweep.default_camera import default_camera, is_grey
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0
 """Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
@@ -208,7 +208,7 @@ class Catalogue:
         title = Path(title.replace("\\", "/")).name[-80:] or "file"
         with TemporaryDirectory(prefix="blurnoise-explore-") as folder:
             path = Path(folder) / f"picture{Path(title).suffix}"
-            path.write_bytes(content)
+            write_whole(path, content)
             try:
                 value = read_picture(path, MOST_MEGAPIXELS)
             except (ValueError, OSError) as error:

@@ -120,7 +120,10 @@ def optimise(problem: Problem) -> Program:
     for name, stock in STOCK.items():
         limited = replace(stock, times_s=tuple(min(time, limits.limit_s) for time in stock.times_s))
         within = "" if limited == stock else f", to {milliseconds(limits.limit_s)} ms"
-        baselines[name + within] = problem.schedule([limited.divided(total)[0] for total in totals])
+        taken = [limited.divided(total)[0] for total in totals]
+        if limits.mains_hz and not np.allclose(list(map(limits.settled, taken)), taken, rtol=0.02):
+            within += ", flickers"
+        baselines[name + within] = problem.schedule(taken)
     low, high = interval_of(problem, ours)
     regret_95 = regret_of(problem, ours, times, objective)
     return Program(problem, found, tested.times_s[0], ours, best, fixed_s, baselines, low, high, regret_95)

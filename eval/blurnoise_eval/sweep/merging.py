@@ -62,14 +62,13 @@ def merge(
 def _truth(parts: Sequence[Run]) -> dict[str, Any]:
     """The labels of all parts, which know each picture and box by the ids of the whole."""
     truths = [read_truth(run.store) for run in parts]
-    images, boxes = (
-        sorted(
-            {each["id"]: each for truth in truths for each in truth[kind]}.values(),
-            key=lambda each: each["id"],
-        )
-        for kind in ("images", "annotations")
-    )
-    return {"images": images, "annotations": boxes, "categories": truths[0]["categories"]}
+    images = {each["file_name"]: each for truth in truths for each in truth["images"]}
+    boxes = {each["id"]: each for truth in truths for each in truth["annotations"]}
+    return {
+        "images": sorted(images.values(), key=lambda each: each["id"]),
+        "annotations": list(boxes.values()),
+        "categories": truths[0]["categories"],
+    }
 
 
 def _joined(

@@ -151,6 +151,9 @@ def test_whole_periods_at_every_light() -> None:
     made = optimise(made_problem(Limits(mains_hz=50.0)))
     periods = np.array(made.schedule.exposures_s) / 0.01
     assert np.abs(periods - periods.round()).max() < 1e-9
+    stock = [name for name in made.baselines if name.startswith("libcamera")]
+    assert stock
+    assert all(name.endswith(", flickers") for name in stock)  # at times between whole periods
 
 
 def test_reached_gain_is_shown() -> None:

@@ -74,6 +74,7 @@ def test_run_of_parts_is_that_of_the_whole(runs: Path, order: str, tmp_path: Pat
 
 def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """Fetched, joined here and put; what is wrong is told of the URL."""
+    pytest.importorskip("upath")
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     there = location("memory://bucket/merged")
     for name in (RUN_FILE, INSTANCES):
