@@ -1,1 +1,1 @@
-"""Scores: detections against targets, curves, exposure windows."""
+"""Answers: from scores under many conditions to exposures, windows and models, each with its uncertainty."""

@@ -1,1 +1,1 @@
-"""Scores: detections against targets, curves, exposure windows."""
+"""Scores: what a model finds under one condition, held against what is there."""
