@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.store import queries
 from blurnoise_eval.store.exports import write_exports
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
@@ -202,3 +203,13 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
         pass
     with Store(tmp_path, shared=True), Store(tmp_path, shared=True), refused, Store(tmp_path, create=True):
         pass
+
+
+def test_the_time_of_a_frame_is_the_median(tmp_path: Path) -> None:
+    with Store(tmp_path, create=True) as store:
+        assert queries.median_simulate_ms(store) is None
+        timed = [result(number) for number in range(3)]
+        for each, simulate_ms in zip(timed, (9.0, 1.0, 2.0), strict=True):
+            each.cell["simulate_ms"] = simulate_ms
+        store.add(timed)
+        assert queries.median_simulate_ms(store) == 2.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,13 @@ def test_run_of_parts_is_that_of_the_whole(runs: Path, order: str, tmp_path: Pat
         shown = [cell["example"] for cell in merged.cells() if cell["example"]]
     assert shown
     assert all((tmp_path / "run" / name).is_file() for name in shown)
+
+
+def test_rows_that_several_runs_hold_are_counted(runs: Path, tmp_path: Path) -> None:
+    shutil.copytree(runs / "1", tmp_path / "again")
+    with Store(runs / "1") as store:
+        held = len(list(store.cells()))
+    assert merge([runs / "1", tmp_path / "again", runs / "2"], tmp_path / "run") == (30, 6, held)
 
 
 def test_runs_at_urls(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:

@@ -21,6 +21,7 @@ from blurnoise_eval.system.terminal import (
     plain_warnings,
     say,
     say_json,
+    shortened,
     show,
     table_lines,
 )
@@ -136,3 +137,8 @@ def test_paragraphs_keep_words_and_the_spaces_between(columns: int | None) -> No
     assert "".join("".join(lines).split()) == "".join(text.split())
     assert any("long/" * 30 in line for line in lines) == (columns is None), "not broken, to be copied"
     assert columns is None or max(map(len, lines)) <= columns
+
+
+def test_a_long_text_keeps_its_begin_and_its_end() -> None:
+    assert shortened("a" * 20 + "b" * 980) == "a" * 20 + "b" * 980
+    assert shortened("a" * 600 + "b" * 600) == f"{'a' * 500} ... {'b' * 500}"
