@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 import pytest
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
-from blurnoise_eval.grid.parts import Part, place_of
+from blurnoise_eval.grid.parts import Part
 
 from blurnoise.motion.ego import Vehicle
 
@@ -56,5 +57,6 @@ def test_parts_have_every_picture_once_and_depend_on_its_name_alone() -> None:
     assert sorted(name for part in parts for name in part) == sorted(names)
     assert min(map(len, parts)) > 70  # binomial, n = 400, p = 1/4: 100 - 3.5 sd of 8.7
     assert Part.parse("2/4").has("3.png") == ("3.png" in parts[1])
-    # the hash of a name never changes: machines agree on the parts
-    assert [Part(number, 4).has("3.png") for number in (1, 2, 3, 4)].index(True) == place_of("3.png", 4)
+    # the hash of a name never changes: machines of any version agree on the parts
+    digest = hashlib.blake2b(b"3.png", digest_size=8).digest()
+    assert Part(int.from_bytes(digest, "little") % 4 + 1, 4).has("3.png")
