@@ -123,6 +123,10 @@ def run_facts(data: RunData) -> dict[str, str]:
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
+    if held := manifest.get("trajectory"):
+        facts["trajectory"] = f"{held['text']}; blur and speeds are of the uniform motion beside it"
+    if ego := manifest.get("plan", {}).get("ego"):
+        facts["ego"] = ", ".join(f"{name} {value}" for name, value in ego.items() if value is not None)
     crossings = []
     for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).by_class.items():
         crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")

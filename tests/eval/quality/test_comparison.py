@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import re
@@ -130,15 +129,14 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))
     pictures = [str(tmp_path / name) for name in ("a.png", "b.png")]
     words = ["compare", *pictures, "--black-level", "20", "--full-scale", "4095"]
-    assert main([*words, "--csv", str(tmp_path / "c.csv")]) == 0
+    assert main(words) == 0
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines()[:12])) <= 80
     assert "agree" in shown
-    with (tmp_path / "c.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert rows[0]["quantity"] == "mean"
     assert main([*words, "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["quantities"]) == len(rows)
+    rows = json.loads(capsys.readouterr().out)["quantities"]
+    assert rows[0]["quantity"] == "mean"
+    assert len(rows) > 5
     assert main([*words[:2], str(tmp_path / "missing.png")]) == 2
     assert main([*words, "--srgb", "--linear"]) == 2
     assert capsys.readouterr().err.count("\n") == 2
