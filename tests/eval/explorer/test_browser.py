@@ -10,6 +10,7 @@ import shlex
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -97,7 +98,13 @@ def changes(tab: Tab, act: object) -> str:
     """What is shown once it is another picture, in full."""
     before = tab.run(SHOWN)
     act()  # type: ignore[operator]
-    return str(tab.until(f"{SHOWN} !== {before!r} && {IDLE} && {SHOWN}"))
+    shown = str(tab.until(f"{SHOWN} !== {before!r} && {IDLE} && {SHOWN}"))
+    while True:  # the image takes the last picture when it has loaded the one before
+        time.sleep(0.3)
+        latest = str(tab.until(f"{IDLE} && {SHOWN}"))
+        if latest == shown:
+            return shown
+        shown = latest
 
 
 def text(tab: Tab, selector: str) -> str:
