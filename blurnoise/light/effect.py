@@ -51,7 +51,7 @@ class LightEffect(ABC):
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
         """Return the light after an effect that is no blur, of the same shape; ``light`` is not modified."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{self.name}: an effect has to define apply, or blur")
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:
         """The effect as a blur that shares a transform with its neighbours; None, the default: see :meth:`apply`."""
