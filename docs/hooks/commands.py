@@ -11,9 +11,7 @@ from typing import Any
 
 from blurnoise_eval import cli
 from blurnoise_eval.cli import COMMANDS
-from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.grid.program_file import ProgramFile
-from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.grid.plan_file import PlanFile, ProgramFile, SceneFile
 from blurnoise_eval.grid.settings import Settings
 from mkdocs.structure.files import File, Files
 

@@ -50,11 +50,6 @@ def derived(camera: Camera) -> dict[str, float]:
     }
 
 
-def facts(camera: Camera) -> dict[str, object]:
-    """A camera's fields, and apart from them what follows from them, for JSON."""
-    return {"camera": camera.to_dict(), "derived": derived(camera)}
-
-
 def overview(cameras: list[Camera]) -> Table:
     """One row per camera."""
     from rich import box

@@ -22,8 +22,7 @@ from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.parts import Part
+from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import yaml
 from blurnoise_eval import cli
-from blurnoise_eval.cli._errors import files
 from numpy.typing import NDArray
 
 from blurnoise.motion.ego import Vehicle
@@ -36,9 +35,9 @@ def main(words: Iterable[object]) -> int:
 
 def in_a_file(command: str, words: list[str]) -> list[str]:
     """The words with those options that have to stand in a file in one."""
-    if command not in files():
+    if not hasattr(cli.function(command) if command in cli.COMMANDS else None, "settings"):
         return words
-    file, kind = files()[command]
+    file, kind = cli.function(command).settings  # type: ignore[attr-defined]
     options = {each for param in cli.command(cli.function(command)).params for each in param.opts}
     left: list[str] = []
     stated: dict[str, Any] = {}

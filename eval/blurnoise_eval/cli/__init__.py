@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from importlib import import_module, metadata
 from inspect import cleandoc
 from typing import Annotated, Any
@@ -13,8 +13,8 @@ import typer
 from typer import Option
 from typer.main import get_command
 
-from blurnoise_eval.cli._errors import in_a_line, usage
-from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say
+from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
 
 COMMANDS: dict[str, str] = {
     "sweep": "detector x exposures x lights x speeds -> curves and report",
@@ -29,7 +29,7 @@ COMMANDS: dict[str, str] = {
     "measure": "slanted edges of a picture -> sharpness, noise, information",
     "compare": "a simulated picture beside a real one of the same chart",
     "chart": "render a test target",
-    "motion": "road speed -> px/s and blur; a map of the exposures it allows",
+    "motion": "road speed -> px/s and blur",
     "cameras": "the cameras there are, their figures and where these come from",
     "cameras fit": "your own camera, from dark and flat frames or a DNG",
     "train": "train the stop-sign detector, and write it as ONNX",
@@ -39,11 +39,12 @@ _ABOUT = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
 
-Begin with one of these:
-
   blurnoise sweep -o run                     the whole job on built-in signs
   blurnoise sweep --model M.onnx --images DIR -o run           ... on your own
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
+  blurnoise COMMAND --help                   its options, and examples
+
+Commands:
 """
 
 
@@ -55,9 +56,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = [*(sys.argv[1:] if arguments is None else arguments)]
     words = words[words[:1] == ["--"] :]
     name = next((each for each in (" ".join(words[:2]), *words[:1]) if each in COMMANDS), "")
-    if name and "_BLURNOISE_COMPLETE" not in os.environ:
+    if name:
         return run_alone(function(name), f"blurnoise {name}", words[len(name.split()) :])
-    return _run(get_command(_program()), "blurnoise", words or ["--help"], 0 if words else 2)
+    asked = words[:1] in (["-h"], ["--help"])
+    return run_alone(_overview, "blurnoise", words[asked:]) or 2 * (not words)
+
+
+def _overview(
+    version: Annotated[bool, Option("--version", help="print the version, no help")] = False,
+) -> None:
+    if version:
+        say(f"blurnoise {metadata.version('blurnoise')}")
+    else:
+        say(*_ABOUT.splitlines(), *(f"  {name:11}  {about}" for name, about in COMMANDS.items()))
 
 
 def function(name: str) -> Callable[..., None]:
@@ -69,12 +80,17 @@ def function(name: str) -> Callable[..., None]:
 
 def run_alone(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     """Run a command that is no part of a program: ``blurnoise sweep``, ``python -m blurnoise_eval.bench``."""
-    return _run(command(run), name, words, 0)
+    return _run(command(run), name, words)
 
 
 def command(run: Callable[..., None]) -> Any:
     """Typer's command of a function."""
-    app = _app()
+    app = typer.Typer(
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
     app.command(help=described(run.__doc__ or ""))(run)
     return get_command(app)
 
@@ -88,40 +104,7 @@ def described(text: str) -> str:
     )
 
 
-def _app(**options: Any) -> typer.Typer:
-    return typer.Typer(
-        rich_markup_mode="rich",
-        pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
-        **{"add_completion": False, **options},
-    )
-
-
-def _program() -> typer.Typer:
-    """All commands: their names and what they do; their options, too, where a shell completes them."""
-    app = _app(help=described(_ABOUT), no_args_is_help=True, add_completion=True)
-    app.callback()(_of_program)
-    for name, about in COMMANDS.items():
-        run = function(name) if "_BLURNOISE_COMPLETE" in os.environ else (lambda: None)
-        app.command(name, short_help=about)(run)
-    return app
-
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        say(f"blurnoise {metadata.version('blurnoise')}")
-        raise typer.Exit
-
-
-def _of_program(
-    version: Annotated[
-        bool, Option("--version", callback=_version, is_eager=True, help="print the version and exit")
-    ] = False,
-) -> None:
-    pass
-
-
-def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:
+def _run(program: Any, name: str, words: Sequence[str]) -> int:
     accept_all_text()
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
@@ -129,26 +112,58 @@ def _run(program: Any, name: str, words: Sequence[str], done: int) -> int:
             code = program.main(args=[*words], prog_name=name, standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
-        say(usage(error), error=True)
+        _say(_usage(error))
         raise SystemExit(2) from None
     except BrokenPipeError:  # whoever read the output has gone
         _forget_output()
         return 1
-    except (ValueError, TypeError, OSError) as error:
-        say(in_a_line(error, [option for each in program.params for option in each.opts]), error=True)
-        if isinstance(error, OSError):
-            _forget_output()
+    except OSError as error:
+        _say(f"{error.filename}: {error.strerror}" if error.strerror and error.filename else str(error))
+        _forget_output()
+        return 2
+    except (ValueError, TypeError) as error:
+        _say(in_options(str(error), [option for each in program.params for option in each.opts]))
         return 2
     except (MemoryError, RuntimeError) as error:
         from blurnoise_eval.system.machine import is_out_of_memory
 
         if not is_out_of_memory(error):
             raise
-        say("blurnoise: error: out of memory: smaller pictures, or fewer of --threads, need less", error=True)
+        _say("out of memory: smaller pictures, or fewer of --threads, need less")
         return 2
     if code == 130:
         say("blurnoise: interrupted; what was finished is kept", error=True)
-    return code or done
+    return int(code or 0)
+
+
+def _say(text: str) -> None:
+    """An error, in a line."""
+    from blurnoise_eval.system.urls import without_secrets
+
+    say(f"blurnoise: error: {shortened(without_secrets(' '.join(text.split())))}", error=True)
+
+
+def in_options(text: str, options: Collection[str]) -> str:
+    """An error "name = value: ..." or "name, name: ..." with the options of those names."""
+    known = {each.lstrip("-").replace("-", "_"): each for each in options}
+    known |= {axis.name: axis.option for axis in AXES if axis.option in options}
+    subject = text.partition(":")[0].partition(" = ")[0]
+    named = [known.get(each, "") for each in subject.split(", ")]
+    return ", ".join(named) + text[len(subject) :] if all(named) else text
+
+
+def _usage(error: typer.TyperException) -> str:
+    """What is wrong with the options themselves, and where to look; of a setting that is no option, its file."""
+    path = getattr(getattr(error, "ctx", None), "command_path", "")
+    option = str(getattr(error, "option_name", ""))
+    command_name = path.removeprefix("blurnoise ")
+    file, kind = getattr(COMMANDS.get(command_name) and function(command_name), "settings", ("", None))
+    if kind and (name := option.lstrip("-").replace("-", "_")) in kind.names():
+        return f"no such option: {option}; it is the setting '{name}: ...' in --{file} FILE.yaml"
+    text = error.format_message().rstrip(".").replace("Value error, ", "")
+    for fault in getattr(error.__cause__, "errors", list)():
+        text += f", got {fault['input']!r}" if repr(fault["input"]) not in text else ""
+    return text + (f"; see '{path} --help'" if path else "")
 
 
 def _forget_output() -> None:

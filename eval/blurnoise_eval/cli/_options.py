@@ -1,17 +1,15 @@
-"""Options of several commands: types, parsers, completion, and the options of a file of settings."""
+"""Options of several commands: types, parsers, and the options of a file of settings."""
 
 from __future__ import annotations
 
-import os
-import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from typer import Argument, Option, TyperException
+from typer import Argument, Exit, Option
 
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.grid.settings import Settings
@@ -71,126 +69,76 @@ def region(text: str) -> Region:
     return left, top, width, height
 
 
-def camera_names() -> Iterable[str]:
-    """The presets."""
-    from blurnoise.optics.camera import PRESETS
-
-    return PRESETS
-
-
-def _families() -> Iterable[str]:
-    from blurnoise_eval.detectors.formats import PRESETS
-    from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS
-
-    return (*PRESETS, *TEXT_PRESETS)
-
-
-def _scores() -> Iterable[str]:
-    from blurnoise_eval.answers.criterion import names
-
-    return dict.fromkeys(name for kind in ("detector", "reader") for name in names(kind))
-
-
-def _classes() -> Iterable[str]:
-    from blurnoise_eval.detectors.class_names import COCO80
-
-    in_bash = os.environ.get("_BLURNOISE_COMPLETE") == "complete_bash"  # which takes words as they are typed
-    return (name.replace(" ", "\\ ") if in_bash else name for name in COCO80)
-
-
-def one_of(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Complete a word to the names that begin with it; they are asked for when the shell asks."""
-    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
-
-
-_COMPLETED: dict[str, Callable[..., list[str]]] = {
-    "cameras": one_of(camera_names),
-    "families": one_of(_families),
-    "scores": one_of(_scores),
-    "engines": one_of(lambda: ("threads", "processes", "ray")),
-    "classes": one_of(_classes),
-}
-
-
 def option_of(kind: type[Settings], name: str) -> Any:
-    """The type of the option of a field: ``Keep = option_of(PlanFile, "keep")``."""
-    return _typed(next(each for each in fields(kind) if each.name == name))
-
-
-def _typed(entry: Any) -> Any:
+    """The type of the option of a setting: ``Keep = option_of(PlanFile, "keep")``."""
+    entry = next(each for each in fields(kind) if each.name == name)
     about = entry.metadata
-    types = {"tuple": list[str], "int": int, "float": float, "bool": bool}
-    word = re.match(r"\w+", str(entry.type))
-    kind: Any = (
-        str if "|" in str(entry.type).removesuffix(" | None") else types.get(word[0] if word else "", str)
-    )
+    types = {"tuple[str, ...]": list[str], "int": int, "float": float}
+    typed: Any = str if about["read"] else types.get(str(entry.type).removesuffix(" | None"), str)
     option = Option(
-        f"--{entry.name.replace('_', '-')}",
+        f"--{name.replace('_', '-')}",
         *about["names"],
         metavar=about["metavar"] or None,
         help=about["about"],
-        autocompletion=_COMPLETED.get(about["complete"]),
         rich_help_panel=about["panel"] or None,
         show_default=False,
     )
-    return Annotated[kind | None, option]
+    return Annotated[typed | None, option]
 
 
 def settings(
-    kind: type[Settings], *names: str, file: str = "plan", save: bool = True
+    kind: type[Settings], *names: str, file: str = "plan", template: bool = True
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command options for fields of ``kind`` in the place of its parameter ``given``, an instance.
+    """Give a command options for settings of ``kind`` in place of its parameter ``given``, an instance.
 
-    names: of the fields; "*": one for each axis. file: --plan FILE holds all fields, and what the command line states
-    overrides it. save: whether --save-plan writes them and runs nothing; else ``output`` is needed.
+    names: of the settings; "*": one for each axis. file: --plan FILE has all settings, which the options override.
+    template: whether --save-plan writes such a file.
     """
-    by_name = {each.name: each for each in fields(kind)}
     axes = [each.key for each in getattr(kind, "AXES", ())]
-    chosen = [by_name[each] for name in names for each in (axes if name == "*" else [name])]
+    chosen = [each for name in names for each in (axes if name == "*" else [name])]
+
+    def save(path: Path | None) -> None:
+        from blurnoise._core.files import write_whole
+
+        if path is not None:
+            write_whole(path, kind.document().encode())
+            say(path)
+            raise Exit
+
+    read = Option(
+        f"--{file}",
+        parser=_local,
+        metavar="FILE.yaml",
+        help="all settings; options override those of the file",
+    )
+    written = Option(
+        f"--save-{file}", parser=new_file, metavar="OUT.yaml", callback=save, is_eager=True,
+        help="write such a file, with every setting's default, and end",
+    )  # fmt: skip
+    added = {name: option_of(kind, name) for name in chosen} | {"settings_file": Annotated[Path | None, read]}
+    added |= {"saved_to": Annotated[Path | None, written]} if template else {}
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        theirs = signature(command, eval_str=True)
-        needed = [each.name for each in theirs.parameters.values() if each.default is Parameter.empty]
-        needed.remove("given")
-
         @wraps(command)
-        def run(**options: Any) -> None:
-            stated = {each.name: options.pop(each.name) for each in chosen}
-            path, saved = options.pop("settings_file"), options.pop("saved_to", None)
-            given = kind() if path is None else kind.read(_local(path))
-            given = given.stating({name: value for name, value in stated.items() if value not in (None, [])})
-            if saved is not None:
-                given.save(saved)
-                say(saved)
-                return
-            if missing := [name for name in needed if options[name] is None]:
-                name = missing[0]
-                stands_alone = theirs.parameters[name].kind is not Parameter.KEYWORD_ONLY
-                raise TyperException(f"'{name.upper() if stands_alone else f'--{name}'}' is missing")
-            command(given=given, **options)
+        def run(settings_file: Path | None = None, saved_to: None = None, **options: Any) -> None:
+            given = kind() if settings_file is None else kind.read(settings_file)
+            stated = {name: options.pop(name) for name in chosen}
+            stated = {name: value for name, value in stated.items() if value not in (None, [])}
+            command(given=given.stating(stated), **options)
 
-        read = Option(
-            f"--{file}", metavar="FILE.yaml", help="these and rarer settings; options override them"
-        )
-        written = Option(
-            f"--save-{file}", parser=new_file, metavar="OUT.yaml", help="write such a file, and end"
-        )
-        added = {each.name: _typed(each) for each in chosen} | {"settings_file": Annotated[str | None, read]}
-        added |= {"saved_to": Annotated[Path | None, written]} if save else {}
-        parameters = list(theirs.parameters.values())
-        place = list(theirs.parameters).index("given")
+        own = signature(command, eval_str=True)
+        parameters = list(own.parameters.values())
+        place = list(own.parameters).index("given")
         parameters[place : place + 1] = [
-            Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-            for name, kind in added.items()
+            Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=of) for name, of in added.items()
         ]
-        parameters = [each.replace(default=None) if each.name in needed else each for each in parameters]
-        run.__signature__ = theirs.replace(parameters=parameters)  # type: ignore[attr-defined]
+        run.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+        run.settings = file, kind  # type: ignore[attr-defined]
         return run
 
     return decorate
 
 
-CameraName = option_of(PlanFile, "camera")
 Threads = option_of(PlanFile, "threads")
 Keep = option_of(PlanFile, "keep")
 Threshold = option_of(PlanFile, "threshold")
@@ -201,7 +149,6 @@ Contract = Annotated[
     Option(
         metavar="FILE|PRESET[,FIELD=VALUE...]",
         help="how to read the model: a JSON or YAML file, or a preset, and what differs",
-        autocompletion=_COMPLETED["families"],
     ),
 ]
 ModelTimeout = Annotated[
@@ -209,9 +156,6 @@ ModelTimeout = Annotated[
 ]
 PictureWritten = Annotated[
     Path, Option("-o", "--output", parser=new_file, metavar="OUT.png", help="the picture")
-]
-RunWritten = Annotated[
-    Location, Option("-o", "--output", parser=new_place, metavar="RUN", help="folder or URL for everything")
 ]
 RunRead = Annotated[
     Location, Argument(parser=place, metavar="RUN", help="the folder or URL of a sweep or a decision")

@@ -7,24 +7,18 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json, camera_names, new_file, one_of
-from blurnoise_eval.system.terminal import say, say_json, show
+from blurnoise_eval.cli._options import new_file
+from blurnoise_eval.system.terminal import say, show
 
 
 def cameras(
     camera: Annotated[
-        str | None,
-        Argument(
-            metavar="NAME|FILE",
-            help="one camera (default: all presets)",
-            autocompletion=one_of(lambda: (*camera_names(), "fit")),
-        ),
+        str | None, Argument(metavar="NAME|FILE", help="one camera (default: all presets)")
     ] = None,
     *,
     save: Annotated[
         Path | None, Option(parser=new_file, metavar="OUT.yaml", help="write it, to edit; or OUT.json")
     ] = None,
-    as_json: Json = False,
 ) -> None:
     """List the camera presets, or show every figure of one camera and its source.
 
@@ -41,18 +35,11 @@ def cameras(
     if camera is None:
         if save:
             raise ValueError("save: needs a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
-        presets = list(PRESETS.values())
-        if as_json:
-            say_json([tables.facts(preset) for preset in presets])
-        else:
-            show(tables.overview(presets))
+        show(tables.overview(list(PRESETS.values())))
         return
     found = tables.find(camera)
     if save:
         found.save(save)
-    if as_json:
-        say_json(tables.facts(found))
-        return
     show(tables.figures(found))
     if save:
         say(save)

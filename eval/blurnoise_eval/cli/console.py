@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.system.terminal import (
@@ -22,50 +21,29 @@ if TYPE_CHECKING:
 
 
 def print_opening(data: RunData) -> None:
-    """What a run answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
+    """A run's answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
-    told = opening(data)
-    for sentence in told.sentences:
-        _say(sentence)
-    if told.rows:
+    found, wide = opening(data), width() or PROSE
+    for sentence in found.sentences:
+        say_wrapped(_in_ascii(sentence))
+    if found.rows:
         for speeds in range(MAX_SPEEDS, -1, -1):  # as many as fit
-            heads, rows, hidden = table_rows(told, MAX_ROWS, speeds)
-            lines = table_lines(heads, rows, (False,) * len(heads), rule=False)
-            if max(map(len, lines)) + 2 <= (width() or PROSE):
+            heads, rows, hidden = table_rows(found, MAX_ROWS, speeds)
+            plain = (False,) * len(heads)
+            lines = table_lines(heads, rows, plain, None if speeds else wide - 2, rule=False)
+            if max(map(len, lines)) + 2 <= wide:
                 break
-        else:
-            lines = table_lines(heads, rows, (False,) * len(heads), (width() or PROSE) - 2, rule=False)
-        name = [f"{told.model}:"] if len(data.models) > 1 else []
+        name = [f"{found.model}:"] if len(data.models) > 1 else []
         say("", *name, *(f"  {_in_ascii(line)}" for line in lines))
-        _say(told.legend + (f"; {hidden} more cells: recommendations.csv" if hidden else ""), 2, 2)
-    for title, text in told.notes:
-        _say(f"{title}: {text}", hanging=len(title) + 2)
-
-
-def _say(text: str, indent: int = 0, hanging: int = 0) -> None:
-    say_wrapped(_in_ascii(text), indent, hanging)
+        more = f"; {hidden} more cells: recommendations.csv" if hidden else ""
+        say_wrapped(_in_ascii(found.legend + more), 2, 2)
+    for title, text in found.notes:
+        say_wrapped(_in_ascii(f"{title}: {text}"), hanging=len(title) + 2)
 
 
 def _in_ascii(line: str) -> str:
-    for sign, letters in (("≤", "<="), ("≥", ">="), ("–", "-")):
-        line = line.replace(sign, letters)
-    return line
-
-
-def print_assumptions(contract: Any, model: Path | None) -> None:
-    """What a contract assumes for want of a word in the model file, on standard error."""
-    fields = contract.to_dict()
-    assumed = [name for name, source in fields["sources"].items() if source.startswith("assumed")]
-    if not assumed or model is None:
-        return
-    fields["classes"] = f"the {len(contract.classes)} of COCO"
-    text = ", ".join(f"{name} {fields[name]}" for name in assumed)
-    own = model.with_suffix(".contract.json").name
-    say_wrapped(f"assumed, since nothing in {model.name} says it: {text}.", error=True)
-    say_wrapped(
-        f"State these in {own} beside it, or name a preset: --contract {contract.family}.", error=True
-    )
+    return line.replace("≤", "<=").replace("≥", ">=").replace("–", "-")
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:
@@ -88,16 +66,16 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
     if as_json:
         say_json(facts)
         return
-    longest = max(map(len, facts))
+    longest, wide = max(map(len, facts)) + 2, width()
     for name, value in facts.items():
         if isinstance(value, dict):
             value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
         for entry in value if isinstance(value, list) else [value]:
-            line, wide = f"{name:{longest}s}  {_number(entry)}", width()
+            line = f"{name:{longest}s}{_number(entry)}"
             fits = (
-                wide and max(map(len, line.split())) <= wide - longest - 2
+                wide and max(map(len, line.split())) <= wide - longest
             )  # else a path is left whole, to copy
-            say(*paragraph(line, wide, hanging=longest + 2) if fits else [line])
+            say(*paragraph(line, wide, hanging=longest) if fits else [line])
             name = ""
 
 

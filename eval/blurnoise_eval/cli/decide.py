@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from blurnoise_eval.cli._options import Json, RunWritten, settings
+from blurnoise_eval.cli._options import Folder, Json, settings
 from blurnoise_eval.cli.sweep import computed
 from blurnoise_eval.grid.plan_file import PlanFile
 
 
-@settings(PlanFile, "model", "images", "labels", "camera", "*", "keep", "threads", save=False)
-def decide(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None:
+@settings(PlanFile, "model", "images", "labels", "camera", "*", "keep", "threads", template=False)
+def decide(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
 
       blurnoise decide --model a.onnx --coco instances.json -o run

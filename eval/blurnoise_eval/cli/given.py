@@ -1,9 +1,10 @@
-"""What a file of settings and options name: a camera, models, pictures, threads."""
+"""Objects that a file of settings and options name: a camera, models, pictures, threads."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.plan_file import PlanFile
     from blurnoise_eval.scoring.on_picture import Model
-    from blurnoise_eval.sweep.engines import Engine
     from blurnoise_eval.system.urls import Location
 
 Labels = Literal["coco", "yolo", "bdd", "text"]
@@ -26,8 +26,6 @@ _HEAD = 4096  # bytes of a file of labels that show which kind it is
 def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> Camera:
     """The camera of a preset's name or a file, with the colour filters if these are given; without a name the default
     for pictures in colour or grey."""
-    from dataclasses import replace
-
     from blurnoise_eval.cameras import find
     from blurnoise_eval.sweep.default_camera import default_camera
 
@@ -38,12 +36,11 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
 
 
 def camera_of_run(plan: PlanFile, models: Sequence[Model], pictures: PictureSet) -> tuple[Camera, str | None]:
-    """The camera that is named, or the default of these models and pictures; and what the terminal says of it."""
+    """The camera that is named, or the default of these models and pictures; and a line on it for the terminal."""
     from blurnoise_eval.sweep.default_camera import camera_text, default_for, in_colour
 
-    chosen = (
-        default_for(models, pictures, plan.cfa) if plan.camera is None else camera(plan.camera, cfa=plan.cfa)
-    )
+    named = plan.camera is not None
+    chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(models, pictures, plan.cfa)
     return chosen, camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
 
 
@@ -57,17 +54,14 @@ def detector(model: Path | None, contract: str | None) -> Detector:
 
 
 def models(plan: PlanFile) -> list[Model]:
-    """The user's detectors and text recognisers, or the built-in detector. Equal names get a number.
-
-    Raises ``ValueError`` where detectors and recognisers are named together: their targets differ.
-    """
+    """The user's detectors or text recognisers, or the built-in detector. Raises ``ValueError``."""
     from blurnoise_models.detector import STOP_SIGN
 
     from blurnoise_eval.detectors.ocr import rapidocr_models
     from blurnoise_eval.detectors.opening import open_models
 
     paths = [_place("model", text) for text in plan.model] or [STOP_SIGN]
-    finder = _place("text-detector", plan.text_detector)
+    finder = _place("text_detector", plan.text_detector)
     if packaged := [path for path in map(str, paths) if path in ("ppocr", "ppocr-find")]:
         if len(paths) > 1 or finder:
             raise ValueError(f"model: {packaged[0]} stands alone, with its own text detector")
@@ -104,37 +98,26 @@ def kind_of(labels: Location) -> Labels:
 
 
 def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
-    """A labelled set's, a folder's, or rendered signs; the first ``limit`` of them.
+    """The first ``limit`` pictures of a labelled set, of a folder, or rendered signs. reads: text.
 
-    reads: text. Notes of the set are written to standard error. Raises ``ValueError`` for what does not go together.
+    Notes of the set are written to standard error. Raises ``ValueError`` for settings that do not go together.
     """
-    from dataclasses import replace
-
     from blurnoise._core.checks import in_range
     from blurnoise_eval import datasets
 
-    in_range("max_megapixels", plan.max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
+    most = in_range("max_megapixels", plan.max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
     images, labels = _place("images", plan.images), _place("labels", plan.labels)
     kind = None if labels is None else kind_of(labels)
     if plan.limit is not None and plan.limit < 1:
         raise ValueError(f"limit = {plan.limit}: must be >= 1")
     if plan.target and kind in (None, "text"):
         raise ValueError("target: goes with --labels of COCO, YOLO or BDD100K, whose classes it names")
-    if plan.keep_empty and not plan.target:
-        raise ValueError("keep_empty: goes with target; without it, pictures of nothing count anyway")
-    if plan.split and kind != "yolo":
-        raise ValueError("split: goes with YOLO's labels, whose data.yaml names it")
     if reads and kind not in (None, "text"):
-        raise ValueError(
-            "labels: text recognisers take PP-OCR's labels, which say what is to be read, or --images alone"
-        )
-    most = plan.max_megapixels
+        raise ValueError("labels: text recognisers take PP-OCR's labels, or --images alone")
     if kind == "text":
         found = datasets.texts(labels, images=images, max_megapixels=most)
     elif kind is not None:
-        chosen: Any = {"images": images, "labels": plan.target, "keep_empty": plan.keep_empty}
-        chosen |= {"split": plan.split} if kind == "yolo" else {}
-        found = getattr(datasets, kind)(labels, max_megapixels=most, **chosen)
+        found = getattr(datasets, kind)(labels, images=images, labels=plan.target, max_megapixels=most)
     elif images:
         found = datasets.image_folder(images, max_megapixels=most)
     else:
@@ -153,21 +136,14 @@ def subject(plan: PlanFile) -> tuple[list[Model], PictureSet]:
 
 
 def command() -> str:
-    """What was typed, without what URLs hold of passwords."""
+    """The command as it was typed, without passwords of URLs."""
     from blurnoise_eval.system.urls import without_secrets
 
     return without_secrets(" ".join(["blurnoise", *sys.argv[1:]]))
 
 
-def engine(plan: PlanFile, workers: int | None) -> str | Engine:
-    """Who computes, by name, or connected to the cluster at the address that is given."""
-    from blurnoise_eval.sweep.engines import engine_of
-
-    return plan.engine if plan.address is None else engine_of(plan.engine, workers, plan.address)
-
-
 def threads(count: int | None) -> int:
-    """As many as asked for, else one per usable core. Raises ``ValueError`` below 1."""
+    """As many as specified, else one per usable core. Raises ``ValueError`` below 1."""
     from blurnoise_eval.system.machine import usable_cores
 
     count = count if count is not None else usable_cores()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Contract, Json, Location, ModelTimeout, new_file, place
-from blurnoise_eval.cli.console import print_assumptions, print_facts
+from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say, say_json, shortened, table_lines, width
 
@@ -112,8 +112,6 @@ def inspect(
         say_json({**facts, **read_by, "assumed": network.contract.assumptions, **seen})
         return
     _print(facts, network.contract, found)
-    if not reads:
-        print_assumptions(network.contract, opened.path)
 
 
 def _pictures(probe: Location) -> Pictures:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from blurnoise_eval.cli._options import Folder, Json, RunRead, settings
-from blurnoise_eval.grid.program_file import ProgramFile
-from blurnoise_eval.grid.values import bounds
+from blurnoise_eval.cli._options import Folder, RunRead, settings
+from blurnoise_eval.grid.plan_file import ProgramFile
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json, width
+from blurnoise_eval.system.terminal import say, width
 
 
 @settings(
     ProgramFile, "model", "lux", "speeds", "objective", "keep", "score", "fps", "readout_ms", "anti_flicker"
 )
-def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json = False) -> None:
+def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
     """Make an exposure program from a finished run, without new calls: for every light the exposure and gain that
     keep most of a detector's performance over a mix of speeds, in few stages, as cameras hold them.
 
@@ -32,61 +29,44 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     file) and program.png.
     """
     from blurnoise_eval.program import report
+    from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
-    from blurnoise_eval.program.scenario import (
-        PREGIUS_LEAST_S,
-        Limits,
-        Scenario,
-        half_stops,
-        speed_shares,
-        target_shares,
-    )
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    limits = Limits(
-        frame_rate_hz=given.fps,
-        readout_s=given.readout_ms / 1e3,
-        mains_hz=float(given.anti_flicker or 0),
-        led=given.led,
-        gain_max_db=given.most_gain_db,
-        row_time_s=given.line_time_us / 1e6,
-        least_exposure_s=PREGIUS_LEAST_S
-        if given.least_exposure_us is None
-        else given.least_exposure_us / 1e6,
-    )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
-        inputs = inputs_of(
-            store, criterion_of(store, given.threshold, given.keep, given.score), given.cluster, given.model
+        criterion = criterion_of(store, given.threshold, given.keep, given.score)
+        inputs = inputs_of(store, criterion, given.cluster, given.model)
+        camera, own = inputs.metering.camera, inputs.scenario
+        shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
+        limits = of.Limits(
+            frame_rate_hz=given.fps,
+            readout_s=given.readout_ms / 1e3,
+            mains_hz=float(given.anti_flicker or 0),
+            led=given.led,
+            gain_max_db=given.most_gain_db,
+            row_time_s=given.line_time_us / 1e6,
+            least_exposure_s=shortest_s if given.least_exposure_us is None else given.least_exposure_us / 1e6,
         )
-        camera = inputs.metering.camera
-        if given.least_exposure_us is None:
-            limits = replace(limits, least_exposure_s=camera.row_time_s or PREGIUS_LEAST_S)
-        asked = inputs.scenario
-        scenario = Scenario(
-            lights_lux=asked.lights_lux if given.lux is None else half_stops(*bounds(given.lux)),
-            speeds_px_s=asked.speeds_px_s if given.speeds is None else speed_shares(given.speeds),
-            targets=target_shares(given.targets, [*inputs.planes]) if given.targets else asked.targets,
+        scenario = of.Scenario(
+            lights_lux=own.lights_lux if given.lux is None else of.half_stops(*given.lux),
+            speeds_px_s=own.speeds_px_s if given.speeds is None else of.speed_shares(given.speeds),
+            targets=of.target_shares(given.targets, [*inputs.planes]) if given.targets else own.targets,
             objective=given.objective,
             tail=given.tail,
         )
         advance(1)
         advance.note("tries exposures at every light")
-        problem = Problem(inputs, scenario, limits)
-        found = optimise(problem)
+        found = optimise(Problem(inputs, scenario, limits))
         advance(1)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
         written = report.write(found, folder.path, str(run), inputs.notes)
         title = f"{inputs.model}, {camera.name}: {inputs.criterion.title}"
         written.append(report.draw(found, title, folder.path / "program.png"))
-    if as_json:
-        document = report.document(found, str(run), inputs.notes)
-        say_json({"output": str(output), "files": [folder.told(path) for path in written], **document})
-        return
     say(*report.lines(found, width()))
     say(*inputs.notes, error=True)
     say("", f"wrote {', '.join(path.name for path in written)} in {output}")

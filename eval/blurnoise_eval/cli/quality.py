@@ -16,7 +16,7 @@ USUAL = {
 }
 
 
-@settings(PlanFile, "camera", "*", save=False)
+@settings(PlanFile, "camera", "*", template=False)
 def quality(
     *,
     given: PlanFile,

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from contextlib import nullcontext
-from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
@@ -52,35 +50,32 @@ def report(
     The sweep itself is not repeated.
     """
     from blurnoise_eval.deciding.decision import Decision
+    from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     if output is None and isinstance(run, Path) and run.is_dir():
         new_place(run)
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
-        done = Decision(folder, **enough, cluster=cluster, output=written, progress=True)
+        done = Decision(
+            folder, threshold, keep=keep, score=score, cluster=cluster, output=written, progress=True
+        )
         if coco:
-            _write_coco(done)
-        tell(done, as_json=as_json)
+            from blurnoise_eval.store.schema import CONDITIONS
+            from blurnoise_eval.store.store import Store
+            from blurnoise_eval.sweep.coco_export import write_detections
+
+            place = path_within(done.output, "coco")
+            with (
+                Store(done.folder, shared=True) as store,
+                ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance,
+            ):
+                files = write_detections(store, place, advance)
+            say(f"{len(files)} files in {place}, each beside its instances.json", error=True)
+        print_run(done, as_json=as_json)
 
 
-def _write_coco(done: Evaluation) -> None:
-    """Write what the models found as COCO."""
-    from blurnoise_eval.store.schema import CONDITIONS
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.coco_export import write_detections
-    from blurnoise_eval.system.files import path_within
-
-    path_within(done.output, "coco")
-    with Store(done.folder, shared=True) as store:
-        steps = store.count_different(*CONDITIONS, "model", "repeat")
-        with ProgressBar("write", steps) as advance:
-            written = write_detections(store, done.output / "coco", advance)
-    say(f"{len(written)} files in {done.output / 'coco'}, each beside its instances.json", error=True)
-
-
-def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:
-    """Write a run's tables, figures and page; the answer in the terminal, ``last`` before the page's path."""
+def print_run(done: Evaluation, *, as_json: bool, about_camera: str | None = None) -> None:
+    """Write a run's tables, figures and page; print its answers, and where the page is."""
     from blurnoise_eval.deciding.decision import Decision
     from blurnoise_eval.report.findings import alarms
     from blurnoise_eval.report.words import counted
@@ -94,7 +89,10 @@ def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:
     for alarm in alarms(done.data):
         say_wrapped(f"Warning: {alarm}")
     for name, labels in done.summary["targets_found"].items():
-        say_wrapped(f"{name}: {_found_text(labels)}", hanging=2)
+        classes = [f"{label} {count}" for label, count in labels.items()]
+        more = [f"{len(classes) - _MOST_LABELS} more classes"] if len(classes) > _MOST_LABELS else []
+        found = f"{counted(sum(labels.values()), 'target')}, as found in the original pictures"
+        say_wrapped(f"{name}: {found}: {', '.join(classes[:_MOST_LABELS] + more)}", hanging=2)
     print_opening(done.data)
     for line in done.how() if isinstance(done, Decision) else ():
         say_wrapped(line)
@@ -102,18 +100,8 @@ def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:
         say_wrapped(
             f"No answer for {each['model']}, {each['group']}: almost nothing of it is found in the originals"
         )
+    if about_camera:
+        say_wrapped(about_camera, hanging=2)
     took = f" in {done.outcome.wall_s:.0f} s" if done.outcome is not None else ""
     skipped = f", {counted(len(done.skipped), 'picture')} skipped" if done.skipped else ""
-    if last:
-        say_wrapped(last, hanging=2)
     say(f"{done.summary['cells']} cells{took}{skipped}. Details: {done.summary['report']}")
-
-
-def _found_text(labels: Mapping[str, int]) -> str:
-    """What is taken for targets where nothing is labelled: "63 targets: sports ball 61, person 2"."""
-    from blurnoise_eval.report.words import counted
-
-    named = [f"{label} {count}" for label, count in islice(labels.items(), _MOST_LABELS)]
-    more = len(labels) - len(named)
-    named += [f"{more} more classes"] if more else []
-    return f"{counted(sum(labels.values()), 'target')}, as found in the original pictures: {', '.join(named)}"

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.cli import given as given_by
-from blurnoise_eval.cli._options import Json, Location, RunWritten, settings
-from blurnoise_eval.cli.report import tell
-from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.system.terminal import say
+from blurnoise_eval.cli._options import Folder, Json, Location, settings
+from blurnoise_eval.cli.report import print_run
+from blurnoise_eval.grid.plan_file import Enough, PlanFile
 
 if TYPE_CHECKING:
     from blurnoise_eval.evaluation import Evaluation
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep", "score", "engine",
     "threads", "part",
 )  # fmt: skip
-def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None:
+def sweep(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures,
     tables and a page that answers with the exposure to use.
 
@@ -33,31 +32,22 @@ def sweep(*, given: PlanFile, output: RunWritten, as_json: Json = False) -> None
     Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds, and the built-in detector. A
     sweep that was stopped goes on where it was when the same command is given again.
     """
-    from blurnoise_eval.answers.clusters import cluster_of
     from blurnoise_eval.evaluation import evaluate
-    from blurnoise_eval.grid.parts import Part
 
-    cluster_of("", given.cluster)
-    if given.part is not None:
-        Part.parse(given.part)
     computed(evaluate, given, output, as_json, part=given.part, refine=given.refine)
-    if given.refine and given.part is not None:
-        say(
-            "ends of windows are not refined in a part: merge the parts, then sweep on in the merged run",
-            error=True,
-        )
 
 
 def computed(
     compute: Callable[..., Evaluation], given: PlanFile, output: Location, as_json: bool, **further: Any
 ) -> None:
-    """Compute what a plan says into a run, and print what it answers."""
+    """Compute a plan into a run, and print its answers."""
+    from blurnoise_eval.sweep.engines import engine_of
     from blurnoise_eval.system.working_folder import written_run
 
     workers = given.threads if given.address else given_by.threads(given.threads)
     models, pictures = given_by.subject(given)  # before a folder is made
     plan = given.sweep_plan()
-    camera, of_camera = given_by.camera_of_run(given, models, pictures)
+    camera, about_camera = given_by.camera_of_run(given, models, pictures)
     with written_run(output) as folder:
         done = compute(
             models,
@@ -65,14 +55,11 @@ def computed(
             camera,
             plan,
             folder,
-            threshold=given.threshold,
-            keep=given.keep,
-            score=given.score,
-            cluster=given.cluster,
-            engine=given_by.engine(given, workers),
+            **{name: getattr(given, name) for name in Enough.names()},
+            engine=engine_of(given.engine, workers, given.address) if given.address else given.engine,
             threads=workers,
             progress=True,
             command=given_by.command(),
             **further,
         )
-        tell(done, as_json=as_json, last=of_camera)
+        print_run(done, as_json=as_json, about_camera=about_camera)

@@ -20,7 +20,7 @@ def train(
         Option(help="what happens to the pictures: nothing; Kornia's motion blur and noise; RandomExposure"),
     ] = "exposure",
     pictures: Annotated[int, Option(metavar="N", help="seen")] = 80_000,
-    scenes: Annotated[int, Option(metavar="N", help="to see; 0.3 MB each")] = 16_000,
+    scenes: Annotated[int, Option(metavar="N", min=1, help="to see; 0.3 MB each")] = 16_000,
     size: Annotated[int, Option(metavar="PX", help="of scenes and input, a multiple of 32")] = 320,
     seed: Annotated[int, Option(metavar="N", help="of weights, order and augmentation")] = 0,
     threads: Threads = None,

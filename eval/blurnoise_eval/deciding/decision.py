@@ -29,7 +29,6 @@ from blurnoise_eval.deciding.surface import Trend, predicted_table
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.grid.nodes import NodePlan
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.scoring.on_picture import Model
@@ -100,10 +99,8 @@ def decided(
         with Store(folder.path) as store:
             store.set_about(_QUESTION, asdict(replace(question, because=because)))
         return Decision(folder, **enough, cluster=cluster, progress=progress)
-    nodes = NodePlan(
-        (), question.further, direction_of_all(question.lines), plan.repeats, plan.seed,
-        grey_anchor=plan.grey_anchor, auto_exposure=plan.auto_exposure, objects=plan.objects,
-    )  # fmt: skip
+    further = {name: (value,) for name, value in question.further.items()}
+    nodes = replace(plan, grid=further, only=(), direction=direction_of_all(question.lines), ego=None)
     if nodes.cuts:
         check_cut(pictures, nodes.objects)
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
@@ -133,7 +130,7 @@ class _Run:
     models: Sequence[Model]
     camera: Camera
     pictures: PictureSet
-    plan: NodePlan
+    plan: SweepPlan
     question: Question
     criterion: Criterion
     cluster: str | None
@@ -157,7 +154,7 @@ class _Run:
     def _up_to(self, batches: Sequence[Batch]) -> None:
         """Compute every node of the batches before every picture."""
         nodes = tuple(at for batch in batches for at in batch.conditions)
-        plan = replace(self.plan, nodes=nodes, examples=len(batches) == 1)
+        plan = replace(self.plan, only=nodes, examples=len(batches) == 1)
         cells = count_cells(self.pictures, plan)
         with progress_bar(f"{len(nodes)} nodes", cells, self.progress) as advance:
             done = sweep.run(

@@ -22,9 +22,8 @@ from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import SensorStage
 from blurnoise_eval.grid import axes
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, MOVES, VELOCITY, Axis
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.values import number
 
 BUILT_IN, NO_MODEL = "built-in", "none"
 """Models: the built-in detector, and none."""
@@ -121,7 +120,7 @@ class State:
             value = None if own else of_text(axis, text)
             return replace(self, at=Conditions(**{**self.at, axis.name: value}))
         if name in _FIGURES:
-            return self.put_figure(name, number(text, automatic=False))
+            return self.put_figure(name, number(text))
         if name == "seed":
             return replace(self, seed=int(text))
         if name in _NAMES:
@@ -226,7 +225,7 @@ class Control:
         """The state with another value, a number or as it is typed. Raises ``ValueError``."""
         try:
             if self.axis is None:
-                return state.put_figure(self.name, number(value, automatic=False))
+                return state.put_figure(self.name, number(value))
             if isinstance(value, str):
                 return state.put(self.name, of_text(self.axis, value))
         except ValueError as error:

@@ -1,8 +1,8 @@
-"""The axes of a sweep, one table: options, limits, columns, file names, captions and pages follow from it.
+"""Axes of a sweep, one table: options, limits, columns, file names, captions and pages follow from it.
 
-Domain: values in SI units and the units that stand in the names; an option's numbers times ``per_option``. What
-is not stated stands where the camera has it (``own``). A new axis is an entry of ``AXES``. The command line's help
-is made from the table, so nothing heavy is imported above.
+Domain: values in SI units and the units in the names; an option's numbers times ``per_option``. An axis that is not
+specified has the camera's value (``own``). A new axis is an entry of ``AXES``. Nothing heavy is imported above, as
+the command line's help is made from the table.
 """
 
 from __future__ import annotations
@@ -12,11 +12,55 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.grid.values import AUTOMATIC as AUTOMATIC
-from blurnoise_eval.grid.values import number, numbers
-
 if TYPE_CHECKING:
     from blurnoise.optics.camera import Camera
+
+AUTOMATIC = math.inf
+"""The value of an axis that the camera sets itself, for each picture; "auto" in tables."""
+
+
+def number(text: str | float, *, automatic: bool = False) -> float:
+    """A number; "auto", where that is allowed, is ``AUTOMATIC``, which no number is. Raises ``ValueError``."""
+    if automatic and isinstance(text, str) and text.strip() == "auto":
+        return AUTOMATIC
+    try:
+        value = math.inf if isinstance(text, bool) else float(text)
+    except (TypeError, ValueError):
+        value = math.inf
+    if math.isinf(value):
+        raise ValueError(f"must be a number{', or auto' if automatic else ''}")
+    return value
+
+
+def bounds(text: str) -> tuple[float, float]:
+    """The numbers of "low:high", or one number for both. Raises ``ValueError``."""
+    low, colon, high = str(text).partition(":")
+    try:
+        return float(low), float(high if colon else low)
+    except ValueError:
+        raise ValueError("must be low:high or a number") from None
+
+
+def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
+    """Parse "1,5,10" or "low:high"; "auto" where that is allowed. Raises ``ValueError``.
+
+    low:high: both ends and what of 1, 3, 10, 30 ... lies between, from two decades below the high end where the low
+    one is 0.
+    """
+    try:
+        if ":" not in text:
+            return tuple(number(part, automatic=automatic) for part in text.split(","))
+        low, high = bounds(text)
+        if not 0 <= low < high < math.inf:
+            raise ValueError
+    except ValueError:
+        must = "must be numbers as 1,5,10, or low:high for both and 1, 3, 10, 30 ... between"
+        raise ValueError(f"{must}{', or auto' if automatic else ''}") from None
+    least = low or high / 100
+    powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
+    between = (float(f"{digit}e{power}") for power in powers for digit in (1, 3))
+    inner = (value for value in between if max(low, least * (1 - 1e-9)) <= value < high and value != low)
+    return (low, *inner, high)
 
 
 @dataclass(frozen=True)
@@ -25,12 +69,13 @@ class Axis:
 
     name: of the column, SI unit in it. into: the field of :class:`blurnoise.Exposure` it sets, or of its camera
     ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
-    unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: where it stands
-    when nobody states it. default: what a sweep tests if not told; empty: its own.
-    automatic: it may be left to the camera, as ``AUTOMATIC``. text: for captions, unit included; slug: for file
-    names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails
-    for good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files.
-    without: axes whose default gives way where this one is stated.
+    unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: the camera's
+    value, where none is specified. default: the values of a sweep; empty: the camera's.
+    automatic: it may be left to the camera, as ``AUTOMATIC``. caption: with a {} for the number, of so many digits;
+    slugs: the same for names of files.
+    logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails for
+    good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files;
+    captions: of these. without: axes that have no default where this one is specified.
     """
 
     name: str
@@ -42,27 +87,27 @@ class Axis:
     per_option: float
     low: float
     high: float
-    own: Callable[[Camera], float]
-    text: Callable[[float], str]
-    slug: Callable[[float], str]
+    caption: str
+    slugs: str
+    own: Callable[[Camera], float] = lambda camera: 0.0
+    digits: int = 6
     positive: bool = False
     logarithmic: bool = False
     fails: bool = False
     automatic: bool = False
     default: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
+    captions: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
-        """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed, a choice may be a name.
+        """``values`` in the column's unit, sorted, each once; a choice may be a name.
 
         Raises ``ValueError`` for none, or for one outside the limits.
         """
         kept = tuple(sorted({self._one(value) for value in values}))
         if not kept:
             raise ValueError(f"{self.name}: must hold at least one value")
-        if self.positive and kept[0] == self.low:
-            raise ValueError(f"{self.name} = {kept[0]!r}: must be > {self.low:g}")
         return kept
 
     def _one(self, value: float | str) -> float:
@@ -72,7 +117,7 @@ class Axis:
             return AUTOMATIC
         if self.choices:
             return self.place_of(value)
-        return in_range(self.name, value, self.low, self.high) + 0.0  # type: ignore[arg-type]  # text is refused
+        return in_range(self.name, value, self.low, self.high, above=self.positive) + 0.0  # type: ignore[arg-type]
 
     def place_of(self, choice: float | str) -> float:
         """A choice's place, by its name or as it is. Raises ``ValueError`` that lists the choices."""
@@ -88,18 +133,31 @@ class Axis:
 
     @property
     def default_text(self) -> str:
-        """What a sweep tests unless told otherwise, as it is typed."""
+        """The values of a sweep, as they are typed."""
         return ",".join("auto" if value == AUTOMATIC else f"{self.shown(value):g}" for value in self.default)
 
     def values(self, stated: float | str | Iterable[float | str]) -> tuple[float, ...]:
-        """What an option or a file states, in the option's unit, as values in the column's. Raises ``ValueError``."""
+        """Values of an option or a file, in the option's unit, :meth:`checked` and in the column's.
+
+        Raises ``ValueError``, for a value outside the limits in the option's name and unit.
+        """
+        from blurnoise._core.checks import OutOfRange
+
+        try:
+            return self.checked(self._read(stated))
+        except OutOfRange as error:
+            numbers: Any = error.value, error.low, error.high
+            value, low, high = (float(f"{self.shown(each):.12g}") for each in numbers)
+            raise OutOfRange(self.key, value, low, high, error.above) from None
+
+    def _read(self, stated: float | str | Iterable[float | str]) -> list[float]:
         if isinstance(stated, str) and self.choices:
-            return tuple(self.place_of(part.strip()) for part in stated.split(","))
+            return [self.place_of(part.strip()) for part in stated.split(",")]
         if isinstance(stated, str):
-            return tuple(map(self.of_option, numbers(stated, automatic=self.automatic)))
-        if isinstance(stated, (int, float)):
-            return (self.of_option(number(stated, automatic=self.automatic)),)
-        return tuple(value for each in stated for value in self.values(each))
+            return [self.of_option(value) for value in numbers(stated, automatic=self.automatic)]
+        if isinstance(stated, list | tuple):
+            return [value for each in stated for value in self._read(each)]
+        return [self.of_option(number(stated))]  # type: ignore[arg-type]  # anything else of a file is refused
 
     def of_option(self, value: float) -> float:
         """The option's number in the column's unit; 45 ms is the number nearest to 0.045 s, by division."""
@@ -108,6 +166,20 @@ class Axis:
     def shown(self, value: float) -> float:
         """The value in the option's unit, as axes of figures and tables have it."""
         return value / self.per_option
+
+    def text(self, value: float) -> str:
+        """The value for captions, unit included."""
+        if self.automatic and value == AUTOMATIC:
+            return f"automatic {self.title.lower()}"
+        if self.choices:
+            return self.captions[int(value)]
+        return self.caption.format(_positional(self.shown(value), self.digits))
+
+    def slug(self, value: float) -> str:
+        """The value for names of files."""
+        if self.automatic and value == AUTOMATIC:
+            return "auto"
+        return self.slugs.format(self.choices[int(value)] if self.choices else f"{self.shown(value):g}")
 
 
 @dataclass(frozen=True)
@@ -123,89 +195,73 @@ class Coordinate:
 
 
 def milliseconds(exposure_s: float, digits: int = 3) -> str:
-    """'2.5': so many digits of ms, never in powers of ten."""
+    """'2.5': so many digits of ms."""
+    return _positional(1e3 * exposure_s, digits)
+
+
+def _positional(value: float, digits: int) -> str:
+    """Never in powers of ten."""
     import numpy as np
 
-    return np.format_float_positional(1e3 * exposure_s, digits, fractional=False, trim="-")
+    return np.format_float_positional(value, digits, fractional=False, trim="-")
 
-
-_MOVES = (
-    "all",
-    "targets",
-    "background",
-)  # of blurnoise.scene.scene, which would be heavy here; a test compares them
-_MOVE = ("all moves", "targets move", "background moves")
 
 AXES: tuple[Axis, ...] = (
     Axis(
         "exposure_s", "exposure_s", "--exposure-ms",
         "exposure times, ms; auto: as the camera sets it for each picture", "Exposure", "ms",
-        1e-3, 0.0, 3600.0, own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True, automatic=True,
-        text=lambda value: "automatic exposure" if value == AUTOMATIC else f"{milliseconds(value)} ms",
-        slug=lambda value: "auto" if value == AUTOMATIC else f"{1e3 * value:g}ms",
-        default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
+        1e-3, 0.0, 3600.0, "{} ms", "{}ms", own=lambda camera: math.nan, digits=3, positive=True, logarithmic=True,
+        fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
-        own=lambda camera: math.nan, logarithmic=True,
-        text=lambda value: f"{value:g} lux", slug=lambda value: f"{value:g}lux",
-        default=(1.0, 30.0, 1000.0, 20_000.0),
+        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 30.0, 1000.0, 20_000.0),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
-        1.0, -1e7, 1e7, own=lambda camera: 0.0,
-        text=lambda value: f"{value:g} px/s", slug=lambda value: f"{value:g}",
-        default=(0.0, 300.0, 1000.0),
+        1.0, -1e7, 1e7, "{} px/s", "{}", default=(0.0, 300.0, 1000.0),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",
-        1.0, -1e7, 1e7, own=lambda camera: 0.0,
-        text=lambda value: f"{value:g} px/s down", slug=lambda value: f"{value:g}px_s", default=(0.0,),
+        1.0, -1e7, 1e7, "{} px/s down", "{}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC",
-        "Sensor temperature", "°C", 1.0, -273.15, 300.0, own=lambda camera: 25.0,
-        text=lambda value: f"{value:g} °C", slug=lambda value: f"{value:g}C", fails=True,
+        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC", "Sensor temperature", "°C",
+        1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: 25.0, fails=True,
     ),
     Axis(
         "f_number", "camera.f_number", "--f-number",
         "of the lens, in place of the camera's: its light, and its diffraction at 0.55 µm", "f-number", "",
-        1.0, 0.5, 256.0, own=lambda camera: camera.f_number, logarithmic=True, fails=True,
-        text=lambda value: f"f/{value:g}", slug=lambda value: f"f{value:g}",
+        1.0, 0.5, 256.0, "f/{}", "f{}", own=lambda camera: camera.f_number, logarithmic=True, fails=True,
     ),
     Axis(
         "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
         "radius of the lens's disc of confusion, px, in place of the camera's", "Defocus", "px", 1.0, 0.0, 1000.0,
-        own=lambda camera: camera.defocus_radius_px, fails=True,
-        text=lambda value: f"defocus {value:g} px", slug=lambda value: f"defocus{value:g}px",
+        "defocus {} px", "defocus{}px", own=lambda camera: camera.defocus_radius_px, fails=True,
     ),
     Axis(
         "gain_db", "gain_db", "--gain",
         "dB, analogue as far as the camera goes, then digital; auto: for each picture what brings its mean to 18 %",
-        "Gain", "dB", 1.0, -120.0, 120.0, own=lambda camera: 0.0, automatic=True, default=(AUTOMATIC,),
-        text=lambda value: "automatic gain" if value == AUTOMATIC else f"gain {value:g} dB",
-        slug=lambda value: "auto" if value == AUTOMATIC else f"{value:g}dB",
+        "Gain", "dB", 1.0, -120.0, 120.0, "gain {} dB", "{}dB", automatic=True, default=(AUTOMATIC,),
     ),
     Axis(
         "moves", "moves", "--moves",
         "by --dx and --dy: all, the targets alone, or the background of targets that are tracked",
-        "Kind of motion", "", 1.0, 0.0, 2.0, own=lambda camera: 0.0,
-        text=lambda value: _MOVE[int(value)], slug=lambda value: f"{_MOVES[int(value)]}-moves", choices=_MOVES,
+        "Kind of motion", "", 1.0, 0.0, 2.0, "{}", "{}-moves",
+        choices=("all", "targets", "background"),  # of blurnoise.scene.scene; a test compares them
+        captions=("all moves", "targets move", "background moves"),
     ),
     Axis(
         "ego_speed_m_s", "ego_speed_m_s", "--ego-kmh",
         "the camera drives over a flat road, in place of --dx and --dy: each place moves in its own way",
-        "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, own=lambda camera: 0.0, fails=True, without=("velocity_x_px_s",),
-        text=lambda value: f"{3.6 * value:g} km/h", slug=lambda value: f"{3.6 * value:g}km_h",
+        "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, "{} km/h", "{}km_h", fails=True, without=("velocity_x_px_s",),
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
 VELOCITY = ("velocity_x_px_s", "velocity_y_px_s")
-CORE: Mapping[str, float | None] = {
-    "exposure_s": None,
-    "illuminance_lux": None,
-    **dict.fromkeys(VELOCITY, 0.0),
-}
+CORE: Mapping[str, float | None] = {"exposure_s": None, "illuminance_lux": None} | dict.fromkeys(
+    VELOCITY, 0.0
+)
 """Axes on which every condition has a value of its own: what it is if nobody states it (None: it must be stated)."""
 FURTHER: tuple[str, ...] = tuple(name for name in NAMES if name not in CORE)
 """The other axes: where nobody states them, they stand where the camera has them."""
@@ -238,11 +294,6 @@ def velocity_of(row: Mapping[str, Any]) -> tuple[float, float]:
     return row["velocity_x_px_s"], row["velocity_y_px_s"]
 
 
-def speed_px_s(row: Mapping[str, Any]) -> float:
-    """Length of a row's velocity, px/s."""
-    return math.hypot(row["velocity_x_px_s"], row["velocity_y_px_s"])
-
-
 def blur_px(row: Mapping[str, Any]) -> float:
     """Length of a row's motion during the exposure, px; 0 of a camera that drives, before which places differ."""
     import numpy as np
@@ -251,7 +302,9 @@ def blur_px(row: Mapping[str, Any]) -> float:
 
 
 BLUR = Coordinate("blur_px", "Motion blur", "px", blur_px, lambda value: f"blur {value:.3g} px", True)
-SPEED = Coordinate("speed_px_s", "Speed", "px/s", speed_px_s, lambda value: f"{value:g} px/s")
+SPEED = Coordinate(
+    "speed_px_s", "Speed", "px/s", lambda row: math.hypot(*velocity_of(row)), lambda value: f"{value:g} px/s"
+)
 
 
 def velocity_text(velocity_px_s: tuple[float, float]) -> str:

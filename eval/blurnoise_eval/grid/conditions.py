@@ -7,6 +7,7 @@ share their seed, so they see the same noise field and differ by physics, not by
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, lru_cache
@@ -26,7 +27,6 @@ from blurnoise_eval.grid.axes import (
     AXES,
     CORE,
     EGO,
-    FURTHER,
     MOVES,
     NAMES,
     VELOCITY,
@@ -40,7 +40,6 @@ from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
-MOST_REPEATS = 1_000_000
 _STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}
 _PLACE = {name: place for place, name in enumerate(NAMES)}
 _LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
@@ -129,18 +128,11 @@ class Conditions(Mapping[str, float | None]):
         """The axes on which the camera sets the value itself."""
         return frozenset(name for name, value in self.stated.items() if value == AUTOMATIC)
 
-    def exposure(
-        self,
-        camera: Camera,
-        seed: int = 0,
-        *,
-        automatic: Mapping[str, float] = _STAND_INS,
-        vehicle: Vehicle | None = None,
-    ) -> Exposure:
-        """What the simulator takes: ``camera`` with the lens that is stated, and everything else beside it.
+    def exposure(self, camera: Camera, seed: int = 0, *, vehicle: Vehicle | None = None) -> Exposure:
+        """The simulator's exposure: ``camera`` with the lens that is specified, and everything else beside it.
 
-        automatic: what the camera sets on the axes that are left to it; by default stand-ins, 0 dB and 1 ms, for what
-        does not depend on them. vehicle: which drives at the ego speed, None: the usual one.
+        Axes that are left to the camera have stand-ins, 0 dB and 1 ms. vehicle: which drives at the ego speed, by
+        default the usual one.
         """
         fields: dict[str, Any] = {}
         lens: dict[str, float] = {}
@@ -148,7 +140,7 @@ class Conditions(Mapping[str, float | None]):
             if value is None:
                 continue
             place, _, part = each.into.partition(".")
-            value = automatic[each.name] if each.automatic and value == AUTOMATIC else value
+            value = _STAND_INS[each.name] if each.automatic and value == AUTOMATIC else value
             if each.choices:
                 fields[place] = each.choices[int(value)]
             elif place == "camera":
@@ -170,17 +162,19 @@ def with_lens(camera: Camera, **figures: float) -> Camera:
 class SweepPlan:
     """What a sweep computes: values per axis, ``repeats`` noise fields per picture, base ``seed``.
 
-    grid: axis name -> values; further axes that are left out stand where the camera has them, velocities at 0.
+    grid: axis name -> values; further axes that are left out have the camera's own, velocities are 0.
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
-    (``blurnoise.scene.metering``); None: its brightness is reflectance. Raises ``ValueError`` for an unknown axis, no
-    value, or one that is not allowed on its axis.
-
-    auto_exposure: what sets gain and exposure where they are left to the camera: the gain alone, or both. objects:
-    what moves where not all of a picture does, and the boxes that are the truth.
-    trajectory: what pictures do beside their velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each
-    picture's own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
-    ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, the usual one if none is stated.
+    (``blurnoise.scene.metering``); None: its brightness is reflectance. auto_exposure: sets gain and exposure where
+    they are left to the camera. objects: how objects move where not all of a picture does, and the boxes that are the
+    truth.
+    trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
+    own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
+    ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
     only: conditions that are computed in place of the grid's, such as more exposures of some lights and speeds.
+    direction: of a search, which chooses conditions, ``only``, a few at a time: unit vector of all motion in them.
+    Its grid has a value for some further axes alone; its runs are told apart by all but the conditions.
+
+    Raises ``ValueError`` for an unknown axis, no value, or one that is not allowed on its axis.
     """
 
     grid: Mapping[str, Iterable[float]]
@@ -193,6 +187,7 @@ class SweepPlan:
     trajectory: str | TrajectorySpec | None = None
     ego: Vehicle | None = None
     only: tuple[Conditions, ...] = ()
+    direction: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         for name, kind in (("ego", Vehicle), ("auto_exposure", AutoExposure), ("objects", Objects)):
@@ -206,20 +201,23 @@ class SweepPlan:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         for name in self.grid:
             axis(name)
-        rest: dict[str, Iterable[float]] = {name: () if v is None else (v,) for name, v in CORE.items()}
-        stated = rest | dict(self.grid)
+        core = CORE.items() if self.direction is None else ()
+        stated = {name: () if value is None else (value,) for name, value in core} | {**self.grid}
         checked = {each.name: each.checked(stated[each.name]) for each in AXES if each.name in stated}
         object.__setattr__(self, "grid", checked)
-        integer("repeats", self.repeats, 1, MOST_REPEATS)
+        integer("repeats", self.repeats, 1, 1_000_000)
         integer("seed", self.seed, 0, rng.LAST_SEED)
-        self.objects.check_used(self.cuts)
-        if AUTOMATIC in checked["exposure_s"]:
+        if not self.cuts and (moving := self.objects.to_dict().keys() - {"boxes"}):
+            raise ValueError(
+                f"{', '.join(sorted(moving))}: of objects; goes with moves targets or background"
+            )
+        if AUTOMATIC in checked.get("exposure_s", ()):
             if len(checked["exposure_s"]) > 1:
                 raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
                 raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
             checked["gain_db"] = (AUTOMATIC,)
-        for name in VELOCITY:  # here, before anything is computed
+        for name in VELOCITY if self.direction is None else ():  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
         if not self.values(EGO.name):
@@ -241,66 +239,48 @@ class SweepPlan:
     @property
     def path(self) -> tuple[TrajectorySpec, float] | None:
         """The trajectory and the longest exposure along it."""
-        stated = self.trajectory
-        return (stated, self.longest_s) if isinstance(stated, TrajectorySpec) else None
+        return (self.trajectory, self.longest_s) if isinstance(self.trajectory, TrajectorySpec) else None
 
     def values(self, name: str) -> tuple[float, ...]:
-        """The values on an axis, increasing; none where the camera's own stands."""
+        """The values on an axis, increasing; none where the camera has its own."""
         return tuple(self.grid.get(name, ()))
 
     @property
     def cuts(self) -> bool:
-        """Whether anything in it moves but all of a picture."""
+        """Whether targets or background move alone."""
         return any(self.values(MOVES.name))
 
     def conditions(self) -> list[Conditions]:
-        """Every combination; those that share a blur stand next to each other, in them those of one exposure."""
-        combined = product(*(self.values(name) for name in self.grid))
-        grid = self.only or [Conditions(**dict(zip(self.grid, values, strict=True))) for values in combined]
-        return by_blur(grid)
+        """Each once; those that share a blur stand next to each other, in them those of one exposure."""
+        conditions = dict.fromkeys(self.only)
+        if not self.only and self.direction is None:
+            combined = product(*(self.values(name) for name in self.grid))
+            conditions = {
+                Conditions(**dict(zip(self.grid, values, strict=True))): None for values in combined
+            }
+        return sorted(conditions, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
 
     def example_conditions(self) -> set[Conditions]:
-        """A few conditions whose pictures are kept: exposures and speeds from end to end, the rest in the middle.
-
-        With them both ends of every further axis, at the middle exposure and speed.
-        """
-        middle = {name: self.values(name)[len(self.values(name)) // 2] for name in self.grid}
-        exposures = self.values("exposure_s")
-        velocities = product(*map(self.values, VELOCITY))
-        by_speed = sorted(velocities, key=lambda velocity: np.hypot(velocity[0], velocity[1]))
-        slow, medium, fast = (
-            dict(zip(VELOCITY, by_speed[place], strict=True)) for place in (0, len(by_speed) // 2, -1)
-        )
-        chosen = [
-            {**middle, **speed, "exposure_s": exposures[round(share * (len(exposures) - 1))]}
-            for share in (0, 1 / 3, 2 / 3, 1)
-            for speed in (slow, medium, fast)
-        ]
-        for name in FURTHER:
-            if len(values := self.values(name)) > 1:
-                chosen += [{**middle, **medium, name: end} for end in (values[0], values[-1])]
-        return {Conditions(**at) for at in chosen}
+        """At most twelve conditions whose pictures are kept, evenly from no blur and no light to much."""
+        every = self.conditions()
+        every.sort(key=lambda at: (np.hypot(*at.displacement_px), at.exposure_s * at.illuminance_lux))
+        return {every[round(place)] for place in np.linspace(0, len(every) - 1, min(12, len(every)))}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, of what is not as usual; of a trajectory it is its identity."""
-        values = {"grid": dict(self.grid), "examples": self.examples}
-        values |= shared_values(self, any(AUTOMATIC in self.values(name) for name in NAMES))
+        """Plain values for JSON, of what is not as usual; of a trajectory its identity."""
+        values: dict[str, Any] = {"repeats": self.repeats, "seed": self.seed}
+        if self.grey_anchor is not None:
+            values["grey_anchor"] = self.grey_anchor
+        if any(AUTOMATIC in self.values(name) for name in self.grid):
+            values["auto_exposure"] = asdict(self.auto_exposure)
+        if objects := self.objects.to_dict():
+            values["objects"] = objects
+        if self.direction is not None:
+            further = {name: self.values(name)[0] for name in self.grid}
+            return values | {"further": further, "direction": self.direction}
         values |= {} if self.ego is None else {"ego": asdict(self.ego)}
-        return values | ({"trajectory": self.path[0].identity} if self.path else {})
-
-
-def by_blur(conditions: Iterable[Conditions]) -> list[Conditions]:
-    """Those that share a blur next to each other, in them those of one exposure."""
-    return sorted(conditions, key=lambda at: (at.blurs_as, at.exposure_s, setting_of(at)))
-
-
-def shared_values(plan: Any, automatic: bool) -> dict[str, Any]:
-    """What grids and chosen conditions have in common, as plain values; automatic: the camera sets something."""
-    values: dict[str, Any] = {"repeats": plan.repeats, "seed": plan.seed}
-    values |= {} if plan.grey_anchor is None else {"grey_anchor": plan.grey_anchor}
-    values |= {"auto_exposure": asdict(plan.auto_exposure)} if automatic else {}
-    objects = plan.objects.to_dict()
-    return values | ({"objects": objects} if objects else {})
+        values |= {"trajectory": self.path[0].identity} if self.path else {}
+        return values | {"grid": dict(self.grid), "examples": self.examples}
 
 
 @dataclass(frozen=True)
@@ -323,3 +303,38 @@ def cell_seed(base_seed: int, image: str, repeat: int) -> int:
     """The seed of a picture's noise field: a hash, so that neither order nor number of pictures matters."""
     digest = hashlib.blake2b(repr((base_seed, image, repeat)).encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little") >> 1
+
+
+@dataclass(frozen=True)
+class Part:
+    """The ``number``th of ``count`` parts of a set of pictures, from 1 on: the same on every machine."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Part:
+        """Of "1/4". Raises ``ValueError`` for anything else."""
+        found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        if not found or not 1 <= int(found[1]) <= int(found[2]):
+            raise ValueError(f"part = {text!r}: must be K/N with 1 <= K <= N, such as 1/4")
+        return cls(int(found[1]), int(found[2]))
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def has(self, picture: str) -> bool:
+        """Whether a picture of this name belongs to it, by the name's hash."""
+        digest = hashlib.blake2b(picture.encode("utf-8", "surrogatepass"), digest_size=8).digest()
+        return int.from_bytes(digest, "little") % self.count == self.number - 1
+
+
+def reflectance_text(anchor: str | None) -> str:
+    """The meaning of light on a photograph's scene, by a plan's grey anchor, in half a line."""
+    if anchor is None:
+        return "brightness is taken for reflectance, 1 EV darker for half of it; --grey-anchor ties it to 18 % grey"
+    of = GreyAnchor.parse(anchor)
+    words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
+    if of.region_px is not None:
+        words = f"the mean of the region {of}"
+    return f"18 % reflectance is {words} of each picture (--grey-anchor {anchor})"

@@ -1,4 +1,7 @@
-"""What a sweep is told, all of it: a plan file, of which the command's options override the parts they name."""
+"""Files of settings of the commands: a sweep's plan, a simulated picture's scene, an exposure program.
+
+Options of the commands override the settings that they name.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
 from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
@@ -16,188 +19,210 @@ if TYPE_CHECKING:
     from blurnoise_eval.grid.objects import Objects
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
-WHAT, ENOUGH, WHO = "What to run", "What is enough", "Who computes"
-CONDITIONS = "Conditions, each as 1,5,10, start:stop:step or low:high"
+SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
+"""Conditions of a simulated picture that are not specified, by the setting's name."""
 MODEL_TIMEOUT_S = 60.0
 
 
-def with_axes(usual: Mapping[str, str] | None = None, metavar: str = "LIST", panel: str = CONDITIONS) -> Any:
-    """Settings with a field for each axis, named as its option; usual: what it is unless stated, by that name, in
-    place of what a sweep tests."""
-    fields = []
+class _Axes(Settings):
+    """Settings with a field for each axis, values in the column's unit."""
+
+    AXES: ClassVar[tuple[Axis, ...]]
+    DEFAULTS: ClassVar[Mapping[str, str]]
+
+    def grid(self, usual: Mapping[str, str] = {}) -> dict[str, tuple[float, ...]]:
+        """Values by axis, in SI: those of the file, else of ``usual``, by the setting, else the defaults."""
+        stated = {each: getattr(self, each.key) for each in self.AXES}
+        replaced = {name for each, values in stated.items() if values is not None for name in each.without}
+        defaults = {each.key: self.DEFAULTS.get(each.key) for each in self.AXES if each.name not in replaced}
+        for each in [each for each, values in stated.items() if values is None]:
+            text = usual.get(each.key, defaults.get(each.key))
+            stated[each] = None if text is None else each.values(text)
+        return {each.name: values for each, values in stated.items() if values is not None}
+
+
+def with_axes(panel: str, metavar: str, defaults: Mapping[str, str] | None = None) -> Any:
+    """The class of a table of axes; defaults: in place of a sweep's, by the setting's name."""
+    if defaults is None:
+        defaults = {each.key: each.default_text for each in AXES if each.default}
+    made = []
     for each in AXES:
-        default = each.default_text if usual is None else usual.get(each.key, "")
-        about = f"{each.about} (default: {default})" if default else each.about
-        kind = "NAME" if each.choices and metavar == "NUMBER" else metavar
-        shown = f"auto|{kind}" if each.automatic else kind
-        made = setting(None, about, shown, panel=panel, check=each.values)
-        fields.append((each.key, "float | str | list[float | str] | None", made))
-    return make_dataclass("Axes", fields, bases=(Settings,), frozen=True, namespace={"AXES": AXES})
+        about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
+        shown = f"auto|{metavar}" if each.automatic else "|".join(each.choices) or metavar
+        field = setting(None, about, shown, panel=panel, read=each.values)
+        made.append((each.key, "tuple[float, ...] | None", field))
+    held = {"AXES": AXES, "DEFAULTS": defaults}
+    return make_dataclass("Axes", made, bases=(_Axes,), frozen=True, namespace=held)
+
+
+@dataclass(frozen=True)
+class Taking(Settings):
+    """How pictures are taken: of a sweep, and of a single picture."""
+
+    camera: str | None = setting(None, "a preset or a file (default: by the pictures)", "NAME|FILE")
+    cfa: Cfa | None = setting(
+        None,
+        "filters, RGGB, GRBG, GBRG, BGGR, RCCB or RCCC; mono: one for all; none: a sensor for each colour",
+    )
+    vehicle: Vehicle | None = setting(None, "of the camera that drives (ego_kmh)")
+    auto_exposure: AutoExposure | None = setting(None, "limits of exposures and gains that the camera sets")
+    trajectory: str | None = setting(
+        None,
+        "motion beside dx and dy: places or rates of rotation over time, a shake of the seed, or a vibration",
+        "FILE.csv|shake:PX|sine:PX,HZ[,DEG]",
+    )
+    grey_anchor: str | None = setting(
+        None,
+        "18 % reflectance: the mean, a percentile, a region in px (default: brightness is taken for reflectance)",
+        "mean|pNN|x0,y0,x1,y1",
+    )
+    seed: int = setting(0, "of the noise, and of the order in which decide takes pictures", "N")
 
 
 @dataclass(frozen=True)
 class Enough(Settings):
-    """What is enough: of a sweep, and of an exposure program."""
+    """Which score is enough: of a sweep, and of an exposure program."""
 
     keep: float | None = setting(
-        None,
-        "of what the same model reaches on the original pictures (default on pictures of your own: 0.9)",
-        "SHARE",
-        panel=ENOUGH,
+        None, "share of the score on the original pictures that is enough (default on your own: 0.9)", "SHARE"
     )
     threshold: float | None = setting(
-        None, "in place of keep: of the score itself (default on rendered pictures: 0.6)", "C", panel=ENOUGH
+        None, "score that is enough, in place of keep (default on rendered pictures: 0.6)", "C"
     )
     score: str | None = setting(
         None,
         "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per original picture), ap50, ap, or of "
         "text exact_match (default: target_confidence, of texts of your own exact_match)",
         "NAME",
-        panel=ENOUGH,
-        complete="scores",
     )
     cluster: str | None = setting(
-        None,
-        "pictures in whose names this regular expression finds the same count as one, such as frames of a drive "
-        "(default: each picture for itself)",
-        "REGEX",
+        None, "pictures with the same match of a regular expression count as one: frames of a drive", "REGEX"
     )
 
 
 @dataclass(frozen=True)
-class PlanFile(with_axes(), Enough):  # type: ignore[misc]  # its fields are those of the table
-    """A sweep: what runs, under which conditions, what is enough, who computes."""
+class PlanFile(with_axes("Conditions, each as 1,5,10 or low:high", "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
+    """A sweep: models, pictures, conditions, the score that is enough, and the workers."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
 
     model: tuple[str, ...] = setting(
         (),
-        "a detector or a text recogniser; 'blurnoise inspect M.onnx' says how it is read; ppocr: PP-OCR of the "
-        "installed package rapidocr in known boxes, ppocr-find: in text that it finds; several stand side by side "
-        "(default: the built-in detector)",
+        "a detector or text recogniser, see 'blurnoise inspect'; ppocr: PP-OCR of the package rapidocr in known "
+        "boxes, ppocr-find: in text that it finds; several are compared (default: the built-in detector)",
         "M.onnx",
-        panel=WHAT,
     )
     contract: tuple[str, ...] = setting(
         (),
-        "how pictures enter the model and what its classes are: a JSON or YAML file, or a preset, and what differs; "
-        "see 'blurnoise inspect --help'; one for all models, or one for each",
+        "how pictures enter the model and what its classes are, see 'blurnoise inspect --help'; one, or one for each",
         "FILE|PRESET",
-        panel=WHAT,
-        complete="families",
     )
     dictionary: str | None = setting(None, "a file with a recogniser's characters, a line each")
-    text_detector: str | None = setting(
-        None, "a network (PP-OCR's) that finds text before it is read; without it the known boxes are read"
-    )
-    model_timeout_s: float = setting(
-        MODEL_TIMEOUT_S, "how long loading a model, and its first answer, may take, s"
-    )
+    text_detector: str | None = setting(None, "PP-OCR's network that finds text (default: known boxes)")
+    model_timeout_s: float = setting(MODEL_TIMEOUT_S, "for loading a model, and for its first answer, s")
     images: str | None = setting(
-        None,
-        "a folder; what is found when clean counts as target. With --labels: the folder of its pictures",
-        "DIR",
-        panel=WHAT,
+        None, "a folder; of --labels, or what is found in the original pictures counts as target", "DIR"
     )
     labels: str | None = setting(
         None,
-        "COCO instances, YOLO's data.yaml or folder, BDD100K's JSON, or PP-OCR's texts (.txt): the file shows which",
+        "COCO instances, YOLO's data.yaml or folder, BDD100K's JSON, or PP-OCR's texts (.txt)",
         "FILE|DIR",
-        panel=WHAT,
         names=("--coco",),
     )
-    split: str | None = setting(None, "of YOLO's data.yaml (default: val, else train)")
-    target: tuple[str, ...] = setting(
-        (), "only this class, and pictures with it", "CLASS", panel=WHAT, complete="classes"
-    )
-    keep_empty: bool = setting(False, "with target: pictures without it count by what is found in them")
-    limit: int | None = setting(None, "only the first N pictures", "N", panel=WHAT)
+    target: tuple[str, ...] = setting((), "only this class, and pictures with it", "CLASS")
+    limit: int | None = setting(None, "only the first N pictures", "N")
     max_megapixels: float = setting(100.0, "larger pictures are skipped, and named; up to 178")
-    camera: str | None = setting(
-        None,
-        "a preset or a file; see 'blurnoise cameras' (default: of the pictures)",
-        "NAME|FILE",
-        panel=WHAT,
-        complete="cameras",
-    )
-    cfa: Cfa | None = setting(
-        None,
-        "colour filters in place of the camera's: none (a sensor for each colour), mono (one for all), RGGB, GRBG, "
-        "GBRG, BGGR, RCCB or RCCC",
-    )
-    objects: Objects | None = setting(
-        None, "what moves for itself (moves: targets, background), and its boxes"
-    )
-    vehicle: Vehicle | None = setting(None, "of the camera that drives (ego_kmh)")
-    auto_exposure: AutoExposure | None = setting(None, "limits of exposures and gains that the camera sets")
-    trajectory: str | None = setting(
-        None,
-        "what pictures do beside their velocity: FILE.csv, shake:PX (each picture's own, over the longest exposure), "
-        "or sine:PX,HZ[,DEG]",
-    )
-    grey_anchor: str | None = setting(
-        None,
-        "what of a picture is 18 % reflectance: mean, pNN (a percentile) or x0,y0,x1,y1 (default: its brightness is "
-        "taken for reflectance)",
-    )
+    objects: Objects | None = setting(None, "objects that move (moves: targets, background), and their boxes")
     repeats: int | None = setting(None, "noise fields per picture (default: 1; of charts 2)")
-    seed: int = setting(0, "of the noise, and of the order in which decide takes pictures")
-    refine: bool = setting(
-        True, "compute more exposures about ends of windows and the exposure to use; a part refines nothing"
-    )
-    engine: str = setting(
-        "threads",
-        "threads over one session of each model; processes, each with its own; ray: on this machine or a cluster",
-        "threads|processes|ray",
-        panel=WHO,
-        complete="engines",
-    )
-    threads: int | None = setting(
-        None, "how many of them, pictures at a time (default: every core)", "N", panel=WHO
-    )
-    address: str | None = setting(
-        None,
-        "for ray: HOST:PORT of a cluster that runs, or auto (default: one on this machine, for as long as it takes)",
-    )
-    part: str | None = setting(
-        None,
-        "only the Kth of N parts of the pictures, by their names; 'blurnoise merge' joins the runs",
-        "K/N",
-        panel=WHO,
-    )
-
-    @classmethod
-    def records(cls) -> dict[str, Any]:
-        """Types of fields that are imported when a file is read."""
-        from blurnoise.motion.ego import Vehicle
-        from blurnoise.scene.metering import AutoExposure
-        from blurnoise_eval.grid.objects import Objects
-
-        return {"Objects": Objects, "Vehicle": Vehicle, "AutoExposure": AutoExposure}
-
-    def grid(self, usual: Mapping[str, str] = {}) -> dict[str, tuple[float, ...]]:
-        """Values by axis, in SI: those that are stated, else the usual ones, by the name of their field."""
-        stated = {each: getattr(self, each.key) for each in self.AXES}
-        replaced = {name for each, values in stated.items() if values is not None for name in each.without}
-        grid = {}
-        for each, values in stated.items():
-            values = usual.get(each.key) if values is None else values
-            if values is not None:
-                grid[each.name] = each.values(values)
-            elif each.default and each.name not in replaced:
-                grid[each.name] = each.default
-        return grid
+    refine: bool = setting(True, "compute more exposures about ends of windows, but in parts")
+    engine: str = setting("threads", "ray: on this machine, or a cluster at address", "threads|processes|ray")
+    threads: int | None = setting(None, "how many workers (default: one per core)", "N")
+    address: str | None = setting(None, "HOST:PORT of a Ray cluster, or auto (default: this machine)")
+    part: str | None = setting(None, "a part of the pictures; 'blurnoise merge' joins the runs", "K/N")
 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
-        """What is computed; usual: values, and repeats, where none are stated."""
+        """The plan of a sweep; usual: values, and repeats, where the file has none."""
         from blurnoise_eval.grid.conditions import SweepPlan
 
-        records: Any = {"objects": self.objects, "auto_exposure": self.auto_exposure, "ego": self.vehicle}
+        names = ("seed", "grey_anchor", "trajectory", "objects", "auto_exposure")
+        held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
+        held["repeats"] = repeats if self.repeats is None else self.repeats
         return SweepPlan(
-            self.grid(usual),
-            repeats=repeats if self.repeats is None else self.repeats,
-            seed=self.seed,
-            grey_anchor=self.grey_anchor,
-            trajectory=self.trajectory,
-            **{name: record for name, record in records.items() if record is not None},
+            self.grid(usual), **{name: value for name, value in held.items() if value is not None}
         )
+
+
+@dataclass(frozen=True)
+class SceneFile(with_axes("Conditions, a number each", "NUMBER", SCENE), Taking):  # type: ignore[misc]
+    """A picture: its conditions, camera, light, and what moves."""
+
+    KIND: ClassVar[str] = "scene (blurnoise simulate --scene FILE)"
+
+    line_time_us: float | None = setting(None, "from row to row (default: the camera's); 0: global shutter")
+    object: str | None = setting(
+        None,
+        "white in a mask, or a rectangle, px; with --moves targets dx and dy are its motion, with background that of "
+        "all else; else object_dx and object_dy of the file are its own",
+        "MASK.png|X,Y,W,H",
+    )
+    object_dx: float = setting(0.0, "motion of the object to the right, px/s; dx is the rest's")
+    object_dy: float = setting(0.0, "motion of the object down, px/s")
+    plate: str | None = setting(None, "a picture of the scene without the object (default: invented)")
+    illuminant: str = setting("D55", "D50, D55, D65, D75, planck:2856, or a CSV file of nm and power")
+    encoding: Literal["srgb", "linear"] = setting(
+        "srgb", "of IMAGE; linear: light, 1 is white and more is allowed", "srgb|linear"
+    )
+    emitters: str | None = setting(None, "MASK.png:FACTOR: lamps, so many times brighter where it is white")
+    pwm: str | None = setting(None, "HZ,DUTY[,PHASE]: a lamp of pulses; phase 0 to 1 (default: by the seed)")
+    pwm_mask: str | None = setting(None, "a mask of where that lamp is, white alone (default: everywhere)")
+    hdr: str | None = setting(None, "further captures, each shorter by its ratio, fused", "RATIO,...")
+    hdr_white: float = setting(1.0, "the light that is white in a fused picture, times white")
+    bit_depth: Literal["8", "native"] = setting(
+        "8", "8: sRGB to look at; native: the camera's digital numbers, in a 16-bit PNG", "8|native"
+    )
+    fidelity: Literal["auto", "full"] = setting("auto", "auto: leave out what is within tolerance_dn")
+    tolerance_dn: float = setting(0.1, "what auto may leave out, DN RMS")
+
+    def at(self) -> dict[str, float]:
+        """The value on each axis that the file or ``SCENE`` has, in SI, by the axis's name. Raises ``ValueError``."""
+        found = dict.fromkeys(VELOCITY, (0.0,)) | self.grid()
+        for name, values in found.items():
+            if len(values) > 1:
+                raise ValueError(f"{axis(name).key}: must be one value here; a sweep takes several")
+        return {name: values[0] for name, values in found.items()}
+
+    @property
+    def moving(self) -> str:
+        """What moves by dx and dy: all, targets or background."""
+        return str(MOVES.choices[int(self.at().get(MOVES.name, 0.0))])
+
+
+@dataclass(frozen=True)
+class ProgramFile(Enough):
+    """An exposure program: lights, speeds and targets, the score that is enough, and the camera's limits."""
+
+    KIND: ClassVar[str] = "exposure program (blurnoise program --plan FILE)"
+
+    model: str | None = setting(None, "of the run's models (default: its only one)", "NAME")
+    lux: tuple[float, float] | None = setting(
+        None, "lights, half a stop apart (default: those of the run)", "LOW:HIGH", read=bounds
+    )
+    speeds: str | None = setting(
+        None,
+        "px/s, see 'blurnoise motion', and how often each occurs (default: the run's, alike)",
+        "V:SHARE,...",
+    )
+    targets: str | None = setting(None, "WORD:SHARE,...: by part of their name (default: all, alike)")
+    objective: Literal["expected", "worst", "tail"] = setting(
+        "expected",
+        "over speeds and targets: their mean (expected), the worst, or the mean of the worst share (tail)",
+        "expected|worst|tail",
+    )
+    tail: float = setting(0.2, "share of the cases, for the objective tail")
+    fps: float = setting(30.0, "frames a second: an exposure ends before the next frame (default: 30)", "N")
+    readout_ms: float = setting(0.0, "of each frame's time, for its read-out (default: 0)", "MS")
+    anti_flicker: Literal["50", "60"] | None = setting(None, "Hz of the mains: whole periods alone", "50|60")
+    led: bool = setting(False, "1/90 s or more, so that no pulse of an LED is missed")
+    most_gain_db: float = setting(120.0, "largest gain, where that is less than the camera's")
+    line_time_us: float = setting(0.0, "exposures are whole lines of the sensor")
+    least_exposure_us: float | None = setting(None, "the sensor's shortest (default: its line time, or 20)")

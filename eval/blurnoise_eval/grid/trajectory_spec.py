@@ -11,8 +11,7 @@ from blurnoise._core.files import read_text
 from blurnoise.motion.trajectory import Trajectory, from_text, path_duration_s, shake
 from blurnoise.optics.camera import Camera
 
-_FORMS = "must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
-_KINDS = {"shake": (1,), "sine": (2, 3)}
+_NUMBERS = {"shake": (1,), "sine": (2, 3)}
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,9 @@ class TrajectorySpec:
             from_text(self.content, self.text, focal_px=1.0)
             return
         kind, numbers = self._parts
-        if len(numbers) not in _KINDS.get(kind, ()):
-            raise ValueError(f"trajectory = {shown(self.text)}: {_FORMS}")
+        if len(numbers) not in _NUMBERS.get(kind, ()):
+            must = "must be FILE.csv, shake:PX or sine:PX,HZ[,DEG], such as sine:3,80"
+            raise ValueError(f"trajectory = {shown(self.text)}: {must}")
         in_range(f"trajectory = {self.text!r}: px", numbers[0], 0.0, 1e4)
         if len(numbers) > 1:
             limited(f"trajectory = {self.text!r}: frequency", numbers[1], "frequency_hz")
@@ -36,15 +36,12 @@ class TrajectorySpec:
     @classmethod
     def parse(cls, text: str) -> TrajectorySpec:
         """Of an option's text; a file is read now. Raises ``ValueError`` or ``OSError``."""
-        if text.partition(":")[0] in _KINDS:
+        if text.partition(":")[0] in _NUMBERS or not text or Path(text).is_dir():
             return cls(text)
-        if not text or Path(text).is_dir():
-            raise ValueError(f"trajectory = {shown(text)}: {_FORMS}")
         try:
-            content = read_text(Path(text))
+            return cls(text, read_text(Path(text)))
         except ValueError as error:
             raise ValueError(f"trajectory = {error}") from None
-        return cls(text, content)
 
     @property
     def _parts(self) -> tuple[str, list[float]]:
@@ -67,9 +64,8 @@ class TrajectorySpec:
         if self.content is not None:
             focal_px = camera.field.focal_px[0] * camera.field.per_sensor_px(size)
             return from_text(self.content, self.text, focal_px=focal_px)
-        kind, numbers = self._parts
+        kind, (extent_px, *numbers) = self._parts
         span_s = path_duration_s(camera, exposure_s)
         if kind == "shake":
-            return shake(seed, numbers[0], exposure_s, duration_s=span_s)
-        direction_deg = numbers[2] if len(numbers) == 3 else 0.0
-        return Trajectory.sinusoid(numbers[0], numbers[1], span_s, direction_deg=direction_deg)
+            return shake(seed, extent_px, exposure_s, duration_s=span_s)
+        return Trajectory.sinusoid(extent_px, numbers[0], span_s, direction_deg=[*numbers, 0.0][1])

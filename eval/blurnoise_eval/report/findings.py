@@ -7,8 +7,8 @@ from typing import Any
 
 from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.conditions import reflectance_text
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.reflectance import reflectance_text
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import counted
 
@@ -128,7 +128,7 @@ def run_facts(data: RunData) -> dict[str, str]:
     if ego := manifest.get("plan", {}).get("ego"):
         facts["ego"] = ", ".join(f"{name} {value}" for name, value in ego.items() if value is not None)
     crossings = []
-    for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).by_class.items():
+    for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).crossings.items():
         crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")
     if crossings:
         facts["crossings"] = f"{'; '.join(crossings)}; blur_px of such a target is its own"

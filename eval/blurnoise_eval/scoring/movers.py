@@ -62,9 +62,7 @@ def _mover(
         own = np.zeros((len(boxes_xyxy), 2))
         if taken.moves != "all" and objects.crosses():
             for place, label in enumerate(labels):
-                width, height = sizes[place].tolist()
-                size = (int(height), int(width)) if width else taken.camera.field.size
-                own[place] = objects.own_px_s(label, boxes_xyxy[place].tolist(), taken.camera, size)
+                own[place] = objects.own_px_s(label, boxes_xyxy[place].tolist())
         each = np.column_stack([sizes, np.broadcast_to(speed, len(boxes_xyxy)), own])
         for kind in dict.fromkeys(map(tuple, each.tolist())):  # of one picture's targets mostly one
             width, height, factor, *own_px_s = kind

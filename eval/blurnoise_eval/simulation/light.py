@@ -20,7 +20,7 @@ from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
-from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.grid.plan_file import SceneFile
 
 
 def light(image: Path, given: SceneFile) -> Tensor:

@@ -25,12 +25,10 @@ from blurnoise.scene.cutting import Cut
 from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.plan import Plan
-from blurnoise_eval.grid.axes import AXES, EGO
-from blurnoise_eval.grid.conditions import with_lens
-from blurnoise_eval.grid.reflectance import reflectance_text, share_above_white
-from blurnoise_eval.grid.scene_file import SceneFile
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO
+from blurnoise_eval.grid.conditions import reflectance_text, with_lens
+from blurnoise_eval.grid.plan_file import SceneFile
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
-from blurnoise_eval.grid.values import AUTOMATIC
 from blurnoise_eval.simulation.light import flicker, flow, moving_parts
 
 
@@ -96,7 +94,7 @@ def take(given: SceneFile, camera: Camera, scene: Tensor) -> Taken:
     size = (scene.shape[-2], scene.shape[-1])
     found = _figures(shot, frames[0], size)
     if given.grey_anchor is not None or given.emitters is not None or given.encoding == "linear":
-        found["above_white_percent"] = 100 * share_above_white(scene)
+        found["above_white_percent"] = 100 * float((scene.amax(1) > 1).double().mean())
     found["reflectance"] = reflectance_text(given.grey_anchor)
     return Taken(pictures, found, _plan(given, shot, size), shot.camera)
 

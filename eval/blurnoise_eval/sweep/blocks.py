@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
-from blurnoise_eval.grid.nodes import Plan
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
 
 _CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
 _EXAMPLE_PICTURES = 3
@@ -34,17 +33,17 @@ class Block:
         return Block(self.picture, todo, self.examples)
 
 
-def count_cells(pictures: PictureSet, plan: Plan) -> int:
+def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
     """How many cells a sweep has, the clean ones included."""
     return len(pictures) * cells_per_picture(plan)
 
 
-def cells_per_picture(plan: Plan) -> int:
+def cells_per_picture(plan: SweepPlan) -> int:
     """How many cells each picture has, the clean one included."""
     return 1 + plan.repeats * len(plan.conditions())
 
 
-def blocks(pictures: PictureSet, plan: Plan) -> Iterator[Block]:
+def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
     """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
     shown = _example_pictures(pictures) if plan.examples else set()
     kept, together = (None, *plan.example_conditions()), _together(plan.conditions())

@@ -107,14 +107,14 @@ class Scene:
         """By the place of a target, what is seen that had to be invented."""
         if not self._is_cut(taken):
             return {}
-        scene, targets = self._cut_scene(taken.camera)
+        scene, targets = self._cut_scene()
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target that crosses the view at a speed of its own, its blur, px."""
         if taken.moves == "all":
             return {}
-        own = self._crossing(taken.camera).items()
+        own = self._crossing().items()
         velocities = {place: taken.of_targets(0.0, speed).velocity_px_s for place, speed in own}
         return {place: math.hypot(*velocity) * taken.exposure_s for place, velocity in velocities.items()}
 
@@ -130,22 +130,21 @@ class Scene:
 
     def _exposed(self, taken: Exposure) -> tuple[ExposedScene | CutScene, Exposure]:
         if self._is_cut(taken):
-            return self._cut_scene(taken.camera)[0], taken
+            return self._cut_scene()[0], taken
         return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
 
-    def _crossing(self, camera: Camera) -> dict[int, tuple[float, float]]:
+    def _crossing(self) -> dict[int, tuple[float, float]]:
         """By the place of a target that crosses the view at a speed of its own, its velocity, px/s."""
         if self._own_px_s is None:
-            (height, width), objects = self.image8.shape[:2], self.objects
             targets = enumerate((self._picture and self._picture.targets) or ())
             self._own_px_s = {
-                place: objects.own_px_s(target.label, target.box_xyxy, camera, (height, width))
+                place: self.objects.own_px_s(target.label, target.box_xyxy)
                 for place, target in targets
-                if objects.crosses(target.label)
+                if self.objects.crosses(target.label)
             }
         return self._own_px_s
 
-    def _cut_scene(self, camera: Camera) -> tuple[CutScene, tuple[int, ...]]:
+    def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
         """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
             if self._cut is None:
@@ -155,7 +154,7 @@ class Scene:
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
                 found = cut_out(self._picture, self.image8, light, self.objects, scale)
-                own = self._crossing(camera)
+                own = self._crossing()
                 beside = [own.get(place, (0.0, 0.0)) for place in found.targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
             return self._cut
@@ -263,7 +262,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         check_cut(pictures, plan.objects)
         for target in (target for picture in pictures for target in picture.targets or ()):
             if plan.objects.crosses(target.label):
-                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
+                own = plan.objects.own_px_s(target.label, target.box_xyxy)
                 fastest[target.label] = max(
                     fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
                 )

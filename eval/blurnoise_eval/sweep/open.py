@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.grid.nodes import NodePlan, Plan
-from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
+from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -111,15 +109,14 @@ class Run:
         return TrajectorySpec(held["text"], held["content"]) if held else None
 
     @cached_property
-    def plan(self) -> Plan:
-        """The plan of the grid, or the nodes that a search has asked for so far."""
-        held: dict[str, Any] = {**self.planned}
+    def plan(self) -> SweepPlan:
+        """The plan of the grid, or of the nodes that a search has asked for so far."""
         if self.grid:
-            return SweepPlan(**{**held, "trajectory": self.trajectory})
-        held["auto_exposure"] = AutoExposure(**held["auto_exposure"]) if "auto_exposure" in held else USUAL
-        held["objects"] = Objects(**held["objects"]) if "objects" in held else USUAL_OBJECTS
-        held["direction"] = tuple(self.planned["direction"])
-        return NodePlan(**held, nodes=tuple(at for batch in self.asked for at in batch.conditions))
+            return SweepPlan(**{**self.planned, "trajectory": self.trajectory})
+        held = {name: value for name, value in self.planned.items() if name not in ("further", "direction")}
+        grid = {name: (value,) for name, value in self.planned["further"].items()}
+        nodes = tuple(at for batch in self.asked for at in batch.conditions)
+        return SweepPlan(grid, **held, only=nodes, direction=tuple(self.planned["direction"]))
 
     def missing_cells(self) -> int:
         """How many of the plan's cells are not there, those of skipped pictures apart."""

@@ -12,7 +12,7 @@ from functools import lru_cache
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.grid.nodes import Plan
+from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.blocks import Block, blocks
@@ -49,7 +49,7 @@ def run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: Plan,
+    plan: SweepPlan,
     store: Store,
     *,
     engine: Engine = _ONE_THREAD,

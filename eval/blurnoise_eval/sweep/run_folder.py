@@ -15,9 +15,8 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, source_content, source_identity
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.nodes import Plan
+from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -36,7 +35,7 @@ def open_run(
     models: Sequence[Model],
     camera: Camera,
     pictures: PictureSet,
-    plan: Plan,
+    plan: SweepPlan,
     facts: dict[str, Any],
     *,
     whole: PictureSet | None = None,

@@ -46,8 +46,8 @@ def test_the_best_fixed_time_is_what_the_report_recommends(
     with (run / "recommendations.csv").open(newline="") as file:
         (whole,) = [row for row in csv.DictReader(file) if row["scope"] == "all"]
     capsys.readouterr()
-    assert main(["program", str(run), "-o", str(tmp_path), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    assert main(["program", str(run), "-o", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "program.json").read_text())
     assert found["best_fixed_s"] == float(whole["exposure_s"])
 
 

@@ -68,10 +68,9 @@ def test_labels_are_told_apart_by_name_and_first_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["coco", "bdd", "yolo"])
-def test_pictures_without_the_target_can_stay(sets: dict[str, Path], kind: str) -> None:
-    options: dict[str, Any] = {"labels": sets[kind], "images": sets["images"], "target": "sign"}
-    assert [picture.name for picture in chosen(**options)] == ["a.png"]
-    assert [len(picture.targets or ()) for picture in chosen(**options, keep_empty=True)] == [1, 0]
+def test_pictures_with_the_target_alone(sets: dict[str, Path], kind: str) -> None:
+    found = chosen(labels=sets[kind], images=sets["images"], target="sign")
+    assert [picture.name for picture in found] == ["a.png"]
 
 
 def test_without_labels(sets: dict[str, Path]) -> None:
@@ -80,19 +79,11 @@ def test_without_labels(sets: dict[str, Path]) -> None:
     assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
 
 
-def test_split_is_chosen(sets: dict[str, Path]) -> None:
-    assert len(chosen(labels=sets["yolo"], split="val")) == 2
-    with pytest.raises(ValueError, match="none': no such folder"):
-        chosen(labels=sets["yolo"], split="train")
-
-
 @pytest.mark.parametrize(
     ("settings", "fault"),
     [
         ({"target": "sign"}, "target: goes with --labels of COCO, YOLO or BDD100K"),
         ({"labels": "a.txt", "target": "sign"}, "target: goes with --labels of COCO"),
-        ({"labels": "a.json", "keep_empty": True}, "keep_empty: goes with target"),
-        ({"labels": "a.json", "split": "val"}, "split: goes with YOLO"),
         ({"labels": "a.json", "reads": True}, "take PP-OCR's labels"),
         ({"limit": 0}, "limit = 0: must be >= 1"),
         ({"max_megapixels": 179.0}, "max_megapixels = 179.0: must be"),

@@ -71,7 +71,7 @@ def test_what_excludes_another_resets_it() -> None:
 @pytest.mark.parametrize(
     ("query", "told"),
     [
-        ("exposure-ms=-3", "exposure-ms = '-3': exposure_s = -0.003: must be finite and >= 0"),
+        ("exposure-ms=-3", "exposure-ms = '-3': exposure_s = -0.003: must be finite and > 0"),
         ("exposure-ms=1e400", "exposure-ms = '1e400': must be a number, or auto"),
         ("gain=nan", "gain = 'nan': gain_db = nan: must be"),
         ("lux=bright", "lux = 'bright': must be a number"),

@@ -61,18 +61,16 @@ def test_what_no_camera_has_must_be_stated(missing: str) -> None:
         Conditions(**stated)
 
 
-def test_examples_reach_from_end_to_end() -> None:
-    made = plan(tuple(0.001 * n for n in range(1, 11)), (1, 2, 3), (-500, 0, 200))
-    chosen = made.example_conditions()
-    exposures = made.values("exposure_s")
-    assert {at.exposure_s for at in chosen} >= {exposures[0], exposures[-1]}
+@pytest.mark.parametrize("n_lights", [1, 4, 12])
+def test_examples_reach_from_no_blur_to_much_and_over_lights(n_lights: int) -> None:
+    made = plan([0.001 * n for n in range(1, 9)], range(1, 1 + n_lights), (0, 200, -500))
+    chosen, every = made.example_conditions(), made.conditions()
+    assert len(chosen) == 12
+    assert chosen <= set(every)
     assert {at["velocity_x_px_s"] for at in chosen} == {-500, 0, 200}
-    assert {at.illuminance_lux for at in chosen} == {2}
-    assert chosen <= set(made.conditions())
-    further = replace(made, grid={**made.grid, "f_number": (1.4, 2.8, 4.0, 8.0)})
-    chosen = further.example_conditions()
-    assert {at["f_number"] for at in chosen} == {1.4, 4.0, 8.0}
-    assert chosen <= set(further.conditions())
+    assert max(at.blur_px for at in chosen) == max(at.blur_px for at in every)
+    assert len({at.illuminance_lux for at in chosen}) >= min(3, n_lights)
+    assert plan((0.01,), (5.0,)).example_conditions() == set(plan((0.01,), (5.0,)).conditions())
 
 
 def test_conditions_are_values_of_all_axes() -> None:

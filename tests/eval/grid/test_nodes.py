@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.nodes import NodePlan
+from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.sweep.blocks import blocks, cells_per_picture
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
@@ -18,10 +18,14 @@ NODES = tuple(
 )
 
 
+def searched(*nodes: Conditions, **further: Any) -> SweepPlan:
+    return SweepPlan({}, only=nodes, direction=(1.0, 0.0), **further)
+
+
 def test_its_rows_are_those_of_the_grid(tmp_path: Path) -> None:
     """Cell by cell, whatever else either computes; but for the pictures that are kept of them."""
     models = [matched_detector(tmp_path)]
-    chosen = rows_of(tmp_path / "nodes", models, CAMERA, TWO, NodePlan(NODES, repeats=2, examples=False))
+    chosen = rows_of(tmp_path / "nodes", models, CAMERA, TWO, searched(*NODES, repeats=2, examples=False))
     grid = rows_of(tmp_path / "grid", models, CAMERA, TWO, swept(**_axes(PLAN), repeats=2, examples=False))
     ids = {cell["cell_id"] for cell in chosen[0]}
     assert len(ids) == 2 * (1 + 2 * len(NODES))
@@ -31,7 +35,7 @@ def test_its_rows_are_those_of_the_grid(tmp_path: Path) -> None:
 
 
 def test_each_node_is_computed_once_and_its_blurs_together() -> None:
-    plan = NodePlan((*NODES, NODES[0]), repeats=2)
+    plan = searched(*NODES, NODES[0], repeats=2)
     assert sorted(plan.conditions(), key=repr) == sorted(NODES, key=repr)
     cells = [cell for block in blocks(TWO, plan) for cell in block.cells]
     assert len(cells) == len(set(cells)) == 2 * cells_per_picture(plan)
@@ -39,23 +43,13 @@ def test_each_node_is_computed_once_and_its_blurs_together() -> None:
     assert shared == sorted(shared)
 
 
-def test_examples_are_of_nodes_from_no_blur_to_much() -> None:
-    many = tuple(
-        Conditions(exposure_s=0.01, illuminance_lux=5.0, velocity_x_px_s=10.0 * v) for v in range(40)
-    )
-    shown = NodePlan(many).example_conditions()
-    assert 8 <= len(shown) <= 12
-    assert many[0] in shown
-    assert max(at.blur_px for at in shown) >= 3.5
-
-
 def test_what_makes_a_run_is_all_but_the_nodes() -> None:
-    alike = NodePlan(NODES, examples=False), NodePlan()
+    alike = searched(*NODES, examples=False), searched()
     assert alike[0].to_dict() == alike[1].to_dict()
-    gain = {"gain_db": AUTOMATIC}
-    others: list[dict[str, Any]] = [{"repeats": 2}, {"seed": 1}, {"further": gain}, {"direction": (0.0, 1.0)}]
+    gain = {"gain_db": (AUTOMATIC,)}
+    others: list[dict[str, Any]] = [{"repeats": 2}, {"seed": 1}, {"grid": gain}, {"direction": (0.0, 1.0)}]
     others.append({"grey_anchor": "mean"})
-    assert all(NodePlan(**other).to_dict() != alike[0].to_dict() for other in others)
+    assert all(replace(alike[1], **other).to_dict() != alike[0].to_dict() for other in others)
 
 
 def _axes(plan: Any) -> dict[str, tuple[float, ...]]:

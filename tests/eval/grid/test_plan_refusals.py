@@ -6,9 +6,8 @@ import hashlib
 from typing import Any
 
 import pytest
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
-from blurnoise_eval.grid.parts import Part
 
 from blurnoise.motion.ego import Vehicle
 
@@ -26,11 +25,11 @@ DRIVEN: Any = {**AT, "ego_speed_m_s": (20.0,)}
         ({**DRIVEN, "velocity_y_px_s": (0.0, 3.0)}, {}, "goes without velocity_y_px_s"),
         ({**DRIVEN, "moves": (0.0, 1.0)}, {}, "goes without moves"),
         (AT, {"ego": Vehicle()}, "ego: goes with ego_speed_m_s"),
-        (AT, {"objects": Objects(speeds={"car": 2.0})}, "speeds: of what moves for itself; goes with moves"),
+        (AT, {"objects": Objects(speeds={"car": 2.0})}, "speeds: of objects; goes with moves"),
         (
             AT,
             {"objects": Objects(crossings={"car": Crossing(36.0, width_m=4.0)})},
-            "crossings: of what moves",
+            "crossings: of objects",
         ),
         (AT, {"trajectory": "sine:40,50", "objects": Objects(boxes="half")}, "boxes = 'half': of straight"),
         *(

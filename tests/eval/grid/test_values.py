@@ -1,17 +1,9 @@
-"""Numbers as they are typed: ranges with their ends, and the number that is meant."""
+"""Numbers as they are typed: lists, ranges with their ends, and the number that is meant."""
 
 from __future__ import annotations
 
 import pytest
-from blurnoise_eval.grid.axes import axis
-from blurnoise_eval.grid.values import numbers
-
-
-@pytest.mark.parametrize(
-    ("text", "count"), [("0.1:0.3:0.1", 3), ("0:0.7:0.1", 8), ("1:2:0.4", 3), ("5:1:-2", 3)]
-)
-def test_a_range_has_its_end_where_steps_meet_it(text: str, count: int) -> None:
-    assert len(numbers(text)) == count
+from blurnoise_eval.grid.axes import axis, numbers
 
 
 @pytest.mark.parametrize(
@@ -19,11 +11,6 @@ def test_a_range_has_its_end_where_steps_meet_it(text: str, count: int) -> None:
     [
         ("5", [5]),
         ("-2.5,1e3", [-2.5, 1000]),
-        ("1:10:3", [1, 4, 7, 10]),
-        ("1:9:3", [1, 4, 7]),
-        ("0:1:0.1", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
-        ("10:0:-5", [10, 5, 0]),
-        ("3:3:1", [3]),
         ("2:250", [2, 3, 10, 30, 100, 250]),
         ("0:1000", [0, 10, 30, 100, 300, 1000]),
         ("0.5:5", [0.5, 1, 3, 5]),
@@ -34,8 +21,8 @@ def test_lists(text: str, expected: list[float]) -> None:
 
 
 def test_bad_lists() -> None:
-    for text in ("", "a", "1,", "2:1", "-1:2", "1:inf", "1:2:0", "1:2:-1", "1:2:3:4", "0:1:1e-9", "nan:1:1"):
-        with pytest.raises(ValueError, match="start:stop:step"):
+    for text in ("", "a", "1,", "2:1", "-1:2", "1:inf", "1:2:3", "nan:1", "1:1", ":"):
+        with pytest.raises(ValueError, match="must be numbers as 1,5,10, or low:high"):
             numbers(text)
 
 

@@ -20,7 +20,6 @@ from signs_in_memory import BOX, CAMERA, matched_detector, picture, picture_set,
 
 from blurnoise.scene.scene import Exposure
 
-SIZE = (80, 120)
 BOXES = np.array([[10.0, 20.0, 30.0, 60.0], [40.0, 40.0, 80.0, 80.0]])
 SIZES = np.full((2, 2), 100.0)
 CAR = {"car": Crossing(36.0, width_m=4.0)}
@@ -35,7 +34,7 @@ def taken(moves: str, right_px_s: float = 0.0) -> Exposure:
 @pytest.mark.parametrize("kmh", [36.0, -36.0, 0.0])
 def test_px_by_width(kmh: float) -> None:
     """v w / W whatever the lens."""
-    found = Crossing(kmh, width_m=4.0).velocity_px_s((90.0, 60.0, 110.0, 76.0), CAMERA, SIZE)
+    found = Crossing(kmh, width_m=4.0).velocity_px_s((90.0, 60.0, 110.0, 76.0))
     assert found == pytest.approx((kmh / 3.6 * 20 / 4, 0.0))
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.nodes import NodePlan, Plan
 from blurnoise_eval.grid.objects import Crossing, Objects
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Batch, Run, ask
@@ -22,7 +21,7 @@ PLAN = swept((0.01, 0.02), (50.0,), (0.0, 300.0))
 MOVED = swept((0.01,), (50.0,), (0.0, 300.0), gain_db=("auto",), moves=(0.0, 1.0))
 DRIVEN = swept((0.01,), (50.0,), ego_speed_m_s=(20.0,))
 LOG = "time_s,x_px,y_px\n-1,0,0\n0,3,1\n1,5,2\n"
-NODES = NodePlan((), {"gain_db": 6.0}, (0.6, 0.8), repeats=2, objects=Objects())
+NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
 
 
 @pytest.mark.parametrize(
@@ -36,7 +35,7 @@ NODES = NodePlan((), {"gain_db": 6.0}, (0.6, 0.8), repeats=2, objects=Objects())
         NODES,
     ],
 )
-def test_a_plan_is_read_back(plan: Plan, tmp_path: Path) -> None:
+def test_a_plan_is_read_back(plan: SweepPlan, tmp_path: Path) -> None:
     with Store(tmp_path, create=True) as store:
         open_run(store, [matched_detector(tmp_path)], CAMERA, TWO, plan, {})
         assert Run(store).plan == plan
@@ -56,13 +55,12 @@ def test_a_trajectory_of_a_file_is_read_back_without_the_file(tmp_path: Path) ->
 def test_what_is_missing_is_counted(tmp_path: Path) -> None:
     """Of a grid with the exposures that were asked for beside it; of a search for the pictures that it took."""
     (extra,) = swept((0.015,), (50.0,)).conditions()
-    for plan, expected in ((PLAN, 2 * (1 + 4 + 1)), (NODES, 1 * (1 + 2 * 1))):
-        with Store(tmp_path / type(plan).__name__, create=True) as store:
+    for plan, n_pictures, expected in ((PLAN, len(TWO), 2 * (1 + 4 + 1)), (NODES, 1, 1 * (1 + 2 * 1))):
+        with Store(tmp_path / str(n_pictures), create=True) as store:
             open_run(store, [matched_detector(tmp_path)], CAMERA, TWO, plan, {})
-            ask(store, Batch(len(TWO) if isinstance(plan, SweepPlan) else 1, (), (extra,)))
+            ask(store, Batch(n_pictures, (), (extra,)))
             assert Run(store).missing_cells() == expected
             store.skip(TWO.pictures[0].name, "cannot be read")
-            n_pictures = len(TWO) if isinstance(plan, SweepPlan) else 1
             assert Run(store).missing_cells() == expected // n_pictures * (n_pictures - 1)
 
 

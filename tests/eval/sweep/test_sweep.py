@@ -118,7 +118,7 @@ def test_cell_is_what_simulate_and_the_detector_give(
             if cell["example"]:
                 kept += 1
                 np.testing.assert_array_equal(cv2.imread(str(tmp_path / cell["example"]))[..., ::-1], rgb)
-        assert kept == 9  # three exposures by three speeds
+        assert kept == 12
 
 
 FURTHER = {
