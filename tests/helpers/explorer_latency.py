@@ -93,7 +93,7 @@ def main() -> None:
                 tab = browser.tab()
                 tab.open(address[0])
                 tab.until("document.querySelector('.seen img')?.naturalWidth")
-                tab.until("document.querySelector('.numbers b') && !document.querySelector('.busy')")
+                tab.until("document.querySelector('.numbers dd') && !document.querySelector('.busy')")
                 load = os.getloadavg()[0]
                 found = measured(tab, process.pid)
             finally:

@@ -48,7 +48,7 @@ def explore(
         str | None,
         Option(
             metavar="M.onnx|built-in|none",
-            help="a detector or text recogniser (default: the built-in detector, or the run's first)",
+            help="a detector (default: the built-in detector, or the run's first)",
         ),
     ] = None,
     model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
@@ -103,12 +103,13 @@ def explore(
 
 def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> None:
     from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.explorer.rendered import mean_confidence
 
     found = catalogue.render(state)
-    write_picture(output, found.image)
-    facts: dict[str, Any] = {"output": str(output), "camera": found.camera.name}
-    facts |= {each.name: each.value for each in found.numbers}
+    write_picture(output, found.frame.image)
+    facts: dict[str, Any] = {"output": str(output), "camera": found.exposure.camera.name}
+    facts |= {name: value for name, (_, value, _) in found.numbers.items()}
     if found.sight is not None:
-        facts["confidence"] = found.confidence
+        facts["confidence"] = mean_confidence(found.sight) if found.sight.targets else None
         facts["confidences"] = [float(row["confidence"]) for row in found.sight.targets]
     print_facts(facts, as_json)

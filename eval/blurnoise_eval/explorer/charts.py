@@ -1,46 +1,41 @@
-"""What the page draws: boxes over a picture as SVG, and charts as options of Apache ECharts.
+"""What the page draws: boxes over a picture as SVG, and the curve as options of Apache ECharts.
 
 Texts from files are escaped. Colours are readable on light and dark.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from blurnoise_eval.explorer.rendered import Point
-from blurnoise_eval.explorer.run import HeatMap
-from blurnoise_eval.explorer.state import Control
-from blurnoise_eval.grid.axes import Axis
+from blurnoise_eval.explorer.rendered import Point, Rendered, window
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.scoring.boxes import iou
-from blurnoise_eval.scoring.matching import MATCH_IOU
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import Sight
 
 _INK, _ACCENT, _GOOD = "#7c8894", "#2584ad", "#12803f2b"
-_QUIET: dict[str, Any] = {"animation": False, "textStyle": {"color": _INK}}
 
 
-def boxes(sight: Sight | None, size: tuple[int, int], found_from: float, classes: Sequence[str] = ()) -> str:
-    """Targets with their confidence, found from ``found_from`` on, and what else is found, for a picture (H, W)."""
+def boxes(found: Rendered, sight: Sight | None) -> str:
+    """Targets with their confidence, found and missed, and what else a detector finds in the picture or, where
+    ``sight`` is of that, in the original."""
     if sight is None:
         return ""
+    size = height, width = found.frame.image.shape[:2]  # of its own, since a smaller picture may lie below
     targets = sorted(sight.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
     places = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
     leading = sight.detections.leading
     rows = zip(leading.boxes_xyxy.tolist(), leading.scores.tolist(), leading.class_ids.tolist(), strict=True)
-    drawn = []
-    for box, score, class_id in [row for row in rows if row[1] >= OTHER_SCORE][:MOST_BOXES]:
-        if not (iou([box], places) >= MATCH_IOU).any():
-            label = classes[class_id] if class_id < len(classes) else str(class_id)
-            drawn.append(_box(box, "other", f"{label[:24]} {score:.2f}", size))
+    drawn = [
+        _box(box, "other", f"{found.classes[class_id][:24]} {score:.2f}", size)
+        for box, score, class_id in [row for row in rows if row[1] >= OTHER_SCORE][:MOST_BOXES]
+        if not (iou([box], places) >= MATCH_IOU).any()
+    ]
     for row, place in zip(targets, places, strict=True):
-        kind = "found" if row["confidence"] >= found_from else "missed"
-        text = f"{row['confidence']:.2f}" if row.get("text") is None else f'"{row["text"][:24]}"'
-        drawn.append(_box(place, kind, text, size))
-    height, width = size  # of its own, since a smaller picture may lie below
+        kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
+        drawn.append(_box(place, kind, f"{row['confidence']:.2f}", size))
     return (
         f'<svg class="boxes" viewBox="0 0 {width} {height}" width="100%" height="100%" preserveAspectRatio="none">'
         f"{''.join(drawn)}</svg>"
@@ -58,56 +53,29 @@ def _box(box: Sequence[float], kind: str, text: str, size: tuple[int, int]) -> s
     )
 
 
-def scores(
-    curve: Sequence[Point], along: Control, at: float, enough: float, window: tuple[float, float] | None
-) -> dict[str, Any]:
-    """Mean scores along a control. at: where the control stands; enough: the level; window: where the mean is
-    enough."""
-    lines: list[dict[str, Any]] = [{"yAxis": enough, "lineStyle": {"type": "dashed"}}]
-    lines += [{"xAxis": at, "lineStyle": {"type": "solid", "width": 2}}] if math.isfinite(at) else []
+def confidences(curve: Sequence[Point], at_ms: float, enough: float) -> dict[str, Any]:
+    """Mean confidences along the exposure. at_ms: of the picture; enough: the level."""
+    works = window(curve, enough, at_ms)
+    lines = [
+        {"yAxis": enough, "lineStyle": {"type": "dashed"}},
+        {"xAxis": at_ms, "lineStyle": {"type": "solid", "width": 2}},
+    ]
+    area = [[{"xAxis": works[0]}, {"xAxis": works[1]}]] if works else []
     mean = {
-        "type": "scatter" if along.choices else "line",
-        "data": [[point.value, point.mean] for point in curve],
+        "type": "line",
+        "data": [[point.exposure_ms, point.mean] for point in curve],
         "symbolSize": 7,
         "color": _ACCENT,
         "markLine": {"symbol": "none", "label": {"show": False}, "lineStyle": {"color": _INK}, "data": lines},
-        "markArea": {
-            "itemStyle": {"color": _GOOD},
-            "data": [[{"xAxis": window[0]}, {"xAxis": window[1]}]] if window else [],
-        },
+        "markArea": {"itemStyle": {"color": _GOOD}, "data": area},
     }
-    x: dict[str, Any] = {"type": "category", "data": list(along.choices)}
-    if not along.choices:
-        x = {"type": "log" if along.logarithmic else "value", "min": along.low, "max": along.high}
+    ends = {"min": curve[0].exposure_ms, "max": curve[-1].exposure_ms}
     return {
-        **_QUIET,
+        "animation": False,
+        "textStyle": {"color": _INK},
         "grid": {"left": 34, "right": 16, "top": 8, "bottom": 24},
         "tooltip": {"trigger": "item"},
-        "xAxis": {**x, "splitLine": {"show": False}},
+        "xAxis": {"type": "log", **ends, "splitLine": {"show": False}, "axisLabel": {"hideOverlap": True}},
         "yAxis": {"min": 0, "max": 1, "interval": 0.5},
         "series": [mean],
     }
-
-
-def heat_map(found: HeatMap, at: Mapping[str, float | None] | None) -> dict[str, Any]:
-    """Mean confidences of a run as cells to click. at: the conditions of the cell that is shown."""
-    data = []
-    for place, mean in found.cells.items():
-        there = at and all(at[name] in (None, value) for name, value in found.condition(*place).items())
-        border = {"borderColor": "#d4622a", "borderWidth": 3} if there else {}
-        data.append({"value": [*place, round(mean, 3)], "itemStyle": border})
-    return {
-        **_QUIET,
-        "grid": {"left": 90, "right": 16, "top": 8, "bottom": 44},
-        "tooltip": {},
-        "xAxis": _ticks(found.across, found.columns, 28),
-        "yAxis": _ticks(found.down, found.rows, 66),
-        "visualMap": {"min": 0, "max": 1, "show": False, "inRange": {"color": ["#eef4f8", "#0b6e99"]}},
-        "series": [{"type": "heatmap", "data": data, "label": {"show": True}}],
-    }
-
-
-def _ticks(axis: Axis | None, values: Sequence[float], gap: int) -> dict[str, Any]:
-    names = [axis.text(value) for value in values] if axis else [""]
-    title = axis.title if axis else ""
-    return {"type": "category", "data": names, "name": title, "nameLocation": "middle", "nameGap": gap}

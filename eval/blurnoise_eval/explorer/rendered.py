@@ -1,8 +1,7 @@
-"""What a state shows: the picture, what it measures, what a model finds in it, and how much that is of the original.
+"""What a state shows: the picture, its measures, what a detector finds in it, and how much of the original that is.
 
 All physics is the simulator's and all scoring the harness's: a picture here has the bits of the sweep's cell with the
-same conditions and seed. Domain: pictures (H, W, 3) uint8 RGB; scores per target, 0 to 1: confidences, or exact
-matches of a text recogniser.
+same conditions and seed. Domain: pictures (H, W, 3) uint8 RGB; confidences 0 to 1, of each target.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +22,17 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.scene.exposure import Exposure
-from blurnoise_eval.answers.criterion import CONFIDENCE, MATCHES, Criterion
+from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.recommendation import best_exposure, without_saturated
 from blurnoise_eval.datasets import Picture
-from blurnoise_eval.explorer.run import Run
-from blurnoise_eval.explorer.state import Control, State, with_figures
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.explorer.run import USUAL, Run
+from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.on_picture import Model, Sight, View
+from blurnoise_eval.scoring.on_picture import Sight, View
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
@@ -43,145 +43,89 @@ POINTS = 29  # of a curve, from end to end
 
 
 class Point(NamedTuple):
-    """A point of a curve: the control's value, in its unit, the score of every target, and the share of the picture's
-    pixels that is saturated."""
+    """A point of the curve along the exposure, ms: the mean confidence, and the share of the picture's pixels that is
+    saturated."""
 
-    value: float
-    scores: tuple[float, ...]
+    exposure_ms: float
+    mean: float
     saturated: float = 0.0
 
-    @property
-    def mean(self) -> float:
-        """Over the targets."""
-        return sum(self.scores) / len(self.scores)
+
+def mean_confidence(sight: Sight) -> float:
+    """Over the targets; 0 without any."""
+    return sum(float(row["confidence"]) for row in sight.targets) / max(1, len(sight.targets))
 
 
 @dataclass(frozen=True)
 class Standard:
-    """A criterion applied to one picture. counted: ids of the targets that count; original: their mean score in the
-    original picture. Where a share of that is asked for, targets that the model misses there do not count."""
+    """A criterion applied to one picture: from ``level`` of ``unit`` on the mean confidence is enough. kept: the unit
+    is the mean confidence in the original picture, of the targets found there, the only ones that count; else it is
+    1. counted: ids of the targets that count."""
 
-    criterion: Criterion
+    level: float
+    kept: bool
+    unit: float
     counted: frozenset[int]
-    original: float
 
     @classmethod
     def of(cls, criterion: Criterion, clean: Sight) -> Standard:
-        """The standard of a picture, by the model's answer to the original."""
-        scored = {row["target_id"]: _score(criterion, row) for row in clean.targets}
-        if criterion.kept:
-            scored = {name: score for name, score in scored.items() if score >= FOUND_SCORE}
-        return cls(criterion, frozenset(scored), sum(scored.values()) / max(1, len(scored)))
+        """The standard of a picture, by the detector's answer to the original."""
+        least = FOUND_SCORE if criterion.kept else 0.0
+        rows = tuple(row for row in clean.targets if row["confidence"] >= least)
+        unit = mean_confidence(clean._replace(targets=rows)) if criterion.kept else 1.0
+        return cls(criterion.level, criterion.kept, unit, frozenset(row["target_id"] for row in rows))
 
     @property
     def enough(self) -> float:
-        """The mean score from which the model works."""
-        return self.criterion.level * (self.original if self.criterion.kept else 1.0)
-
-    @property
-    def title(self) -> str:
-        """The name of the mean score."""
-        return "Mean exact matches" if self.criterion.score == MATCHES else "Mean confidence"
-
-    @property
-    def found_from(self) -> float:
-        """The confidence from which a target counts as found."""
-        absolute = not self.criterion.kept and self.criterion.score == CONFIDENCE
-        return self.criterion.level if absolute else FOUND_SCORE
+        """The mean confidence from which the detector works."""
+        return self.level * self.unit
 
     def sight(self, sight: Sight) -> Sight:
         """With the targets that count alone."""
         return sight._replace(targets=tuple(row for row in sight.targets if row["target_id"] in self.counted))
 
-    def scores(self, sight: Sight) -> tuple[float, ...]:
-        """Of the targets that count."""
-        return tuple(_score(self.criterion, row) for row in self.sight(sight).targets)
-
-    def value(self, mean: float) -> float:
-        """A mean score in the criterion's unit."""
-        return mean / self.original if self.criterion.kept else mean
-
-    def text(self, value: float) -> str:
-        """A value in the criterion's unit, as people read it."""
-        return f"{100 * value:.0f} %" if self.criterion.kept else f"{value:.2f}"
+    def text(self, mean: float) -> str:
+        """A mean confidence in the criterion's unit."""
+        return f"{100 * mean / self.unit:.0f} %" if self.kept else f"{mean:.2f}"
 
 
-def works(
-    curve: Sequence[Point], enough: float, at: float, *, logarithmic: bool = False
-) -> tuple[float, float] | None:
-    """From where to where along a curve the mean score is enough, around ``at`` or else the widest; None: nowhere.
+def window(curve: Sequence[Point], enough: float, at_ms: float) -> tuple[float, float] | None:
+    """From where to where along a curve the mean is enough, around ``at_ms`` or else the widest; None: nowhere.
 
     The ends are those of a run's windows, see :func:`~blurnoise_eval.answers.curves.windows`.
     """
-    found = windows([point.value for point in curve], [point.mean for point in curve], enough, logarithmic)
-    around = [window for window in found if window[0] <= at <= window[1]]
-    return next(iter(around or sorted(found, key=lambda window: window[0] - window[1])), None)
+    found = windows([point.exposure_ms for point in curve], [point.mean for point in curve], enough)
+    around = [each for each in found if each[0] <= at_ms <= each[1]]
+    return next(iter(around or sorted(found, key=lambda each: each[0] - each[1])), None)
 
 
-def keeps_most(curve: Sequence[Point], standard: Standard) -> Point:
-    """The point of a curve along the exposure to use, by the rule that recommends a run's exposure."""
-    means = [standard.value(point.mean) for point in curve]
-    values = without_saturated(means, [point.saturated for point in curve], standard.criterion.level)
-    return curve[best_exposure([point.value for point in curve], values) or 0]
-
-
-def verdict(sight: Sight, standard: Standard) -> tuple[bool, str]:
-    """Whether the model works on the picture, and a sentence on it."""
-    if sight.error:
-        return False, f"The model fails on this picture: {sight.error[:160]}"
-    scores, level = standard.scores(sight), standard.criterion.level
-    if not scores:
-        return False, "No score: the model finds nothing in the original picture. Choose another model."
-    mean = sum(scores) / len(scores)
-    value = standard.value(mean)
-    hits = sum(row["confidence"] >= standard.found_from for row in sight.targets)
-    text = f"{standard.title} {mean:.2f}"
-    if standard.criterion.kept:
-        text = f"Keeps {standard.text(value)} of its {standard.criterion.noun} in the original "
-        text += f"({mean:.2f} of {standard.original:.2f})"
-    enough = "" if value >= level else f"; enough is {standard.text(level)}"
-    return value >= level, f"{text}, {hits} of {len(scores)} found{enough}."
-
-
-def window_sentence(curve: Sequence[Point], along: Control, at: float, standard: Standard) -> str:
-    """From where to where along the curve the model works, and which value keeps most."""
-    if not curve:
-        return ""
-    level = standard.text(standard.criterion.level)
-    of_exposure = along.name == EXPOSURE.name
-    best = keeps_most(curve, standard) if of_exposure else max(curve, key=lambda point: point.mean)
-    most = (
-        f"most, {standard.text(standard.value(best.mean))} at {along.text(best.value)} {along.unit}".rstrip()
-    )
-    window = works(curve, standard.enough, at, logarithmic=along.logarithmic)
-    if window is None:
-        return f"{along.title}: none of the {len(curve)} values tried reaches {level}; {most}."
-    low, high = window
-    ends = [f"from about {low:.2g}"] if low > curve[0].value else []
-    ends += [f"{'to' if ends else 'up to about'} {high:.2g}"] if high < curve[-1].value else []
-    where = f"{' '.join(ends)} {along.unit}".rstrip() if ends else "at every value tried"
-    if along.choices:
-        good = [along.choices[int(point.value)] for point in curve if point.mean >= standard.enough]
-        where = f"with {', '.join(good)}"
-    here = "" if low <= at <= high or along.choices else ", not here"
-    return f"{along.title}: {level} or more {where}{here}; {most}."
-
-
-def _score(criterion: Criterion, row: dict[str, Any]) -> float:
-    if criterion.score == MATCHES:
-        return float(row["text"] == row["truth"])
-    return float(row["confidence"])
+def window_sentence(curve: Sequence[Point], at_ms: float, standard: Standard) -> str:
+    """From where to where along the curve the detector works, and which exposure keeps most, by the rule that
+    recommends a run's."""
+    values = [point.mean / standard.unit for point in curve]
+    counted = without_saturated(values, [point.saturated for point in curve], standard.level)
+    best = curve[best_exposure([point.exposure_ms for point in curve], counted) or 0]
+    most = f"most, {standard.text(best.mean)} at {best.exposure_ms:g} ms"
+    found, level = window(curve, standard.enough, at_ms), standard.text(standard.enough)
+    if found is None:
+        return f"Exposure: none of the {len(curve)} values tried reaches {level}; {most}."
+    low, high = (f"{float(f'{end:.2g}'):g}" for end in found)
+    ends = [f"from about {low}"] if found[0] > curve[0].exposure_ms else []
+    ends += [f"{'to' if ends else 'up to about'} {high}"] if found[1] < curve[-1].exposure_ms else []
+    where = f"{' '.join(ends)} ms" if ends else "at every value tried"
+    here = "" if found[0] <= at_ms <= found[1] else ", not here"
+    return f"Exposure: {level} or more {where}{here}; {most}."
 
 
 class Subject:
-    """A picture as light, what models find in the original, and a smaller copy. Any number of threads may use it.
+    """A picture as light, what detectors find in the original, and a smaller copy. Any number of threads may use it.
 
     run: the run that the picture is of, with whose settings it is taken. Raises
     :class:`~blurnoise_eval.datasets.UnreadablePicture` where it cannot be loaded.
     """
 
     def __init__(self, picture: Picture, run: Run | None = None) -> None:
-        self._run = run
+        self._run, self.criterion = run, run.criterion if run else USUAL
         self.scene = run.scene(picture) if run else Scene(picture.load(), picture=picture)
         self.original = self.scene.image8
         self.size = self.original.shape[0], self.original.shape[1]
@@ -196,9 +140,9 @@ class Subject:
             return self._run.expose(self.scene, cell, camera)
         return next(frames(self.scene, [cell], camera))
 
-    def view(self, model: Model) -> View:
-        """A model's view of the picture; each model is given the original once."""
-        return self._views(model)  # type: ignore[arg-type]  # models are told apart by identity
+    def view(self, model: Detector) -> View:
+        """A detector's view of the picture; each is given the original once."""
+        return self._views(model)
 
     @cached_property
     def small(self) -> Scene:
@@ -219,97 +163,92 @@ class Subject:
         return next(frames(self.small, [cell], replace(camera, row_time_s=n * camera.row_time_s))).image
 
 
-class Number(NamedTuple):
-    """A figure of a picture: its name, title, value, and text with the unit."""
-
-    name: str
-    title: str
-    value: float | None
-    text: str
+Number = tuple[str, float | None, str]
+"""A figure of a picture: its title, value and unit."""
 
 
 @dataclass(frozen=True)
 class Rendered:
-    """What a state shows. camera: with the state's figures. sight, clean: what the model finds in the picture and the
-    original, with the targets that count by ``standard``; None without a model. classes: their names."""
+    """What a state shows. sight, clean: what the detector finds in the picture and the original, with the targets
+    that count by ``standard``; None without a detector. classes: their names."""
 
     state: State
     frame: Frame
     exposure: Exposure
-    camera: Camera
-    numbers: tuple[Number, ...]
-    left_out: str
     sight: Sight | None = None
     clean: Sight | None = None
     standard: Standard | None = None
     classes: tuple[str, ...] = ()
 
     @property
-    def image(self) -> Picture8:
-        """The picture."""
-        return self.frame.image
+    def numbers(self) -> dict[str, Number]:
+        """Its measures, by the names that ``simulate`` prints. Of a camera that drives, the blur is in the middle of
+        the places'."""
+        exposure, camera = self.exposure, self.exposure.amplified.camera
+        blur_px = math.hypot(*exposure.velocity_px_s) * exposure.exposure_s
+        if exposure.drives:
+            height, width = self.frame.image.shape[:2]
+            flow = exposure.vehicle.flow_px_s(exposure.camera, (height, width), exposure.ego_speed_m_s)
+            blur_px = float(middle_of(flow[None] * exposure.exposure_s)[0].norm())
+        white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
+        return {
+            "white_electrons": ("White", white_e, "e-"),
+            "saturation_electrons": ("Saturation", camera.saturation_e, "e-"),
+            "snr_db": ("SNR at 18 % grey", snr_db(exposure, _GREY), "dB"),
+            "exposure_ms": ("Exposure", 1e3 * exposure.exposure_s, "ms"),
+            "gain_db": ("Gain", exposure.gain_db, "dB"),
+            "blur_px": ("Motion blur", blur_px, "px"),
+            "clipped_percent": ("Saturated", 100 * (self.frame.saturated or 0.0), "%"),
+        }
 
-    @property
-    def confidence(self) -> float | None:
-        """Mean over the targets; None without a model or a target."""
-        rows = self.sight.targets if self.sight else ()
-        return sum(float(row["confidence"]) for row in rows) / len(rows) if rows else None
+
+def verdict(found: Rendered) -> tuple[bool, str]:
+    """Whether the detector works on the picture, and a sentence on it."""
+    if found.sight is None or found.standard is None:
+        return True, "No model."
+    sight, standard = found.sight, found.standard
+    if sight.error:
+        return False, f"The model fails on this picture: {sight.error[:160]}"
+    if not sight.targets:
+        return False, "No score: the model finds nothing in the original picture. Choose another model."
+    mean = mean_confidence(sight)
+    hits = sum(row["confidence"] >= FOUND_SCORE for row in sight.targets)
+    text = f"Mean confidence {mean:.2f}"
+    if standard.kept:
+        kept = f"Keeps {standard.text(mean)} of its confidence in the original"
+        text = f"{kept} ({mean:.2f} of {standard.unit:.2f})"
+    good = mean >= standard.enough
+    enough = "" if good else f"; enough is {standard.text(standard.enough)}"
+    return good, f"{text}, {hits} of {len(sight.targets)} found{enough}."
 
 
-def rendered(
-    state: State, subject: Subject, camera: Camera, frame: Frame, model: Model | None, criterion: Criterion
-) -> Rendered:
-    """What a picture, ``frame``, measures and what a model finds in it. camera: with the state's figures."""
-    exposure = frame.exposure
-    if exposure is None:
+def rendered(state: State, subject: Subject, frame: Frame, model: Detector | None) -> Rendered:
+    """What a picture, ``frame``, measures and what a detector finds in it."""
+    if frame.exposure is None:
         raise ValueError("conditions: must be specified; this is the original picture")
-    plan = subject.scene.plan(exposure)
-    left_out = f"Effects left out: {plan.left_out_dn:.2g} of {plan.tolerance_dn:.3g} DN RMS allowed."
-    measured = numbers(exposure, frame.saturated or 0.0, subject.size)
-    found = Rendered(state, frame, exposure, camera, measured, left_out)
+    found = Rendered(state, frame, frame.exposure)
     if model is None:
         return found
     view = subject.view(model)
-    standard = Standard.of(criterion, view.clean)
+    standard = Standard.of(subject.criterion, view.clean)
     return replace(
         found,
         sight=standard.sight(view.look(frame.image, frame.move_boxes, frame.sweep_boxes)),
         clean=standard.sight(view.clean),
         standard=standard,
-        classes=tuple(getattr(model.contract, "classes", ())),
+        classes=model.contract.classes,
     )
 
 
 def curve_points(
-    state: State, subject: Subject, camera: Camera, model: Model, along: Control, standard: Standard
+    state: State, subject: Subject, camera: Camera, model: Detector, standard: Standard
 ) -> Iterator[Point]:
-    """Scores of the targets along a control, from end to end. camera: without the state's figures."""
-    view = subject.view(model)
-    for value in along.places(POINTS):
-        at = along.put(state, value)
-        with suppress(ValueError):  # conditions that do not go together
-            frame = subject.frame(at, with_figures(camera, at.figures))
-            sight = view.look(frame.image, frame.move_boxes, frame.sweep_boxes)
-            if scores := standard.scores(sight):
-                yield Point(value, scores, frame.saturated or 0.0)
-
-
-def numbers(exposure: Exposure, saturated: float, size: tuple[int, int]) -> tuple[Number, ...]:
-    """Electrons of white, signal to noise, blur, saturation and gain. saturated: the share of pixels."""
-    camera, digital_db = exposure.amplified
-    white_e = photoelectrons(camera, exposure.illuminance_lux, exposure.exposure_s)
-    grey_db = snr_db(exposure, _GREY)
-    blur_px = math.hypot(*exposure.velocity_px_s) * exposure.exposure_s
-    if exposure.drives:  # in the middle of what the pixels see
-        flow = exposure.vehicle.flow_px_s(exposure.camera, size, exposure.ego_speed_m_s)
-        blur_px = float(middle_of(flow[None] * exposure.exposure_s)[0].norm())
-    digital = f", {digital_db:.1f} dB of it digital" if abs(digital_db) > 0.05 else ""
-    well = f"{white_e / camera.saturation_e:.2g} of saturation"
-    return (
-        Number("white_electrons", "White", white_e, f"{white_e:.5g} e-, {well}"),
-        Number("snr_db", "SNR at 18 % grey", grey_db, "none" if grey_db is None else f"{grey_db:.1f} dB"),
-        Number("exposure_ms", "Exposure", 1e3 * exposure.exposure_s, f"{1e3 * exposure.exposure_s:.4g} ms"),
-        Number("blur_px", "Motion blur", blur_px, f"{blur_px:.1f} px"),
-        Number("clipped", "Saturated", saturated, f"{100 * saturated:.2g} %"),
-        Number("gain_db", "Gain", exposure.gain_db, f"{exposure.gain_db:.1f} dB{digital}"),
-    )
+    """Mean confidences along the exposure, from end to end."""
+    view, along = subject.view(model), controls(camera)[EXPOSURE.name]
+    for place in range(POINTS):
+        exposure_ms = along.value(along.steps * place / (POINTS - 1))
+        with suppress(ValueError):  # more motion than is allowed
+            frame = subject.frame(state.put(EXPOSURE.name, EXPOSURE.of_option(exposure_ms)), camera)
+            sight = standard.sight(view.look(frame.image, frame.move_boxes, frame.sweep_boxes))
+            if sight.targets:
+                yield Point(exposure_ms, mean_confidence(sight), frame.saturated or 0.0)

@@ -1,48 +1,33 @@
-"""The server of the explorer: the page and its pictures, behind a gate that decides who is answered.
+"""The server of the explorer: the page and its pictures, under a path that nobody can guess.
 
 A request must name the address that is served (another site's page whose name has been rebound to this machine names
-its own), come from no other origin, and carry the token of the printed URL, or the cookie that holds it from then
-on. The applications inside see neither token nor refused request, on any route or socket.
+its own), and come from no other origin; on any route and socket. All routes begin with the token of the printed URL.
 """
 
 from __future__ import annotations
 
 import asyncio
-import hmac
 import logging
 import re
 import secrets
 import socket
 import webbrowser
 from collections.abc import Callable, Iterable
-from importlib.resources import files
 from ipaddress import ip_address
-from urllib.parse import parse_qsl, urlencode
+from pathlib import Path
 from weakref import WeakValueDictionary
 
 import uvicorn
 from fastapi import FastAPI, Request, Response
 from nicegui import ui
-from starlette.datastructures import MutableHeaders
-from starlette.formparsers import MultiPartParser
 from starlette.requests import HTTPConnection
 from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
 
-from blurnoise_eval.explorer.catalogue import MOST_UPLOADED_MB, Catalogue
-from blurnoise_eval.explorer.page import Page, Session
+from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.page import Page
 from blurnoise_eval.explorer.state import State
 
-_MOST_MB = MOST_UPLOADED_MB + 1
-_POLICY = (
-    "default-src 'self' 'unsafe-inline' 'unsafe-eval' data: blob:; frame-ancestors 'none'; base-uri 'self'"
-)
-_HEADERS = {
-    "Content-Security-Policy": _POLICY,
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-}
 _NUMERIC = re.compile(r"\[[0-9a-f:.]+\]|\d{1,3}(\.\d{1,3}){3}")
 
 
@@ -51,50 +36,26 @@ class Gate:
     also under every numeric address, which no DNS server can rebind."""
 
     def __init__(self, app: ASGIApp, names: Iterable[str], port: int, *, any_address: bool = False) -> None:
-        self.app, self.token = app, secrets.token_urlsafe(24)
+        self.app = app
         self._names, self._port, self._any_address = {name.lower() for name in names}, f":{port}", any_address
-        self._cookie = f"blurnoise-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass the request on, or answer it with a refusal."""
-        if scope["type"] not in ("http", "websocket"):
+        refusal = self._refusal(HTTPConnection(scope)) if scope["type"] in ("http", "websocket") else None
+        if refusal is None:
             await self.app(scope, receive, send)
-            return
-        request = HTTPConnection(scope)
-        query = parse_qsl(request.url.query, keep_blank_values=True)
-        tokens = [value for name, value in query if name == "token"] if scope["path"] == "/" else []
-        refusal = self._refusal(request, tokens)
-
-        async def answer(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                headers.update(_HEADERS)
-                if tokens and not refusal:
-                    cookie = f"{self._cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-                    headers.append("Set-Cookie", cookie)
-            await send(message)
-
-        if refusal and scope["type"] == "websocket":
+        elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})  # before it is accepted: HTTP's 403
-        elif refusal:
-            await refusal(scope, receive, answer)
         else:
-            rest = urlencode([(name, value) for name, value in query if name != "token"])
-            await self.app({**scope, "query_string": rest.encode()} if tokens else scope, receive, answer)
+            await refusal(scope, receive, send)
 
-    def _refusal(self, request: HTTPConnection, tokens: list[str]) -> PlainTextResponse | None:
+    def _refusal(self, request: HTTPConnection) -> PlainTextResponse | None:
         """Why the request is not answered; None where it is."""
         headers, hosts = request.headers, request.headers.getlist("host")
         if len(hosts) != 1 or not self._serves(hosts[0]):
             return PlainTextResponse("This address is not served here.", 421)
         if any(origin != f"http://{hosts[0]}" for origin in headers.getlist("origin")):
             return PlainTextResponse("Requests from other origins are not answered.", 403)
-        given = tokens or [request.cookies.get(self._cookie, "")]
-        known = all(hmac.compare_digest(each.encode(), self.token.encode()) for each in given)
-        if not known or not (tokens or headers.get("sec-fetch-site", "none") in ("same-origin", "none")):
-            return PlainTextResponse("Open the address that the explorer has printed, with its token.", 403)
-        if "transfer-encoding" in headers or int(headers.get("content-length", 0)) > _MOST_MB << 20:
-            return PlainTextResponse(f"The body must have a length, of at most {_MOST_MB} MB.", 413)
         return None
 
     def _serves(self, host: str) -> bool:
@@ -110,15 +71,14 @@ def serve(
     listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     listening.set_inheritable(False)
     address, port = listening.getsockname()[:2]
-    everywhere, local = ip_address(address).is_unspecified, ip_address(address).is_loopback
-    names = [host, address, *(["localhost"] if local else [socket.gethostname()] if everywhere else [])]
-    names = [f"[{name}]" if ":" in name else name for name in names]
-    gate = Gate(app(catalogue, usual), names, port, any_address=everywhere)
-    shown = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}.get(names[0], names[0])
-    url = f"http://{shown}:{port}/?{urlencode({'token': gate.token})}&{usual.query(catalogue.base)}"
+    ip, token = ip_address(address), secrets.token_urlsafe(24)
+    local = ["localhost"] if ip.is_loopback or ip.is_unspecified else []
+    names = [f"[{name}]" if ":" in name else name for name in (host, address, *local)]
+    shown = "localhost" if ip.is_unspecified else names[0]
+    url = f"http://{shown}:{port}/{token}/?{usual.query(catalogue.base)}"
     logging.getLogger("nicegui").setLevel(logging.ERROR)
     config = uvicorn.Config(
-        gate,
+        Gate(app(catalogue, usual, token), names, port, any_address=ip.is_unspecified),
         log_level="error",
         ws_max_size=1 << 20,
         ws_per_message_deflate=False,  # pictures are packed, and wait
@@ -131,25 +91,28 @@ def serve(
         uvicorn.Server(config).run(sockets=[listening])
 
 
-def app(catalogue: Catalogue, usual: State) -> FastAPI:
-    """The application behind the gate."""
+def app(catalogue: Catalogue, usual: State, token: str) -> FastAPI:
+    """The application behind the gate, at the path of the token."""
     made = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    sessions: WeakValueDictionary[str, Session] = WeakValueDictionary()
-    style = (files("blurnoise_eval.explorer") / "explorer.css").read_text(encoding="utf-8")
-    MultiPartParser.spool_max_size = MOST_UPLOADED_MB << 20  # uploads stay in memory
+    pages: WeakValueDictionary[str, Page] = WeakValueDictionary()
+    if run := catalogue.run:
+        _ = [run.means(name) for name in run.models]  # before a page waits for it
 
-    @made.get("/pictures/{token}/{name}")
-    def picture(token: str, name: str) -> Response:
-        session = sessions.get(token)
-        content = session.files.get(name) if session else None
+    @made.get(f"/{token}/pictures/{{of}}/{{name}}")
+    def picture(of: str, name: str) -> Response:
+        content = pages[of].files.get(name) if of in pages else None
         return Response(content, 200 if content else 404, media_type="image/png")
 
     @ui.page("/", title="blurnoise explorer")
     def explorer(request: Request) -> None:
-        ui.add_css(style)
-        state, wrong = catalogue.resolved(request.url.query) if request.url.query else (usual, ())
-        page = Page(catalogue, state, "; ".join(wrong))
-        sessions[page.session.token] = page.session
+        ui.add_css(Path(__file__).with_name("explorer.css"))
+        state, note = usual, ""
+        try:
+            state = catalogue.start(request.url.query) if request.url.query else usual
+        except (ValueError, TypeError) as error:
+            note = str(error)
+        page = Page(catalogue, state, note)
+        pages[page.name] = page
         running: list[asyncio.Task[None]] = []
 
         def begin() -> None:
@@ -159,5 +122,12 @@ def app(catalogue: Catalogue, usual: State) -> FastAPI:
         ui.context.client.on_connect(begin)
         ui.context.client.on_delete(lambda: [task.cancel() for task in running] and None)
 
-    ui.run_with(made, dark=None, show_welcome_message=False, reconnect_timeout=10, message_history_length=50)
+    ui.run_with(
+        made,
+        mount_path=f"/{token}",
+        dark=None,
+        show_welcome_message=False,
+        reconnect_timeout=10,
+        message_history_length=50,
+    )
     return made

@@ -1,6 +1,6 @@
 """The state of the explorer, the query of a URL or a command that names it, and the controls that move it.
 
-Controls follow from the tables of axes, light effects and sensor stages: a new entry of these is a new slider.
+Controls follow from the tables of axes and figures: a new entry of these is a new slider.
 
 Domain: conditions in SI units, as on the axes; texts hold the numbers of the command line's options. A state is made
 of such numbers alone, so that a URL, a command and a script give the same bits.
@@ -10,32 +10,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.light import effects
-from blurnoise.light.effect import LightEffect
-from blurnoise.optics.camera import PRESETS, Camera
-from blurnoise.sensor import stages
-from blurnoise.sensor.stage import SensorStage
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid import axes
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, MOVES, VELOCITY, Axis, number
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis
 from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.grid.values import number
 
-BUILT_IN, NO_MODEL = "built-in", "none"
-"""Models: the built-in detector, and none."""
-GIVEN = "given"
-"""The picture, camera or model whose file the command names."""
-OF_RUN = "run"
-"""The camera of the run that is explored; its pictures and models are run/NAME."""
-_NAMES = ("picture", "camera", "model", "along", "cell")
+BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
+"""Names: of the built-in detector, no detector, what the command names by its file, and the camera of the run that is
+explored, whose pictures and models are run/NAME."""
+_NAMES = ("picture", "camera", "model", "cell")
 
 
 def start() -> Conditions:
-    """Where one begins: dusk, some motion, gain as the camera sets it."""
+    """Dusk, some motion, gain as the camera sets it."""
     return Conditions(exposure_s=0.02, illuminance_lux=2.0, velocity_x_px_s=1000.0, gain_db=AUTOMATIC)
 
 
@@ -44,9 +38,8 @@ class State:
     """What is shown.
 
     picture, camera, model: by the names that the explorer has for them; sign-1, sign-2, ... are rendered stop signs.
-    at: the conditions. figures: of the camera, in place of its own, by the field's name. seed: of the noise. along:
-    the control along which the curve of scores runs. cell: the run's cell that this is. Raises ``ValueError`` that
-    names the part.
+    at: the conditions. figures: of the camera, in place of its own, by the field's name. seed: of the noise. cell:
+    the run's cell that this is. Raises ``ValueError`` that names the part.
     """
 
     picture: str = "sign-1"
@@ -55,7 +48,6 @@ class State:
     at: Conditions = field(default_factory=start)
     figures: tuple[tuple[str, float], ...] = ()
     seed: int = 0
-    along: str = "exposure_s"
     cell: str = ""
 
     def __post_init__(self) -> None:
@@ -65,20 +57,17 @@ class State:
                 each.checked((value,))
 
     def put(self, name: str, value: float | None) -> State:
-        """With another value on an axis, None: its camera's; what excludes it is reset."""
+        """With another value on an axis, None: its camera's, or another figure of the camera; what excludes it is
+        reset."""
+        if value is not None and name not in self.at:
+            figures = {**dict(self.figures), name: value}
+            return replace(self, figures=tuple(sorted(figures.items())), cell="")
         values = {**self.at, name: value}
         if name == EGO.name and value:
             values |= {**dict.fromkeys(VELOCITY, 0.0), MOVES.name: None}
         elif name in (*VELOCITY, MOVES.name) and value:
             values[EGO.name] = None
-        if name == MOVES.name and not value:
-            values[name] = None
         return replace(self, at=Conditions(**values), cell="")
-
-    def put_figure(self, name: str, value: float) -> State:
-        """With another figure of the camera."""
-        figures = {**dict(self.figures), name: value}
-        return replace(self, figures=tuple(sorted(figures.items())), cell="")
 
     def query(self, base: State) -> str:
         """Behind the question mark of a URL: every condition that is specified, and what else differs from
@@ -88,7 +77,7 @@ class State:
             for each in axes.AXES
             if (value := self.at[each.name]) is not None or base.at[each.name] is not None
         ]
-        parts += [(name, f"{value!r}") for name, value in self.figures]
+        parts += [(name, repr(value)) for name, value in self.figures]
         parts += [("seed", str(self.seed))] if self.seed != base.seed else []
         names = [name for name in _NAMES if getattr(self, name) != getattr(base, name)]
         if self.cell:
@@ -96,57 +85,38 @@ class State:
         return urlencode([*parts, *((name, getattr(self, name)) for name in names)])
 
     @classmethod
-    def of_query(cls, text: str, base: State) -> tuple[State, tuple[str, ...]]:
-        """The state of a :meth:`query`, and a line on each part that is not allowed, in place of which ``base``'s
-        stands."""
-        state, wrong, read = base, list[str](), set[str]()
-        for name, value in parse_qsl(text, keep_blank_values=True):
+    def of_query(cls, text: str, base: State) -> State:
+        """The state of a :meth:`query`. Raises ``ValueError`` that names the part that is not allowed."""
+        state, parts = base, parse_qsl(text, keep_blank_values=True)
+        conditions, figures = ({key(each): each for each in table} for table in (axes.AXES, FIGURES))
+        for name, part in parts:
             try:
-                if name in read:
-                    raise ValueError("is given twice; the first counts")
-                state = state._with(name, value)
-                read.add(name)
+                if axis := conditions.get(name):
+                    own = part == "own" and axes.CORE.get(axis.name, 0.0) is not None
+                    value = None if own else of_text(axis, part)
+                    state = replace(state, at=Conditions(**{**state.at, axis.name: value}))
+                elif name in figures:
+                    state = state.put(name, of_text(figures[name], part))
+                elif name == "seed":
+                    state = replace(state, seed=int(part))
+                elif name in _NAMES:
+                    state = replace(state, **{name: part})  # type: ignore[arg-type]  # names are texts
+                else:
+                    known = (*_NAMES, "seed", *conditions, *figures)
+                    raise ValueError(f"must be one of {', '.join(known)}")
             except ValueError as error:
-                wrong.append(f"{name} = {value[:60]!r}: {error}")
-        if state.at[EGO.name] and not read & {key(axes.axis(name)) for name in VELOCITY}:
-            state = replace(state, at=Conditions(**{**state.at, **dict.fromkeys(VELOCITY, 0.0)}))
-        return state, tuple(wrong)
-
-    def _with(self, name: str, text: str) -> State:
-        """With one part of a query. Raises ``ValueError``."""
-        axis = next((each for each in axes.AXES if key(each) == name), None)
-        if axis is not None:
-            own = text == "own" and axes.CORE.get(axis.name, 0.0) is not None
-            value = None if own else of_text(axis, text)
-            return replace(self, at=Conditions(**{**self.at, axis.name: value}))
-        if name in _FIGURES:
-            return self.put_figure(name, number(text))
-        if name == "seed":
-            return replace(self, seed=int(text))
-        if name in _NAMES:
-            return replace(self, **{name: text})  # type: ignore[arg-type]  # names are texts
-        known = (*_NAMES, "seed", *map(key, axes.AXES), *_FIGURES)
-        raise ValueError(f"must be one of {', '.join(known)}")
-
-
-_FIGURES = tuple(
-    each.name for each in fields(Camera) if type(getattr(PRESETS["imx250"], each.name)) in (int, float)
-)
-"""A camera's numbers."""
+                raise ValueError(f"{name} = {part[:60]!r}: {error}") from None
+        if state.at[EGO.name] and not {"dx", "dy"} & dict(parts).keys():
+            state = state.put(EGO.name, state.at[EGO.name])
+        return state
 
 
 def with_figures(camera: Camera, figures: Iterable[tuple[str, float]]) -> Camera:
-    """``camera`` with these figures in place of its own; a line time makes a global shutter roll.
-
-    Raises ``ValueError`` for a figure that is not allowed.
-    """
+    """``camera`` with these figures in place of its own; a line time makes a global shutter roll."""
     own: dict[str, Any] = dict(figures)
-    for name, value in own.items():
-        if isinstance(getattr(camera, name), int) and float(value).is_integer():
-            own[name] = int(value)
     if "row_time_s" in own and (camera.shutter == "global") == bool(own["row_time_s"]):
         own["shutter"] = "rolling" if own["row_time_s"] else "global"
-    return replace(camera, **own) if own else camera
+    return replace(camera, **own)
 
 
 def key(axis: Axis) -> str:
@@ -155,10 +125,7 @@ def key(axis: Axis) -> str:
 
 
 def option_text(axis: Axis, value: float) -> str:
-    """A value as its option is typed: the shortest text that gives its bits.
-
-    Of a value that no text gives, which no option has made, it is the nearest.
-    """
+    """A value as its option is typed: the shortest text that gives its bits, or the nearest where none does."""
     if value == AUTOMATIC:
         return "auto"
     if axis.choices:
@@ -176,8 +143,29 @@ def of_text(axis: Axis, text: str) -> float:
     return axis.of_option(number(text, automatic=axis.automatic)) + 0.0
 
 
+def _figure(name: str, title: str, unit: str) -> Axis:
+    """A figure of the camera, as if it were an axis."""
+    low, high, _ = LIMITS[name]
+    return Axis(
+        name, f"camera.{name}", name, "", title, unit, 1.0, low, high,
+        own=lambda camera: float(getattr(camera, name)),
+        text=lambda value: f"{value:g} {unit}", slug=lambda value: f"{value:g}",
+    )  # fmt: skip
+
+
+FIGURES = (
+    _figure("diffraction_wavelength_um", "Diffraction at", "µm"),
+    _figure("row_time_s", "Rolling shutter", "s"),
+    _figure("prnu", "PRNU", ""),
+    _figure("dark_current_e_s", "Dark current", "e-/s"),
+    _figure("read_noise_e", "Read noise", "e-"),
+    _figure("dsnu_e", "DSNU", "e-"),
+)
+"""The figures that light effects and sensor stages depend on, those that are axes apart."""
 STEPS = 200
 _SPANS: Mapping[str, tuple[float, float]] = {
+    "exposure_s": (0.003, 900.0),
+    "illuminance_lux": (0.1, 200_000.0),
     **dict.fromkeys(VELOCITY, (-2000.0, 2000.0)),
     "temperature_c": (-40.0, 105.0),
     "f_number": (1.0, 16.0),
@@ -190,53 +178,38 @@ _SPANS: Mapping[str, tuple[float, float]] = {
     "read_noise_e": (0.0, 50.0),
     "dark_current_e_s": (0.0, 1000.0),
 }
-"""From where to where a slider goes, in the option's or the figure's unit; others follow from the tables."""
-_UNITS = {"_e_s": "e-/s", "_um": "µm", "_e": "e-", "_px": "px", "_s": "s"}
-"""By the end of a figure's name."""
+"""From where to where a slider goes, in the option's or the figure's unit; of others around the camera's own."""
 
 
 @dataclass(frozen=True)
 class Control:
-    """Something to move: a condition, ``axis``, or, with none, a figure of the camera. low, high: in its unit.
-    logarithmic: how positions run from 0 to ``STEPS``."""
+    """A slider from low to high, in the unit of its axis, which is one of a sweep or a figure of the camera.
+    logarithmic: how positions run from 0 to ``steps``."""
 
-    name: str
-    title: str
-    unit: str
+    axis: Axis
     low: float
     high: float
-    logarithmic: bool = False
-    axis: Axis | None = None
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """Of a control of names."""
-        return self.axis.choices if self.axis else ()
+    logarithmic: bool
+    steps: int
 
     def read(self, state: State, camera: Camera) -> float:
         """The value with a camera, which is that of the state, own figures included."""
-        if self.axis is None:
-            return float(getattr(camera, self.name))
-        value = state.at[self.name]
+        value = state.at.get(self.axis.name)
         value = self.axis.own(camera) if value is None else value
-        return value if value == AUTOMATIC or self.choices else self.axis.shown(value)
+        return value if value == AUTOMATIC else self.axis.shown(value)
 
-    def put(self, state: State, value: float | str) -> State:
-        """The state with another value, a number or as it is typed. Raises ``ValueError``."""
+    def put(self, state: State, text: str) -> State:
+        """The state with the value that is typed. Raises ``ValueError``."""
         try:
-            if self.axis is None:
-                return state.put_figure(self.name, number(value))
-            if isinstance(value, str):
-                return state.put(self.name, of_text(self.axis, value))
+            return state.put(self.axis.name, of_text(self.axis, text))
         except ValueError as error:
-            raise ValueError(f"{self.title} = {value!r}: {error}") from None
-        whole = value == AUTOMATIC or self.axis.choices
-        return state.put(self.name, value if whole else self.axis.of_option(value) + 0.0)
+            raise ValueError(f"{self.axis.title} = {text!r}: {error}") from None
 
-    @property
-    def steps(self) -> int:
-        """The position of the high end."""
-        return len(self.choices) - 1 if self.choices else STEPS
+    def text(self, value: float) -> str:
+        """The value as people type it."""
+        if self.axis.choices:
+            return self.axis.choices[int(value)]
+        return "auto" if value == AUTOMATIC else f"{value:.6g}"
 
     def value(self, position: float) -> float:
         """At a position, rounded to three digits, as nobody sets more by hand."""
@@ -253,64 +226,22 @@ class Control:
             return self.steps * math.log(value / self.low) / math.log(self.high / self.low)
         return self.steps * (value - self.low) / (self.high - self.low)
 
-    def places(self, count: int) -> list[float]:
-        """So many values from end to end, or every choice."""
-        count = len(self.choices) or count
-        return list(dict.fromkeys(self.value(self.steps * place / (count - 1)) for place in range(count)))
-
-    def text(self, value: float) -> str:
-        """The value as people type it."""
-        return "auto" if value == AUTOMATIC else self.choices[int(value)] if self.choices else f"{value:.4g}"
-
 
 def controls(camera: Camera) -> dict[str, Control]:
-    """Every control of this camera, by name: one for each axis, then the camera's figures that effects and stages
-    depend on."""
-    made = [_of_axis(each, camera) for each in axes.AXES]
-    known = {each.into.partition(".")[2] for each in axes.AXES if each.into.startswith("camera.")}
-    numbers = {each.name for each in fields(Camera) if isinstance(getattr(camera, each.name), float)}
-    parts: tuple[LightEffect | SensorStage, ...] = (*effects.EFFECTS, *stages.STAGES)
-    for part in parts:
-        for name in part.figures:
-            if name in numbers - known:
-                known.add(name)
-                made.append(_of_figure(name, part.name, camera))
-    return {each.name: each for each in made}
+    """Every control of this camera, by name: one for each axis and figure."""
+    known = {each.into for each in axes.AXES}
+    figures = [each for each in FIGURES if each.into not in known]
+    return {each.name: _control(each, camera) for each in (*axes.AXES, *figures)}
 
 
-def control(name: str, camera: Camera) -> Control:
-    """The control of this name. Raises ``ValueError`` that lists the names."""
-    every = controls(camera)
-    if name not in every:
-        raise ValueError(f"along = {name!r}: must be one of {', '.join(every)}")
-    return every[name]
-
-
-def _of_axis(axis: Axis, camera: Camera) -> Control:
-    """What a sweep tests by default, a decade to either side; else around the camera's own value."""
-    least, most = axis.shown(axis.low), axis.shown(axis.high)
-    tested = [axis.shown(value) for value in axis.default if value != AUTOMATIC]
-    own = axis.shown(axis.own(camera))
-    if axis.name == "gain_db":
-        low, high = 0.0, camera.gain_max_db
-    elif axis.name in _SPANS:
-        low, high = _SPANS[axis.name]
-    elif tested and axis.logarithmic:
-        low, high = min(tested) / 10, max(tested) * 10
-    elif math.isfinite(own) and own > 0:
-        low, high = (own / 10, own * 10) if axis.logarithmic else (0.0, 4 * own)
-    else:
-        low, high = least, least + 100.0
-    low, high = max(low, least), min(high, most)
-    return Control(axis.name, axis.title, axis.unit, low, high, axis.logarithmic and low > 0, axis)
-
-
-def _of_figure(name: str, of: str, camera: Camera) -> Control:
-    own, limit = float(getattr(camera, name)), LIMITS.get(name)
-    low, high = _SPANS.get(name, (0.0, 4 * own if own else 1.0))
-    high = max(high, 2 * own)
-    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
-    title = "diffraction at" if name == "diffraction_wavelength_um" else of
+def _control(axis: Axis, camera: Camera) -> Control:
+    least, most, own = map(axis.shown, (axis.low, axis.high, axis.own(camera)))
+    around = (0.0, 1.0)
+    if own > 0:
+        around = (own / 10, own * 10) if axis.logarithmic else (0.0, own * 4)
+    spans = {**_SPANS, GAIN.name: (0.0, camera.gain_max_db), MOVES.name: (least, most)}
+    low, high = spans.get(axis.name, around)
+    low, high = max(low, least), min(max(high, 2 * own) if math.isfinite(own) else high, most)
     return Control(
-        name, title[:1].upper() + title[1:], unit, low, high if limit is None else min(limit.high, high)
+        axis, low, high, axis.logarithmic and low > 0, len(axis.choices) - 1 if axis.choices else STEPS
     )

@@ -109,7 +109,7 @@ COMMANDS = {
         ("--at picture=sign-99", "picture = 'sign-99': is not here"),
         ("--at prnu=much", "prnu = 'much': must be a number"),
         ("--at colour=3", "colour = '3': must be one of"),
-        ("--at f_number=-1", "f_number = -1"),
+        ("--at read_noise_e=-1", "read_noise_e = -1"),
         ("--at seed=-1", "seed"),
         ("--at dx=100&ego-kmh=50", "ego_speed_m_s = 13.8"),
         ("--cell abc", "cell: goes with a run"),

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from band_readers import band_reader
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import encode, read_picture, write_picture
 from blurnoise_eval.explorer import catalogue as catalogues
-from blurnoise_eval.explorer.catalogue import Catalogue, command, python
+from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.state import State
 
 from blurnoise import Camera
@@ -67,16 +68,15 @@ def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
     assert name not in catalogue.titles("picture", "sign-1")
     assert catalogue.titles("picture", name)[name] == "a b.png"
     state = State(picture=name, model="none")
-    assert catalogue.resolved(state.query(catalogue.base)) == (state, ())
+    assert catalogue.start(state.query(catalogue.base)) == state
     assert catalogue.subject(state) is catalogue.subject(state)
     assert catalogue.subject(state).size == (40, 52)
 
 
 def test_of_many_uploads_the_oldest_go(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogues, "_UPLOADED_MB", 1)
-    content = encode(np.zeros((400, 400, 3), np.uint8))  # 0.46 MB decoded
-    names = [catalogue.take(f"{number}.png", content) for number in range(4)]
-    assert [name for name in names if catalogue.uploaded(name)] == names[2:]
+    monkeypatch.setattr(catalogues, "_UPLOADS", 2)
+    names = [catalogue.take(f"{number}.png", PNG) for number in range(4)]
+    assert [*catalogue._uploads] == names[2:]
     with pytest.raises(ValueError, match="is not here"):
         catalogue.subject(State(picture=names[0]))
 
@@ -92,18 +92,14 @@ def test_a_url_names_no_files(name: str, catalogue: Catalogue) -> None:
             opened(State(**{kind: name}))
 
 
-def test_of_what_is_not_here_the_rest_of_the_state_is_kept(catalogue: Catalogue) -> None:
-    lux = State().put("illuminance_lux", 7.0)
-    state, lines = catalogue.resolved("lux=7&picture=00&model=11&cell=a")
-    assert state == lux
-    for line, word in zip(lines, ("picture = '00'", "model = '11'", "cell: goes with a run"), strict=True):
-        assert word in line
-    state, lines = catalogue.resolved("lux=7&f_number=-1&along=wild&camera=wild")
-    assert state == lux
-    for line, word in zip(lines, ("camera = 'wild'", "f_number = -1", "along = 'wild'"), strict=True):
-        assert word in line
-    with pytest.raises(ValueError, match="along = 'wild'"):
-        catalogue.start("along=wild")
+@pytest.mark.parametrize(
+    ("query", "told"),
+    [("picture=00", "picture = '00'"), ("lux=7&model=11", "model = '11'"), ("cell=a", "cell: goes with a run"),
+     ("camera=wild", "camera = 'wild'"), ("read_noise_e=-1", "read_noise_e = -1")],
+)  # fmt: skip
+def test_what_is_not_here_is_refused(query: str, told: str, catalogue: Catalogue) -> None:
+    with pytest.raises(ValueError, match=told):
+        catalogue.start(query)
 
 
 def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:
@@ -119,14 +115,16 @@ def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:
         Catalogue(tmp_path / "grey.png", trust=True)
     with pytest.raises(ValueError, match="gone"):
         Catalogue(tmp_path / "gone.png", model="none")
+    with pytest.raises(ValueError, match="reads text; the explorer shows detectors"):
+        Catalogue(model=band_reader(tmp_path / "reader.onnx"))
 
 
 STATES = {
     "a sign": State(picture="sign-3", seed=11).put("moves", 1.0),
     "auto, of figures": State(camera="imx250c", model="none")
     .put("exposure_s", float("inf"))
-    .put_figure("prnu", 0.02)
-    .put_figure("row_time_s", 1.7e-5),
+    .put("prnu", 0.02)
+    .put("row_time_s", 1.7e-5),
     "driven": State(model="none")
     .put("ego_speed_m_s", 50 / 3.6)
     .put("f_number", 8.0)
@@ -136,37 +134,36 @@ STATES = {
 
 def same(state: State, catalogue: Catalogue, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-    shown = catalogue.render(state).image
-    _, *words = shlex.split(command(catalogue, state))
+    shown = catalogue.render(state).frame.image
+    _, *words = shlex.split(catalogue.command(state))
     assert main(words) == 0
     assert np.array_equal(read_picture(Path("seen.png")), shown)
     Path("seen.png").unlink()
-    exec(compile(python(catalogue, state), "script", "exec"), {})
+    exec(compile(catalogue.script(state), "script", "exec"), {})
     assert np.array_equal(read_picture(Path("seen.png")), shown)
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_both_give_the_picture(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_and_script_give_the_picture(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     same(STATES[name], Catalogue(), tmp_path, monkeypatch)
 
 
-@pytest.mark.parametrize("uploaded", [True, False])
-def test_of_files_of_ones_own(uploaded: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Uploaded, the picture is the file that it was."""
-    rng = np.random.default_rng(0)
+def test_of_files_of_ones_own_and_not_of_an_upload(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture, camera = tmp_path / "mine.png", tmp_path / "own.yaml"
-    write_picture(picture, rng.integers(0, 255, (48, 70, 3), np.uint8))
+    write_picture(picture, np.random.default_rng(0).integers(0, 255, (48, 70, 3), np.uint8))
     Camera.preset("mt9m034").save(camera)
-    catalogue = Catalogue(camera=camera) if uploaded else Catalogue(picture, camera=camera, model="none")
+    catalogue = Catalogue(picture, camera=camera, model="none")
     state = catalogue.base.put("illuminance_lux", 7.0)
-    if uploaded:
-        state = replace(state, picture=catalogue.take(picture.name, picture.read_bytes()))
     same(state, catalogue, tmp_path, monkeypatch)
+    with pytest.raises(ValueError, match="an uploaded one has no command"):
+        catalogue.command(replace(state, picture=catalogue.take("a.png", PNG)))
 
 
 @pytest.mark.slow
 def test_a_script_runs_as_it_is(tmp_path: Path) -> None:
-    (tmp_path / "script.py").write_text(python(Catalogue(), State()))
+    (tmp_path / "script.py").write_text(Catalogue().script(State()))
     done = subprocess.run(
         [sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=True
     )

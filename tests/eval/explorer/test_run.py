@@ -8,7 +8,6 @@ import json
 import os
 import shlex
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +18,16 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import (
     PictureSet,
-    encode,
     image_folder,
     read_picture,
     rendered_signs,
     write_picture,
 )
 from blurnoise_eval.deciding.decision import Decision
-from blurnoise_eval.explorer.catalogue import Catalogue, command, python
-from blurnoise_eval.explorer.charts import heat_map
+from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.rendered import mean_confidence
 from blurnoise_eval.explorer.run import Run
+from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from commands import Output
@@ -59,17 +58,21 @@ def rows(run: Run) -> list[dict[str, object]]:
 
 def frame(run: Run, row: dict[str, object]) -> Any:
     """The picture of a row's cell, computed anew."""
-    cell = run.cell(str(row["cell_id"]))
+    cell = run.cell(cell_id=str(row["cell_id"]))
     return run.expose(run.scene(run.picture(cell.image)), cell).image
 
 
-def test_a_picture_and_the_answer_are_held_to_what_the_run_was_asked(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("asked", "level"), [({"keep": 0.8}, 0.8), ({"threshold": 0.5, "score": "detection_rate"}, 0.9)]
+)
+def test_a_picture_is_held_to_what_the_run_was_asked_of_confidences(
+    asked: dict[str, Any], level: float, tmp_path: Path
+) -> None:
     """Not to what is usual: a run with --keep 0.8 has its windows at 0.8 in the explorer, too."""
     plan = SweepPlan({"exposure_s": (0.02,), "illuminance_lux": (50.0,), "gain_db": (float("inf"),)})
     signs = rendered_signs((32,), count=1)
-    evaluate(pictures=signs, plan=plan, output=tmp_path / "run", keep=0.8, threads=1, progress=False)
-    assert Run(tmp_path / "run").criterion == Criterion(0.8, kept=True)
-    assert "of its confidence" in Run(tmp_path / "run").answer
+    evaluate(pictures=signs, plan=plan, output=tmp_path / "run", threads=1, progress=False, **asked)
+    assert Run(tmp_path / "run").criterion == Criterion(level, kept=True)
 
 
 def test_every_kept_picture_is_computed_anew(run: Run) -> None:
@@ -88,15 +91,14 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) ->
     shown = catalogue.render(catalogue.start(f"cell={row['cell_id']}"))
     criterion = Decision(run.folder, progress=False).data.criterion
     assert shown.standard is not None
-    assert shown.standard.criterion == criterion
     assert shown.standard.enough == criterion.level == 0.6  # rendered signs: a confidence of their own
-    assert np.array_equal(shown.image, read_picture(run.folder / str(row["example"])))
-    assert shown.confidence == row["target_confidence"]
+    assert np.array_equal(shown.frame.image, read_picture(run.folder / str(row["example"])))
     cell, model = str(row["cell_id"]), str(row["model"])
     with Store(run.folder, shared=True) as store:
         targets = [each["confidence"] for each in queries.targets_of(store, cell, model)]
         detections = store.detections(cell, model)
     assert shown.sight is not None
+    assert mean_confidence(shown.sight) == row["target_confidence"]
     assert [each["confidence"] for each in shown.sight.targets] == targets
     assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
 
@@ -110,46 +112,30 @@ def test_command_and_script_give_the_cell_and_what_it_was_moved_to(
     cell = catalogue.start(f"cell={first}")
     assert cell.query(catalogue.base) == f"cell={first}"
     for state in (cell, cell.put("illuminance_lux", 7.0)):
-        shown = catalogue.render(state).image
-        assert main(shlex.split(command(catalogue, state))[1:]) == 0
+        shown = catalogue.render(state).frame.image
+        assert main(shlex.split(catalogue.command(state))[1:]) == 0
         assert np.array_equal(read_picture(Path("seen.png")), shown)
         Path("seen.png").unlink()
-        exec(compile(python(catalogue, state), "script", "exec"), {})
+        exec(compile(catalogue.script(state), "script", "exec"), {})
         assert np.array_equal(read_picture(Path("seen.png")), shown)
-    picture = catalogue.take("mine.png", encode(np.zeros((60, 90, 3), np.uint8)))
-    with pytest.raises(ValueError, match="a run's camera"):
-        command(catalogue, replace(cell, picture=picture))
-    mine = replace(cell, picture=picture, camera="imx250", model="built-in", cell="")
-    assert "explore mine.png --at" in command(catalogue, mine)
     capsys.readouterr()
 
 
-def test_the_map_has_the_runs_means(run: Run) -> None:
-    near = run.cell(run.start()).conditions
-    assert near is not None
-    found = run.heat_map("none", {**near, "velocity_x_px_s": 700.0})  # the first model's
-    assert (found.across.name, found.down and found.down.name) == ("exposure_s", "illuminance_lux")
-    for column, exposure_s in enumerate(found.columns):
-        for row, lux in enumerate(found.rows):
-            own = [
-                each["target_confidence"]
-                for each in rows(run)
-                if (each["exposure_s"], each["illuminance_lux"], each["velocity_x_px_s"])
-                == (exposure_s, lux, 800.0)
-            ]
-            mean = np.mean(own)  # type: ignore[arg-type]  # as many targets in each
-            assert found.cells[column, row] == pytest.approx(mean)
-    at = found.condition(0, 1)
-    assert (at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"]) == (0.02, 50.0, 800.0)
-    cell = run.cell(run.cell_at(at, run.pictures[1]))
-    assert cell.conditions is not None
-    marked = [
-        each["value"][:2]
-        for each in heat_map(found, cell.conditions)["series"][0]["data"]
-        if each["itemStyle"]
-    ]
-    assert marked == [[0, 1]]
-    assert cell.image == run.pictures[1]
+def test_the_map_has_the_runs_means_and_its_cells(run: Run) -> None:
+    near = {"exposure_s": 0.02, "illuminance_lux": 7.0, "velocity_x_px_s": 700.0, "gain_db": float("inf")}
+    found = run.heat_map("none", dict.fromkeys(NAMES, 0.0) | near)  # the first model's
+    assert (found.across.name, found.down.name) == ("exposure_s", "illuminance_lux")
+    assert {0.02, 0.06} <= {*found.columns}
+    assert found.rows == [1.0, 50.0]
+    assert len(found.cells) >= 4
+    for (exposure_s, lux), (at, mean) in found.cells.items():
+        expected = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": 800.0}
+        own = [row for row in rows(run) if all(row[name] == value for name, value in expected.items())]
+        confidences: list[Any] = [row["target_confidence"] for row in own]
+        assert mean == pytest.approx(np.mean(confidences))  # as many targets in each picture
+        cell = run.cell(image=run.pictures[1], repeat=0, **at)
+        assert cell.cell_id in {row["cell_id"] for row in own}
+        assert cell.image == run.pictures[1]
 
 
 def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None:
@@ -174,13 +160,12 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None
         frame(Run(run.folder, moved), row)
 
 
-@pytest.mark.parametrize("what", ["images", "labels", "plates", "model", "trajectory"])
+@pytest.mark.parametrize("what", ["images", "labels", "plates", "model"])
 def test_files_outside_a_foreign_run_are_not_opened(
     what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor does a pipe hold up a run that is trusted."""
     folder = shutil.copytree(run.folder, tmp_path / "run")
-    cell = next(row["cell_id"] for row in rows(run) if not row["clean"])
     os.mkfifo(pipe := tmp_path / "pipe")
     with Store(folder) as store:
         manifest, identity = store.about("manifest"), store.about("identity")
@@ -193,8 +178,6 @@ def test_files_outside_a_foreign_run_are_not_opened(
             identity["plan"]["grid"] |= {"moves": [1.0]}
         if what == "model":
             manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
-        if what == "trajectory":
-            identity["plan"]["trajectory"] = str(pipe)
         store.set_about("manifest", manifest)
         store.set_about("identity", identity)
     opened: list[str] = []
@@ -208,25 +191,31 @@ def test_files_outside_a_foreign_run_are_not_opened(
             return honest(path, *args, **named)
 
         monkeypatch.setattr(holder, name, recorded)
-    for trusted, told in ((False, "--trust" if what != "trajectory" else "moved along"), (True, str(pipe))):
+    for trusted, told in ((False, "--trust"), (True, str(pipe))):
         assert opened == []
         found = Run(folder, trusted=trusted)
-        looked = {
-            "trajectory": lambda found=found: frame(found, {"cell_id": cell}),
-            "model": lambda found=found: found.model(run.models[0]),
-        }.get(what, lambda found=found: found.picture(run.pictures[0]))
+
+        def looked(found: Run = found) -> object:
+            return found.model(run.models[0]) if what == "model" else found.picture(run.pictures[0])
+
         with pytest.raises((ValueError, OSError), match=told):
             looked()
 
 
-def test_what_is_no_cell_is_refused(run: Run, tmp_path: Path) -> None:
+def test_what_is_no_cell_or_no_run_of_detectors_is_refused(run: Run, tmp_path: Path) -> None:
     clean = next(str(row["cell_id"]) for row in rows(run) if row["clean"])
-    with pytest.raises(ValueError, match="none of the run's"):
-        run.cell("nonsense")
-    with pytest.raises(ValueError, match="original"):
-        run.cell(clean)
+    for cell in ("nonsense", clean):
+        with pytest.raises(ValueError, match=f"cell_id = '{cell}': no simulated picture of the run"):
+            run.cell(cell_id=cell)
     with pytest.raises(StoreError):
-        Run(tmp_path)
+        Run(tmp_path / "none")
+    folder = shutil.copytree(run.folder, tmp_path / "run")
+    with Store(folder) as store:
+        manifest = store.about("manifest")
+        manifest["models"][0]["kind"] = "reader"
+        store.set_about("manifest", manifest)
+    with pytest.raises(ValueError, match="text recognisers"):
+        Run(folder)
 
 
 def test_the_run_without_a_page(run: Run, tmp_path: Path, capsys: Output) -> None:

@@ -1,0 +1,180 @@
+"""A page: the newest state counts, what fails is said and the page goes on, what is kept is bounded."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import cv2
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import encode
+from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.rendered import POINTS
+from blurnoise_eval.explorer.state import State
+
+pytest.importorskip("nicegui")
+from blurnoise_eval.explorer import page as pages  # needs NiceGUI
+from blurnoise_eval.explorer.page import Page
+
+QUIET = State(model="none")
+
+
+class Told(Page):
+    """A page without elements: what it would show, in order."""
+
+    def _build(self) -> None:
+        self.events: list[tuple[str, Any]] = []
+        self.paints = True
+        for name in ("_panes", "_original", "_seen", "_curve", "_window"):
+            setattr(self, name, MagicMock())
+        self._seen.set_source = lambda url: self.events.append(("picture", url))
+        self._curve.options.update = lambda options: self.events.append(("curve", options["series"][0]))
+
+    def fails(self, message: str) -> None:
+        if message:
+            self.events.append(("fails", message))
+
+    def _show_controls(self) -> None:
+        pass
+
+    def _show_rendered(self, found: Any) -> None:
+        self.events.append(("seen", found))
+
+    def of(self, kind: str) -> list[Any]:
+        return [what for each, what in self.events if each == kind]
+
+    def show(self, state: State) -> None:
+        self.state = state
+        self._changed.set()
+
+    def run_javascript(self, script: str) -> None:
+        self.events.append(("preview", script))
+        if self.paints:
+            self._painted.set()
+
+
+@pytest.fixture(scope="module")
+def catalogue() -> Catalogue:
+    return Catalogue()
+
+
+@pytest.fixture
+def large(catalogue: Catalogue) -> State:
+    return replace(QUIET, picture=catalogue.take("large.png", encode(np.full((600, 700, 3), 90, np.uint8))))
+
+
+def shown(
+    catalogue: Catalogue, state: State, steps: Callable[[Told], Any], monkeypatch: pytest.MonkeyPatch
+) -> Told:
+    async def go() -> Told:
+        page = Told(catalogue, state)
+        monkeypatch.setattr(pages, "ui", SimpleNamespace(run_javascript=page.run_javascript))
+        loop = asyncio.create_task(page.live())
+        await steps(page)
+        loop.cancel()
+        return page
+
+    return asyncio.run(asyncio.wait_for(go(), 60))
+
+
+async def until(ready: Callable[[], Any]) -> None:
+    while not ready():
+        await asyncio.sleep(0.01)
+
+
+def test_of_many_changes_the_last_is_seen_exactly_and_few_between(
+    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("seen"))
+        for number in range(200):
+            page.show(replace(QUIET, seed=number))
+        await until(lambda: page.of("seen")[-1].state.seed == 199)
+
+    page = shown(catalogue, QUIET, steps, monkeypatch)
+    assert len(page.of("seen")) <= 3
+    content = page.files[page.of("picture")[-1].rpartition("/")[2]]
+    decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+    assert np.array_equal(decoded, catalogue.render(replace(QUIET, seed=199)).frame.image)
+    names = [page._keep(bytes(3)).rpartition("/")[2] for _ in range(50)]
+    assert [*page.files] == names[-6:]
+
+
+def test_a_large_picture_is_seen_smaller_first(
+    catalogue: Catalogue, large: State, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("seen"))
+        page.show(replace(large, seed=4))
+        await until(lambda: len(page.of("seen")) == 2)
+
+    page = shown(catalogue, large, steps, monkeypatch)
+    assert [kind for kind, _ in page.events] == ["preview", "picture", "seen"] * 2
+
+
+def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(
+    catalogue: Catalogue, large: State, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("seen"))
+        page.paints = False
+        for number in range(1, 9):
+            page.show(replace(large, seed=number))
+            await until(lambda: len(page.of("preview")) > 1)
+        page.paints = True
+        page._painted.set()
+        await until(lambda: len(page.of("seen")) == 2)
+
+    page = shown(catalogue, large, steps, monkeypatch)
+    assert (
+        len(page.of("preview")) == 3
+    )  # at the start, of the first change, and of the newest once that is painted
+    assert len(page.of("picture")) == 2
+    assert page.of("seen")[-1].state.seed == 8
+
+
+def test_what_cannot_be_seen_is_said_and_the_page_goes_on(
+    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrong = {
+        "camera = 'gone'": replace(QUIET, camera="gone"),
+        "read_noise_e": QUIET.put("read_noise_e", -3.0),
+        "gain": QUIET.put("gain_db", 99.0),
+    }
+
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("seen"))
+        for place, state in enumerate(wrong.values()):
+            page.show(state)
+            await until(lambda place=place: len(page.of("fails")) > place)
+        page.show(replace(QUIET, seed=5))
+        await until(lambda: len(page.of("seen")) == 2)
+
+    page = shown(catalogue, QUIET, steps, monkeypatch)
+    for told, part in zip(page.of("fails"), wrong, strict=True):
+        assert part in told
+
+
+def test_without_its_model_a_picture_is_seen_and_the_model_told(
+    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("seen"))
+
+    page = shown(catalogue, State(model="gone"), steps, monkeypatch)
+    assert [kind for kind, _ in page.events] == ["picture", "fails", "seen"]
+    assert "model = 'gone'" in page.of("fails")[0]
+
+
+def test_the_curve_comes_after_the_picture(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def steps(page: Told) -> None:
+        await until(lambda: page.of("curve"))
+
+    page = shown(catalogue, State(), steps, monkeypatch)
+    assert [kind for kind, _ in page.events] == ["picture", "seen", "curve"]
+    assert len(page.of("curve")[0]["data"]) == POINTS
