@@ -18,9 +18,8 @@ from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid import axes
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.values import number
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
 """Names: of the built-in detector, no detector, what the command names by its file, and the camera of the run that is
