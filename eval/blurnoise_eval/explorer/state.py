@@ -146,9 +146,8 @@ def _figure(name: str, title: str, unit: str) -> Axis:
     """A figure of the camera, as if it were an axis."""
     low, high, _ = LIMITS[name]
     return Axis(
-        name, f"camera.{name}", name, "", title, unit, 1.0, low, high,
+        name, f"camera.{name}", name, "", title, unit, 1.0, low, high, f"{{}} {unit}", "{}",
         own=lambda camera: float(getattr(camera, name)),
-        text=lambda value: f"{value:g} {unit}", slug=lambda value: f"{value:g}",
     )  # fmt: skip
 
 
