@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
-from blurnoise_eval.system.urls import Location, local_file
+from blurnoise_eval.system.urls import Location, for_each, local_file
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 MAX_MEGAPIXELS = 100.0
@@ -116,7 +117,7 @@ def _stored(path: Location, max_megapixels: float, known: str | None = None) -> 
     return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
 
 
-def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
+def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | None]:
     """The file on this machine, and what it says; None where Pillow does not know the format.
 
     Raises :class:`UnreadablePicture` for one that is missing, or of more pixels than Pillow opens.
@@ -143,16 +144,28 @@ def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
         return source, None
 
 
-def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
+def size_px(path: Location) -> tuple[int, int]:
     """(width, height) of the picture as :func:`decode` gives it, from the file's header where that says it.
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    _, header = _header(path, known)
+    _, header = _header(path)
     if header and header.format != "TIFF":  # some releases of OpenCV turn a TIFF's
         return header.size_px
-    height, width = decode(path, known=known).shape[:2]
+    height, width = decode(path).shape[:2]
     return width, height
+
+
+def sizes_px(folder: Location, names: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Sizes of a folder's pictures by name, without those that cannot be read, which loading them says."""
+
+    def size(file: Location) -> tuple[int, int] | None:
+        try:
+            return size_px(file)
+        except UnreadablePicture:
+            return None
+
+    return {name: found for name, found in for_each(folder, names, size).items() if found}
 
 
 def content(picture: Image) -> str:
