@@ -21,6 +21,7 @@ from blurnoise._core.files import LARGEST_TEXT_BYTES, json_of, read_bytes, text_
 from blurnoise_eval.datasets.folder import Listed, from_files
 from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, sizes_px
 from blurnoise_eval.datasets.records import PictureSet, Target, size_group
+from blurnoise_eval.datasets.segmentation import LARGEST_PX
 from blurnoise_eval.system.files import inside
 from blurnoise_eval.system.urls import Location, local_file, location
 
@@ -149,8 +150,8 @@ class Selection:
             return []
         x0, y0, x1, y1 = box_xyxy
         width, height = x1 - x0, y1 - y0
-        if not math.isfinite(width * height):
-            return self.leave_out("with numbers that are not finite")
+        if not all(abs(each) <= LARGEST_PX for each in (x0, y0, width, height)):
+            return self.leave_out("with numbers not finite or beyond 1e6 px")
         if width <= 0 or height <= 0:
             return self.leave_out("of no area")
         if size_px and (x1 <= 0 or y1 <= 0 or x0 >= size_px[0] or y0 >= size_px[1]):

@@ -60,7 +60,7 @@ class HeatMap:
 class Run:
     """A run's folder, read. Raises :class:`StoreError` for one without a run.
 
-    images: where its pictures are, if not where they were. trusted: labels, pictures, plates and models may be opened
+    images: where its pictures are, if not where they were. trusted: labels, pictures and models may be opened
     where the run says they are.
     """
 
@@ -188,13 +188,11 @@ class Run:
             make = datasets.rendered_texts if texts else datasets.rendered_signs
             pictures = make(sizes, count=int(rendered["number"]) + 1, seed=int(rendered["seed"]))
         else:
-            if self.objects.plates is not None:
-                self._check_trusted("plates", self.objects.plates)
             pictures = self._opened
         picture = next((each for each in pictures if each.name == name), None)
         if picture is None:
             raise ValueError(f"picture = {name!r}: is not in {pictures.source}")
-        if datasets.source_content(picture, picture.load(), self.objects) != content:
+        if datasets.content(picture.load()) != content:
             raise ValueError(f"picture = {name!r}: is not what it was when the run was computed")
         return picture
 

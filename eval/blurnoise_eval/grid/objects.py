@@ -15,7 +15,7 @@ from blurnoise._core.checks import LIMITS, in_range, limited, one_of
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
 
-MATTES = ("auto", "segmentation", "grabcut", "box")
+MATTES = ("auto", "grabcut", "box")
 BOXES = ("object", "half", "swept")
 _FASTEST, _FASTEST_KMH = 100.0, 360.0
 
@@ -66,15 +66,13 @@ class Objects:
     where targets move, beside what the background does where the camera tracks others.
 
     "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
-    or takes all of it (``datasets.segmentation.of_object_in``); "segmentation": that alone; "box". A speed of 0: it
-    stands. plates: a folder with pictures of the same names, without the objects. boxes: which are the truth: where
-    objects are at mid-exposure, where for half of it or more, or all that they pass. Raises ``ValueError`` naming
-    the field.
+    or takes all of it (``datasets.segmentation.of_object_in``); "box". A speed of 0: it stands. boxes: which are the
+    truth: where objects are at mid-exposure, where for half of it or more, or all that they pass. Raises
+    ``ValueError`` naming the field.
     """
 
     mattes: str = "auto"
     speeds: Mapping[str, float] | Iterable[tuple[str, float]] = ()
-    plates: str | None = None
     boxes: str = "object"
     crossings: Mapping[str, Crossing] | Iterable[tuple[str, Crossing | Mapping[str, Any]]] = ()
 

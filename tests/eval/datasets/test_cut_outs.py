@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,10 @@ from blurnoise_eval.datasets import (
     Picture,
     PictureSet,
     Target,
-    UnreadablePicture,
     check_cut,
     cut_out,
     rendered_signs,
     rendered_texts,
-    write_picture,
 )
 from blurnoise_eval.grid.objects import Objects
 
@@ -138,48 +135,17 @@ def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
     assert told.cut.invented.all()
 
 
-def test_plates_are_what_is_behind(tmp_path: Path) -> None:
-    plate = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
-    write_picture(tmp_path / "a.png", plate)
-    told = cut_out(
-        made(box(10, 10, 40, 40)), image(), 2 * light(image()), Objects(plates=str(tmp_path)), scale=2.0
-    )
-    seen = torch.full((HEIGHT, WIDTH), False)
-    seen[8:42, 8:42] = True  # the target, and 2 px around it
-    torch.testing.assert_close(told.cut.background, torch.where(seen, 2 * light(plate), 2 * light(image())))
-    assert not told.cut.invented.any()
-    standing = made(box(10, 10, 40, 40), box(50, 15, 70, 35, label="person"), box(60, 45, 80, 55, crowd=True))
-    kept = found(standing, plates=str(tmp_path), mattes="box", speeds={"person": 0.0}).cut.background
-    assert torch.equal(kept[..., 45:], light(image())[..., 45:])
-    write_picture(tmp_path / "a.png", plate[1:])
-    with pytest.raises(UnreadablePicture, match=r"81 x 59 and 81 x 60 px"):
-        found(made(box(10, 10, 40, 40)), plates=str(tmp_path))
-
-
 def test_speeds_are_by_class() -> None:
     picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
     told = found(picture, speeds={"person": 0.25}, mattes="box")
     assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
 
 
-def test_what_is_missing_is_said_before_anything_is_computed(tmp_path: Path) -> None:
+def test_what_is_missing_is_said_before_anything_is_computed() -> None:
     unlabelled = PictureSet("folder", "here", (Picture("a.png", None, image, "a"),))
     labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
     with pytest.raises(ValueError, match="needs to know where targets are"):
         check_cut(unlabelled, Objects())
     with pytest.raises(ValueError, match="speeds: lorry: no target is one"):
         check_cut(labelled, Objects(speeds={"lorry": 1.0}))
-    with pytest.raises(ValueError, match="mattes = 'segmentation': 1 targets have none"):
-        check_cut(labelled, Objects(mattes="segmentation"))
-    sound = made(box(10, 10, 40, 40, annotation=TRIANGLE), box(1, 1, 9, 9, crowd=True))
-    check_cut(PictureSet("coco", "here", (sound,)), Objects(mattes="segmentation"))
-    for segmentation in ([[1, 2, 3]], {"size": [60, 81], "counts": [7]}, {"counts": [7]}):
-        broken = made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))
-        with pytest.raises(UnreadablePicture, match=r"a\.png: mattes = 'segmentation': segmentation: "):
-            found(broken, mattes="segmentation")
-    other = made(box(10, 10, 40, 40, annotation={"segmentation": {"size": [2, 3], "counts": [6]}}))
-    with pytest.raises(UnreadablePicture, match=r"a\.png: mattes = 'segmentation': .*must be the picture's"):
-        found(other, mattes="segmentation")
-    with pytest.raises(ValueError, match=r"holds no 'a\.png'"):
-        check_cut(labelled, Objects(plates=str(tmp_path)))
     check_cut(labelled, Objects())
