@@ -110,10 +110,8 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
     """
     from dataclasses import replace
 
-    from blurnoise._core.checks import in_range
     from blurnoise_eval import datasets
 
-    in_range("max_megapixels", plan.max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
     images, labels = _place("images", plan.images), _place("labels", plan.labels)
     kind = None if labels is None else kind_of(labels)
     if plan.limit is not None and plan.limit < 1:
@@ -128,15 +126,14 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
         raise ValueError(
             "labels: text recognisers take PP-OCR's labels, which say what is to be read, or --images alone"
         )
-    most = plan.max_megapixels
     if kind == "text":
-        found = datasets.texts(labels, images=images, max_megapixels=most)
+        found = datasets.texts(labels, images=images)
     elif kind is not None:
         chosen: Any = {"images": images, "labels": plan.target, "keep_empty": plan.keep_empty}
         chosen |= {"split": plan.split} if kind == "yolo" else {}
-        found = getattr(datasets, kind)(labels, max_megapixels=most, **chosen)
+        found = getattr(datasets, kind)(labels, **chosen)
     elif images:
-        found = datasets.image_folder(images, max_megapixels=most)
+        found = datasets.image_folder(images)
     else:
         found = datasets.rendered_texts() if reads else datasets.rendered_signs()
     for note in found.notes:

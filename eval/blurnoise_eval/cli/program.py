@@ -58,7 +58,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         else given.least_exposure_us / 1e6,
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
-        advance.note("reads the run")
         inputs = inputs_of(
             store, criterion_of(store, given.threshold, given.keep, given.score), given.cluster, given.model
         )
@@ -74,7 +73,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
             tail=given.tail,
         )
         advance(1)
-        advance.note("tries exposures at every light")
         problem = Problem(inputs, scenario, limits)
         found = optimise(problem)
         advance(1)

@@ -45,15 +45,13 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
 
 
-def cut_out(
-    picture: Picture, image8: NDArray[np.uint8], light: Tensor, objects: Objects, scale: float = 1.0
-) -> CutOut:
+def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
     scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
     the picture itself behind them, which is never seen.
     """
-    every = picture.targets or ()
+    every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:
         known, places = picture.cut(), [*range(len(every))]
         layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
@@ -61,14 +59,10 @@ def cut_out(
     else:
         backmost = [place for place, target in enumerate(every) if not target.crowd]
         backmost.sort(key=lambda place: every[place].box_xyxy[3])
-        mattes = {
-            place: _matte(every[place], image8, objects.mattes) for place in _apart(backmost, every, objects)
-        }
+        mattes = {place: _matte(every[place], size) for place in _apart(backmost, every, objects)}
         places = [place for place, matte in mattes.items() if matte.any()]
         found = [mattes[place] for place in places]
-        covered = (
-            np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(image8.shape[:2], bool)
-        )
+        covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(size, bool)
         behind = light if not found or cutting.hole_of(covered).all() else None
         cut = cutting.cut_out(light, found, [(0.0, 0.0)] * len(found), behind)
         motions = [_motion(every[place], objects) for place in places]
@@ -122,15 +116,12 @@ def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer
     return replace(layer, light=own[0])
 
 
-def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
-    """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
-    size = (image8.shape[0], image8.shape[1])
-    if how == "auto":
-        with suppress(TypeError, ValueError):  # none, of another size, or broken: the box is left
-            matte = segmentation.of_annotation(target.annotation, size)
-            if matte.any():
-                return matte
+def _matte(target: Target, size: tuple[int, int]) -> Matte:
+    """Where a target is in a picture (H, W): its segmentation, else its box; all of the box of a text, since what
+    carries it is not known, but moves with it."""
+    with suppress(TypeError, ValueError):  # none, of another size, or broken
+        matte = segmentation.of_annotation(target.annotation, size)
+        if matte.any():
+            return matte
     x0, y0, x1, y1 = target.box_xyxy
-    if how == "box" or target.text is not None:
-        return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
-    return segmentation.of_object_in(image8, target.box_xyxy)
+    return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)

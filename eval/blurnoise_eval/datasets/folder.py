@@ -7,11 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
+from blurnoise_eval.datasets.images import SUFFIXES, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.urls import Location, listing, location, versions
 
+MAX_MEGAPIXELS = 100.0
+"""Of a picture: a sweep takes some 100 bytes a pixel."""
 MOST_TARGETS = 20_000
 """Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
 
@@ -26,15 +28,14 @@ class Listed(NamedTuple):
     size_px: tuple[float, float] | None = None
 
 
-def image_folder(folder: str | Location, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
+def image_folder(folder: str | Location) -> PictureSet:
     """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
 
-    max_megapixels: larger pictures cannot be loaded, whose memory would be wanted by the others.
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
     place = location(folder)
     found = pictures_below(place)
-    return PictureSet("folder", str(place), from_files(place, [*map(Listed, found)], max_megapixels, found))
+    return PictureSet("folder", str(place), from_files(place, [*map(Listed, found)], found))
 
 
 def pictures_below(folder: Location) -> dict[str, str]:
@@ -62,13 +63,12 @@ def pictures_below(folder: Location) -> dict[str, str]:
 def from_files(
     folder: Location,
     entries: Sequence[Listed],
-    max_megapixels: float,
     known: Mapping[str, str] | None = None,
 ) -> tuple[Picture, ...]:
     """The pictures of these names in the folder; they need not be there before they are loaded.
 
     known: their versions, where these have been looked up. One of another size than its labels are for, turned as
-    EXIF says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
+    EXIF says, or of more than ``MAX_MEGAPIXELS``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
     more than ``MOST_TARGETS`` targets, ``OSError`` where the folder is a URL that nothing can be read from.
     """
     found = versions(folder, [entry.name for entry in entries]) if known is None else known
@@ -78,17 +78,15 @@ def from_files(
             raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
         printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
         version = found.get(name)
-        load = partial(_load, folder, name, size_px, max_megapixels, version)
+        load = partial(_load, folder, name, size_px, version)
         identity = f"{printed} {version or 'missing'}"
         pictures.append(Picture(printed, targets, load, identity, place if image_id is None else image_id))
     return tuple(pictures)
 
 
-def _load(
-    folder: Location, name: str, size_px: tuple[float, float] | None, max_megapixels: float, known: str | None
-) -> Image:
+def _load(folder: Location, name: str, size_px: tuple[float, float] | None, known: str | None) -> Image:
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
-    picture = read_picture(path, max_megapixels, known)
+    picture = read_picture(path, MAX_MEGAPIXELS, known)
     height, width = picture.shape[:2]
     if height * width == 1:
         raise UnreadablePicture(f"{path}: a single pixel, in which nothing can be found")

@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Str
 from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import LARGEST_TEXT_BYTES, json_of, read_bytes, text_of
 from blurnoise_eval.datasets.folder import Listed, from_files
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, sizes_px
+from blurnoise_eval.datasets.images import sizes_px
 from blurnoise_eval.datasets.records import PictureSet, Target, size_group
 from blurnoise_eval.datasets.segmentation import LARGEST_PX
 from blurnoise_eval.system.files import inside
@@ -114,7 +114,7 @@ class Selection:
     """What of a labelled set is used: boxes of these ``labels`` (all, if there are none), pictures with them.
 
     images: the pictures' folder, by default the file's own. keep_empty: pictures without any of the labels, too: what
-    is found there is wrong. max_megapixels: larger pictures cannot be loaded.
+    is found there is wrong.
     """
 
     def __init__(
@@ -124,12 +124,10 @@ class Selection:
         images: str | Location | None = None,
         labels: Sequence[str] = (),
         keep_empty: bool = True,
-        max_megapixels: float = MAX_MEGAPIXELS,
     ) -> None:
         self.kind, self.file = kind, location(file)
         self.folder = location(images) if images else self.file.parent
         self._labels, self._keep_empty = tuple(labels), keep_empty
-        self._max_megapixels = max_megapixels
         self._left_out: Counter[str] = Counter()
 
     def target(
@@ -177,7 +175,7 @@ class Selection:
             raise ValueError(f"target = {unknown}: not among the categories {sorted(categories)}")
         if not taken:
             raise ValueError(f"lists no pictures{f' with {list(self._labels)}' if self._labels else ''}")
-        pictures = from_files(self.folder, taken, self._max_megapixels)
+        pictures = from_files(self.folder, taken)
         empty = ["pictures without them"] * (self._keep_empty and bool(self._labels))
         chosen = ", ".join([*sorted(self._labels), *empty])
         counted = (f"{n} {'box' if n == 1 else 'boxes'} {why} left out" for why, n in self._left_out.items())
@@ -225,17 +223,16 @@ def coco(
     images: str | Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
-    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a COCO instances file, with its boxes as targets; crowds are marked as such.
 
     images: their folder, by default the file's own. labels: category names to keep; pictures without any of
     them are left out, unless ``keep_empty``: what is found there is wrong. Boxes without area, not finite or
     outside their picture are left out and noted. Boxes are those of the upright picture, as EXIF turns it: one
-    of another size than the file says cannot be loaded, nor can one of more than ``max_megapixels``. Raises
+    of another size than the file says cannot be loaded, nor can one of more than 100 megapixels. Raises
     ``ValueError`` that names the file for anything that is not COCO, and for a file name that leaves the folder.
     """
-    selection = Selection("coco", file, images, labels, keep_empty, max_megapixels)
+    selection = Selection("coco", file, images, labels, keep_empty)
     with faults_of("coco", selection.file):
         text = read_text(selection.file, LARGEST_SET_BYTES)
         document = checked(_Coco, as_json(text, "a COCO instances file"))
@@ -304,16 +301,15 @@ def bdd(
     images: str | Location | None = None,
     labels: Sequence[str] = (),
     keep_empty: bool = False,
-    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a BDD100K detection file, with their box2d as targets; labels without one do not count.
 
     The file is a list of frames, or an object with ``frames``: https://doc.bdd100k.com/format.html. images,
-    labels, ``keep_empty``, ``max_megapixels``, notes, sizes (a frame's ``size``, where it has one) and errors as
+    labels, ``keep_empty``, notes, sizes (a frame's ``size``, where it has one) and errors as
     of :func:`blurnoise_eval.datasets.coco`; categories keep their names ("traffic sign", "bike") and are numbered
     in alphabetical order.
     """
-    selection = Selection("bdd", file, images, labels, keep_empty, max_megapixels)
+    selection = Selection("bdd", file, images, labels, keep_empty)
     with faults_of("bdd", selection.file):
         document = as_json(read_text(selection.file, LARGEST_SET_BYTES), "BDD100K's labels")
         frames = document.get("frames") if isinstance(document, dict) else document
@@ -340,17 +336,15 @@ class _Text(BaseModel):
     points: Annotated[list[Annotated[list[Number], Len(2, 2)]], Len(2)]  # corners [x, y], px
 
 
-def texts(
-    file: str | Location, *, images: str | Location | None = None, max_megapixels: float = MAX_MEGAPIXELS
-) -> PictureSet:
+def texts(file: str | Location, *, images: str | Location | None = None) -> PictureSet:
     """The pictures of a PP-OCR label file, with their texts as targets; unreadable ones are marked as crowds.
 
     The file has a line per picture: its name, a tab, and either its text, when the whole picture is the box,
     or, for all pictures, JSON: ``[{"transcription": "STOP", "points": [[x, y], ...]}]``, px. Source: PaddleOCR,
-    "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own;
-    one of more than ``max_megapixels`` cannot be loaded. Raises ``ValueError`` that names the file and the line.
+    "text recognition" and "text detection" data sets. images: the pictures' folder, by default the file's own.
+    Raises ``ValueError`` that names the file and the line.
     """
-    selection = Selection("text", file, images, max_megapixels=max_megapixels)
+    selection = Selection("text", file, images)
     with faults_of("text", selection.file):
         content = read_text(selection.file, LARGEST_SET_BYTES)
         with_places = "\t[{" in content

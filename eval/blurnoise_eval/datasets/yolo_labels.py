@@ -18,7 +18,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict
 from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import yaml_of
 from blurnoise_eval.datasets.folder import Listed, pictures_below
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, sizes_px
+from blurnoise_eval.datasets.images import sizes_px
 from blurnoise_eval.datasets.label_files import (
     LARGEST_SET_BYTES,
     Selection,
@@ -64,17 +64,16 @@ def yolo(
     labels: Sequence[str] = (),
     split: str | None = None,
     keep_empty: bool = False,
-    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a YOLO data set as Ultralytics lays it out; polygons count as the boxes around them.
 
     path: a data.yaml (its ``split``, by default val, else train), or a folder with a data.yaml or classes.txt,
     and with images/ or pictures. images: the pictures' folder in place of these. The objects of images/a.jpg
     are in labels/a.txt, else in a.txt beside it; a picture without such a file has none. labels,
-    ``keep_empty``, ``max_megapixels``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
+    ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
     line names it. Source: https://docs.ultralytics.com/datasets/detect.
     """
-    selection = Selection("yolo", path, images, labels, keep_empty, max_megapixels)
+    selection = Selection("yolo", path, images, labels, keep_empty)
     with faults_of("yolo", selection.file):
         root, described = _described(selection.file)
         sources = [selection.folder] if images else _sources(root, described, split)

@@ -1,4 +1,4 @@
-"""Objects of a plan: how what moves for itself is told from the rest of a picture, how fast it is, where it counts.
+"""Objects of a plan: how fast what moves for itself is, and where it counts.
 
 Convention: of speeds, multiples of the velocity on the axes ``--dx`` and ``--dy``; of what crosses the view at a road
 speed, km/h, to the right. Boxes are (x0, y0, x1, y1), px.
@@ -15,7 +15,6 @@ from blurnoise._core.checks import LIMITS, in_range, limited, one_of
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
 
-MATTES = ("auto", "grabcut", "box")
 BOXES = ("object", "half", "swept")
 _FASTEST, _FASTEST_KMH = 100.0, 360.0
 
@@ -60,24 +59,19 @@ def _crossing(label: str, stated: Mapping[str, Any] | Crossing) -> Crossing:
 
 @dataclass(frozen=True)
 class Objects:
-    """mattes: how targets are told from the rest, of ``MATTES``; speeds: by class, a multiple of the velocity.
+    """How objects move. speeds: by class, a multiple of the velocity, 0 where it stands.
 
     crossings: by class, what crosses the view at a road speed, whatever that velocity is: before a camera at rest
-    where targets move, beside what the background does where the camera tracks others.
-
-    "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
-    or takes all of it (``datasets.segmentation.of_object_in``); "box". A speed of 0: it stands. boxes: which are the
-    truth: where objects are at mid-exposure, where for half of it or more, or all that they pass. Raises
-    ``ValueError`` naming the field.
+    where targets move, beside what the background does where the camera tracks others. boxes: which are the truth:
+    where objects are at mid-exposure, where for half of it or more, or all that they pass. Raises ``ValueError``
+    naming the field.
     """
 
-    mattes: str = "auto"
     speeds: Mapping[str, float] | Iterable[tuple[str, float]] = ()
     boxes: str = "object"
     crossings: Mapping[str, Crossing] | Iterable[tuple[str, Crossing | Mapping[str, Any]]] = ()
 
     def __post_init__(self) -> None:
-        one_of("mattes", self.mattes, MATTES)
         one_of("boxes", self.boxes, BOXES)
         speeds = {
             str(label): in_range(f"speeds: {label}", speed, -_FASTEST, _FASTEST)

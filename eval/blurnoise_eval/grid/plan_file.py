@@ -112,7 +112,6 @@ class PlanFile(with_axes(), Enough):  # type: ignore[misc]  # its fields are tho
     )
     keep_empty: bool = setting(False, "with target: pictures without it count by what is found in them")
     limit: int | None = setting(None, "only the first N pictures", "N", panel=WHAT)
-    max_megapixels: float = setting(100.0, "larger pictures are skipped, and named; up to 178")
     camera: str | None = setting(
         None,
         "a preset or a file; see 'blurnoise cameras' (default: of the pictures)",

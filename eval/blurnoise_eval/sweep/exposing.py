@@ -154,7 +154,7 @@ class Scene:
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
-                found = cut_out(self._picture, self.image8, light, self.objects, scale)
+                found = cut_out(self._picture, light, self.objects, scale)
                 own = self._crossing(camera)
                 beside = [own.get(place, (0.0, 0.0)) for place in found.targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets

@@ -42,14 +42,14 @@ def box(x0: float, y0: float, x1: float, y1: float, **more: Any) -> Target:
 
 
 def found(picture: Picture, **how: Any) -> Any:
-    return cut_out(picture, image(), light(image()), Objects(**how))
+    return cut_out(picture, light(image()), Objects(**how))
 
 
 @pytest.mark.parametrize("rendered", [rendered_signs, rendered_texts])
 def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) -> None:
     for picture in list(rendered((64, 40), count=4)):
         seen = picture.load()
-        told = cut_out(picture, seen, light(seen), Objects(), scale=1.0)
+        told = cut_out(picture, light(seen), Objects(), scale=1.0)
         again = expose_layers(told.cut.background, told.cut.layers, exposure_s=0.0)
         assert (again - light(seen)).abs().max() < 0.0046  # half a code of 8 bits is at most so much light
         assert told.targets == (0, 1)
@@ -67,10 +67,6 @@ def test_a_segmentation_is_the_target() -> None:
     told = found(made(box(10, 10, 40, 40, annotation=TRIANGLE)))
     (layer,) = told.cut.layers
     assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
-    assert (
-        float(found(made(box(10, 10, 40, 40, annotation=TRIANGLE)), mattes="box").cut.layers[0].alpha.sum())
-        == 900
-    )
 
 
 def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
@@ -82,7 +78,7 @@ def test_what_stands_is_background() -> None:
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
     boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
     persons = [box(*corners, label="person") for corners in boxes]
-    told = found(made(box(10, 15, 50, 45), *persons), mattes="box", speeds={"person": 0.0})
+    told = found(made(box(10, 15, 50, 45), *persons), speeds={"person": 0.0})
     assert (told.targets, told.speeds) == ((2, 0, 3), (0.0, 1.0, 0.0))  # as these hide each other
 
 
@@ -103,7 +99,7 @@ def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
 
 
 def test_who_ends_further_down_is_in_front() -> None:
-    told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)), mattes="box")
+    told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)))
     assert told.targets == (1, 0, 2)
     assert [layer.place_px for layer in told.cut.layers] == [(20, 5), (5, 20), (40, 10)]
 
@@ -114,8 +110,8 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
     seen[15:45, 10:50], seen[20:55, 30:60] = 120, 230
     car, person = box(10, 15, 50, 45), box(30, 20, 60, 55, label="person")
     for speeds, rear in (({"car": 0.5}, 120), ({}, 230)):  # those that move alike never come apart
-        how = Objects(mattes="box", speeds=speeds)
-        behind, front = cut_out(made(car, person), seen, light(seen), how).cut.layers
+        how = Objects(speeds=speeds)
+        behind, front = cut_out(made(car, person), light(seen), how).cut.layers
         level = float(light(np.full((1, 1, 3), rear, np.uint8))[0, 0, 0, 0])
         torch.testing.assert_close(behind.light[:, 6:, 21:], torch.full((3, 24, 19), level))
         assert torch.equal(front.light, light(seen)[0, :, 20:55, 30:60])
@@ -123,21 +119,23 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
 
 def test_crowds_stay_and_texts_are_boxes() -> None:
     crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
-    told = found(made(crowd, text), mattes="grabcut")
+    told = found(
+        made(crowd, text),
+    )
     assert told.targets == (1,)
     assert float(told.cut.layers[0].alpha.sum()) == 200
     assert found(made()).cut.layers == ()
 
 
 def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
-    told = found(made(box(0, 0, WIDTH, HEIGHT)), mattes="box")
+    told = found(made(box(0, 0, WIDTH, HEIGHT)))
     assert torch.equal(told.cut.background, light(image()))
     assert told.cut.invented.all()
 
 
 def test_speeds_are_by_class() -> None:
     picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
-    told = found(picture, speeds={"person": 0.25}, mattes="box")
+    told = found(picture, speeds={"person": 0.25})
     assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
 
 

@@ -24,7 +24,9 @@ from blurnoise_eval.datasets import (
     decode,
     decode_linear,
     eight_bit,
+    folder,
     image_folder,
+    images,
     read_picture,
     rendered_signs,
     size_group,
@@ -196,12 +198,14 @@ def test_a_limit_of_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     sources: list[tuple[Callable[..., PictureSet], str]] = [
         (image_folder, "."), (yolo, "."), (texts, "texts"), (bdd, "bdd.json"), (coco, "coco.json"),
     ]  # fmt: skip
+    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.3)
     for read, name in sources:
-        (picture,) = read(tmp_path / name, max_megapixels=1.3)
+        (picture,) = read(tmp_path / name)
         assert picture.load().shape == (1000, 1300, 3)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.29)
     for read, name in sources:
-        (picture,) = read(tmp_path / name, max_megapixels=1.29)
+        (picture,) = read(tmp_path / name)
         with pytest.raises(UnreadablePicture, match=r"a\.png: 1300 x 1000 px, 1 megapixels; must be at most"):
             picture.load()
 
@@ -324,17 +328,16 @@ def test_size_groups_follow_the_area(width: float, height: float, group: str) ->
 
 
 @pytest.mark.parametrize(
-    ("channels", "megapixels", "fault"),
+    ("channels", "fault"),
     [
-        ({"RGB": 1.0, "Z": 0.0}, 1.0, None),
-        ({"Y": 1.0}, 1.0, None),
-        ({"Z": 1.0}, 1.0, "must have R, G, B or Y"),
-        ({"RGB": 1.0}, 1e-5, "11 x 7 px"),
-        ({"Y": -1.0}, 1.0, "negative or not finite"),
+        ({"RGB": 1.0, "Z": 0.0}, None),
+        ({"Y": 1.0}, None),
+        ({"Z": 1.0}, "must have R, G, B or Y"),
+        ({"Y": -1.0}, "negative or not finite"),
     ],
 )
 def test_light_of_openexr(
-    tmp_path: Path, channels: dict[str, float], megapixels: float, fault: str | None
+    tmp_path: Path, channels: dict[str, float], fault: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     openexr = pytest.importorskip("OpenEXR")
     light = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float16)
@@ -344,8 +347,12 @@ def test_light_of_openexr(
     openexr.File(header, {name: plane.astype(np.float16) for name, plane in planes.items()}).write(str(path))
     if fault is None:
         expected = light if "RGB" in channels else light[..., 0]
-        np.testing.assert_array_equal(decode_linear(path, megapixels), expected.astype(np.float32))
+        np.testing.assert_array_equal(decode_linear(path), expected.astype(np.float32))
+        with monkeypatch.context() as patch:
+            patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
+            with pytest.raises(UnreadablePicture, match="11 x 7 px"):
+                decode_linear(path)
         path.write_bytes(path.read_bytes()[:200])
         fault = r"a\.exr"
     with pytest.raises(UnreadablePicture, match=fault):
-        decode_linear(path, megapixels)
+        decode_linear(path)
