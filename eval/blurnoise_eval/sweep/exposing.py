@@ -36,7 +36,7 @@ from blurnoise_eval.datasets import (
     cut_out,
     eight_bit,
 )
-from blurnoise_eval.datasets.cut_scene import CutScene
+from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec

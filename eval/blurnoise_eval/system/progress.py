@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from time import monotonic
 
-from blurnoise_eval.system.terminal import plain, plain_console, say
+from blurnoise_eval.system.terminal import plain, say, text_console
 
 FIRST_S, PAUSE_S = 10.0, 60.0  # until the first line of a log, and between lines
 
@@ -16,7 +16,7 @@ class ProgressBar:
         from rich.progress import Progress, TextColumn
         from rich.table import Column
 
-        console = plain_console(stderr=True)
+        console = text_console(stderr=True)
         self._label, self._is_log = plain(label), shown and not console.is_terminal
         self._progress = Progress(
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),

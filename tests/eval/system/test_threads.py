@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import torch
-from blurnoise_eval.system.threads import limited_threads
+from blurnoise_eval.system.machine import limited_threads
 
 
 def settings() -> tuple[int, int]:
