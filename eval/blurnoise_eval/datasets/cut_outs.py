@@ -124,7 +124,7 @@ def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer
 def _matte(target: Target, size: tuple[int, int]) -> Matte:
     """Where a target is in a picture (H, W): its segmentation, else its box; all of the box of a text, since what
     carries it is not known, but moves with it."""
-    with suppress(TypeError, ValueError):  # none, of another size, or broken
+    with suppress(ValueError):  # none, of another size, or broken
         matte = segmentation.of_annotation(target.annotation, size)
         if matte.any():
             return matte

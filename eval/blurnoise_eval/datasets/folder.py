@@ -14,8 +14,6 @@ from blurnoise_eval.system.urls import Location, listing, location, versions
 
 MAX_MEGAPIXELS = 100.0
 """Of a picture: a sweep takes some 100 bytes a pixel."""
-MOST_TARGETS = 20_000
-"""Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
 
 
 class Listed(NamedTuple):
@@ -68,14 +66,12 @@ def from_files(
     """The pictures of these names in the folder; they need not be there before they are loaded.
 
     known: their versions, where these have been looked up. One of another size than its labels are for, turned as
-    EXIF says, or of more than ``MAX_MEGAPIXELS``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
-    more than ``MOST_TARGETS`` targets, ``OSError`` where the folder is a URL that nothing can be read from.
+    EXIF says, or of more than ``MAX_MEGAPIXELS``, is an :class:`UnreadablePicture` then. Raises ``OSError`` where
+    the folder is a URL that nothing can be read from.
     """
     found = versions(folder, [entry.name for entry in entries]) if known is None else known
     pictures = []
     for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):
-        if targets and len(targets) > MOST_TARGETS:
-            raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
         printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
         version = found.get(name)
         load = partial(_load, folder, name, size_px, version)
@@ -88,8 +84,6 @@ def _load(folder: Location, name: str, size_px: tuple[float, float] | None, know
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
     picture = read_picture(path, MAX_MEGAPIXELS, known)
     height, width = picture.shape[:2]
-    if height * width == 1:
-        raise UnreadablePicture(f"{path}: a single pixel, in which nothing can be found")
     if size_px and size_px != (width, height):
         wanted = f"{size_px[0]:g} x {size_px[1]:g}"
         raise UnreadablePicture(

@@ -33,13 +33,11 @@ def of_box(x: float, y: float, width: float, height: float, size: tuple[int, int
 
 def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> Matte:
     """Of polygons (x0, y0, x1, y1, ...) in a picture (H, W) the union, by the area that it takes of every pixel."""
-    corners = _corners(polygons)
+    corners = [_corners(polygon) for polygon in polygons]
     matte = np.zeros(size, np.float32)
     every = np.concatenate(corners)
-    left, top = (int(max(0, edge)) for edge in np.floor(every.min(0)))
-    right, bottom = (
-        int(min(edge, most)) for edge, most in zip(np.ceil(every.max(0)), size[::-1], strict=True)
-    )
+    left, top = np.floor(every.min(0)).clip(0).astype(int).tolist()
+    right, bottom = np.minimum(np.ceil(every.max(0)), size[::-1]).astype(int).tolist()
     if right <= left or bottom <= top:
         return matte
     fine = np.zeros(((bottom - top) * _FINER, (right - left) * _FINER), np.uint8)
@@ -50,21 +48,12 @@ def of_polygons(polygons: Sequence[Sequence[float]], size: tuple[int, int]) -> M
     return matte
 
 
-def _corners(polygons: Sequence[Sequence[float]]) -> list[NDArray[np.float64]]:
-    """Those of each polygon, (N, 2). Raises ``ValueError``."""
-    if not isinstance(polygons, (list, tuple)) or not polygons:
-        raise ValueError("segmentation: must hold at least one polygon")
-    corners = []
-    for polygon in polygons:
-        try:
-            flat = np.asarray(polygon, np.float64).reshape(-1, 2)
-        except (TypeError, ValueError, OverflowError):  # an odd number; text, an integer beyond 1e308
-            flat = np.zeros((0, 2))
-        if len(flat) < 3 or not np.isfinite(flat).all():
-            must = "must be x0, y0, x1, y1, ... of 3 corners or more"
-            raise ValueError(f"segmentation: polygon {shown(polygon)}: {must}")
-        corners.append(flat.clip(-LARGEST_PX, LARGEST_PX))
-    return corners
+def _corners(polygon: Sequence[float]) -> NDArray[np.float64]:
+    """Those of a polygon, (N, 2). Raises ``ValueError``."""
+    flat = np.asarray(polygon, np.float64)
+    if flat.ndim != 1 or flat.size < 6 or flat.size % 2 or not np.isfinite(flat).all():
+        raise ValueError(f"polygon = {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more")
+    return flat.reshape(-1, 2).clip(-LARGEST_PX, LARGEST_PX)
 
 
 def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.uint8]:
@@ -79,33 +68,25 @@ def _inside(corners: NDArray[np.float64], size: tuple[int, ...]) -> NDArray[np.u
 
 
 def of_rle(counts: str | bytes | Sequence[int], size: tuple[int, int]) -> Matte:
-    """Of COCO's run lengths, column by column, compressed or not. Raises ``ValueError`` unless they fill (H, W)."""
+    """Of COCO's run lengths, column by column, compressed or not, in a picture (H, W)."""
     from faster_coco_eval.core import mask
 
     runs: Any = {"size": [*size], "counts": counts}
-    try:
-        return np.asarray(
-            mask.decode(runs if isinstance(counts, (str, bytes)) else mask.frPyObjects(runs, *size)),
-            np.float32,
-        )
-    except Exception as error:  # of C++, of several kinds
-        reason = " ".join(str(error).split())[:100]
-        raise ValueError(
-            f"segmentation: counts = {shown(counts)}: not run lengths of {size} ({reason})"
-        ) from None
+    packed = runs if isinstance(counts, (str, bytes)) else mask.frPyObjects(runs, *size)
+    return np.asarray(mask.decode(packed), np.float32)
 
 
 def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte:
     """Of an annotation of COCO's in a picture (H, W): its polygons or run lengths.
 
-    Raises ``ValueError`` for a crowd, whose mask is no object's, and for one without a segmentation of this size.
+    Raises ``ValueError`` for what is no segmentation of one object in a picture of this size.
     """
-    segmentation = annotation.get("segmentation")
-    if annotation.get("iscrowd") or not segmentation:
-        raise ValueError("segmentation: must be that of one object; there is none, or it is a crowd's")
-    if not isinstance(segmentation, Mapping):
-        return of_polygons(segmentation, size)
-    if segmentation.get("size") != [*size]:
-        must = f"must be the picture's, {[*size]}"
-        raise ValueError(f"segmentation: size = {shown(segmentation.get('size'))}: {must}")
-    return of_rle(segmentation.get("counts", ""), size)
+    segmentation, one = annotation.get("segmentation"), not annotation.get("iscrowd")
+    try:
+        if one and isinstance(segmentation, Mapping) and segmentation["size"] == [*size]:
+            return of_rle(segmentation["counts"], size)
+        if one and isinstance(segmentation, (list, tuple)) and segmentation:
+            return of_polygons(segmentation, size)
+    except Exception as error:  # of C++, of several kinds
+        raise ValueError(f"segmentation = {shown(segmentation)}: {error}") from None
+    raise ValueError(f"segmentation = {shown(segmentation)}: must be that of one object in {size}")

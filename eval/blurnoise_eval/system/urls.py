@@ -35,7 +35,6 @@ else:
 T = TypeVar("T")
 _EXTRAS = {"s3": "s3", "gs": "gcs", "hf": "hf", "memory": "s3"}
 """Scheme, and the extra of this package that brings what it needs. ``memory`` is of this process, for tests."""
-_SAME = {"gcs": "gs", "s3a": "s3"}
 _S3_WAITS = {"connect_timeout": 10, "read_timeout": 20, "retries": {"max_attempts": 2}}  # s, s, tries again
 _AT_ONCE = 32  # requests that only wait
 _FEW = 200  # objects that are asked for one by one rather than by a listing of their folder
@@ -67,7 +66,7 @@ def location(text: str | Location) -> Any:
     if not is_url(text):
         return Path(text)
     scheme, _, rest = text.partition("://")
-    scheme, shown = _SAME.get(scheme.lower(), scheme.lower()), without_secrets(text)
+    scheme, shown = scheme.lower(), without_secrets(text)
     if scheme == "file" and urlsplit(text).netloc in ("", "localhost"):
         return Path(url2pathname(rest.removeprefix("localhost")))
     if scheme not in _EXTRAS:

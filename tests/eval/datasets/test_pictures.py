@@ -210,20 +210,6 @@ def test_a_limit_of_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
             picture.load()
 
 
-def test_a_single_pixel_and_too_many_boxes(tmp_path: Path) -> None:
-    """Each box is a row in every cell: beyond the limit a sweep would not end."""
-    write_picture(tmp_path / "a.png", pixels((1, 1)))
-    (tmp_path / "classes.txt").write_text("sign\n")
-    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_000)
-    (picture,) = yolo(tmp_path)
-    assert len(picture.targets or ()) == 20_000
-    with pytest.raises(UnreadablePicture, match="a single pixel"):
-        picture.load()
-    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_001)
-    with pytest.raises(ValueError, match=r"picture 'a\.png': 20001 boxes; must be at most 20000"):
-        yolo(tmp_path)
-
-
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_labels_are_for_the_upright_picture(tmp_path: Path, orientation: int) -> None:
     saved(tmp_path / "a.jpg", pixels((21, 33, 3)), orientation)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import segmentation
+from blurnoise_eval.datasets.segmentation import of_annotation
 from pycocotools import mask as coco_masks
 
 SIZE = (61, 84)
@@ -22,12 +23,6 @@ def test_run_lengths_are_those_of_cocos_tools() -> None:
     large[100:300, 50:600] = 1  # numbers of several characters, either sign of their differences
     packed = coco_masks.encode(np.asfortranarray(large))
     assert (segmentation.of_rle(packed["counts"], (480, 640)) == large).all()
-
-
-@pytest.mark.parametrize("counts", [[2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n", "\u4f60\u597d"])
-def test_run_lengths_that_are_none(counts: object) -> None:
-    with pytest.raises((ValueError, TypeError), match=r"segmentation|counts"):
-        segmentation.of_rle(counts, (2, 3))  # type: ignore[arg-type]
 
 
 def test_polygons_take_their_area() -> None:
@@ -73,17 +68,28 @@ def test_polygons_mean_what_cocos_tools_mean() -> None:
 
 def test_annotations() -> None:
     square = [5, 5, 15, 5, 15, 15, 5, 15]
-    assert (
-        segmentation.of_annotation({"segmentation": [square]}, SIZE)
-        == segmentation.of_polygons([square], SIZE)
-    ).all()
+    assert (of_annotation({"segmentation": [square]}, SIZE) == segmentation.of_polygons([square], SIZE)).all()
     runs = {"segmentation": {"size": [2, 3], "counts": [2, 3, 1]}, "iscrowd": 0}
-    assert segmentation.of_annotation(runs, (2, 3)).sum() == 3
-    for wrong, message in (
-        ({**runs, "iscrowd": 1}, "a crowd's"),
-        ({"segmentation": []}, "there is none"),
-        ({"segmentation": [[1, 2, 3, 4]]}, "3 corners"),
-        ({"segmentation": {"size": [3, 2], "counts": [6]}}, "must be the picture's"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            segmentation.of_annotation(wrong, (2, 3))
+    assert of_annotation(runs, (2, 3)).sum() == 3
+
+
+@pytest.mark.parametrize(
+    ("segmentation", "fault"),
+    [
+        (None, "must be that of one object"),
+        ([], "must be that of one object"),
+        ([[1, 2, 3, 4]], "3 corners"),
+        ([[1, 2, 3, 4, 5, "six"]], "segmentation = "),
+        ({"size": [3, 2], "counts": [6]}, r"must be that of one object in \(2, 3\)"),
+        ({"size": [2, 3]}, "counts"),
+        *(
+            ({"size": [2, 3], "counts": counts}, "segmentation = ")
+            for counts in ([2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n", "\u4f60\u597d", [[1]], None)
+        ),
+    ],
+)
+def test_what_is_no_segmentation_is_named(segmentation: object, fault: str) -> None:
+    with pytest.raises(ValueError, match=fault):
+        of_annotation({"segmentation": segmentation}, (2, 3))
+    with pytest.raises(ValueError, match="must be that of one object"):
+        of_annotation({"segmentation": {"size": [2, 3], "counts": [6]}, "iscrowd": 1}, (2, 3))

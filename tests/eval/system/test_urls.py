@@ -45,7 +45,7 @@ def test_files_by_url_are_paths(tmp_path: Path) -> None:
     [
         ("s3://bucket/a/b.png", "s3://bucket/a/b.png"),
         ("S3://bucket/a/", "s3://bucket/a"),
-        ("gcs://bucket//a/./b", "gs://bucket/a/b"),
+        ("gs://bucket//a/./b", "gs://bucket/a/b"),
         ("s3://bucket/a/../b", "s3://bucket/b"),
         ("s3://bucket/with space/größe", "s3://bucket/with space/größe"),
         ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
