@@ -163,7 +163,11 @@ def sizes_px(folder: Location, names: Sequence[str]) -> dict[str, tuple[int, int
         except UnreadablePicture:
             return None
 
-    return {name: found for name, found in for_each(folder, names, size).items() if found}
+    return {
+        name: found
+        for name, found in for_each({name: folder / name for name in names}, size).items()
+        if found
+    }
 
 
 def content(picture: Image) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import posixpath
-from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -78,7 +77,10 @@ def yolo(
         root, described = _described(selection.file)
         sources = [selection.folder] if images else _sources(root, described, split)
         selection.folder, names = _pictures(sources)
-        objects = _objects(selection.folder, names, described.names)
+        parents = {name: (selection.folder / name).parent for name in names}
+        folders = {parent: _label_folder(parent) for parent in {*parents.values()}}
+        files = {name: folders[parent] / f"{Path(name).stem}.txt" for name, parent in parents.items()}
+        objects = for_each(files, partial(_objects, classes=described.names))
         if not objects:
             raise ValueError(f"no label file for any of {len(names)} pictures in {str(selection.folder)!r}")
         sizes = sizes_px(selection.folder, [name for name in names if objects.get(name)])
@@ -163,21 +165,7 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
-def _objects(folder: Location, names: Sequence[str], classes: Mapping[int, str]) -> dict[str, list[Object]]:
-    """The objects of each picture that has a label file."""
-    together = defaultdict[str, dict[str, str]](dict)
-    for name in names:
-        parent, _, own = name.rpartition("/")
-        together[parent][name] = f"{Path(own).stem}.txt"
-    found: dict[str, list[Object]] = {}
-    for parent, files in together.items():
-        labels = _label_folder(folder / parent)
-        objects = for_each(labels, set(files.values()), partial(_objects_of, classes=classes))
-        found |= {name: objects[file] for name, file in files.items() if file in objects}
-    return found
-
-
-def _objects_of(file: Location, classes: Mapping[int, str]) -> list[Object]:
+def _objects(file: Location, classes: Mapping[int, str]) -> list[Object]:
     check_regular(local_file(file))  # a missing one is no fault
     with faults_of("labels", file):
         return list(each_line(read_text(file), partial(_object, classes=classes)))

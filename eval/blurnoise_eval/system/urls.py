@@ -153,26 +153,24 @@ def listing(folder: Location) -> dict[str, str]:
     return {name: _version_in(info) for name, info in files if _is_below(name)}
 
 
-def for_each(folder: Location, names: Collection[str], do: Callable[[Location], T]) -> dict[str, T]:
-    """What ``do`` returns for files of a folder, by name; at a URL for several at a time.
+def for_each(files: Mapping[str, Location], do: Callable[[Location], T]) -> dict[str, T]:
+    """What ``do`` returns for files, by their keys; for several at a time where they are objects.
 
     Missing files are left out, and denied objects: so S3 says that they are missing where it must not list them.
     Raises ``OSError`` where all are denied, or storage does not answer.
     """
-    here = isinstance(folder, Path)
+    here = all(isinstance(file, Path) for file in files.values())
     missing = _MISSING if here else (*_MISSING, PermissionError)
 
-    def attempt(name: str) -> T | OSError:
+    def attempt(file: Location) -> T | OSError:
         try:
-            return do(folder / name)
+            return do(file)
         except missing as error:
             return error
 
-    if here:
-        found = {name: attempt(name) for name in names}
-    else:
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            found = dict(zip(names, pool.map(attempt, names), strict=True))
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        answers = (map if here else pool.map)(attempt, files.values())
+        found = dict(zip(files, answers, strict=True))
     denied = [each for each in found.values() if isinstance(each, PermissionError)]
     if denied and len(denied) == len(found):
         raise denied[0]
@@ -185,7 +183,7 @@ def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
         with suppress(PermissionError):
             every = listing(folder)
             return {name: every[name] for name in names if name in every}
-    return for_each(folder, names, version)
+    return for_each({name: folder / name for name in names}, version)
 
 
 def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
