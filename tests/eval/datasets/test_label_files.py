@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import UnreadablePicture, bdd, coco, image_folder, texts, write_picture, yolo
+from blurnoise_eval.datasets import UnreadablePicture, bdd, coco, texts, write_picture
 
 ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
-EMPTY = {"images": [], "categories": [], "annotations": []}
 BOX = {"x1": 10, "y1": 20, "x2": 40.5, "y2": 60}
 CORNERS = [[10, 20], [50, 22], [50, 40], [10, 38]]
 
@@ -192,23 +191,3 @@ def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
         "1 box of no area left out",
         "1 box with numbers not finite or beyond 1e6 px left out",
     )
-
-
-@pytest.mark.parametrize("kind", ["folder", "coco", "bdd", "yolo", "text"])
-def test_a_set_may_be_named_by_text(tmp_path: Path, kind: str) -> None:
-    write_picture(tmp_path / "a.png", np.zeros((80, 80), np.uint8))
-    files = {
-        "folder": (image_folder, ".", ""),
-        "coco": (coco, "instances.json", json.dumps({**EMPTY, "images": [{"id": 7, "file_name": "a.png"}]})),
-        "bdd": (bdd, "bdd.json", '[{"name": "a.png"}]'),
-        "yolo": (yolo, "data.yaml", "names: [sign]\nval: ."),
-        "text": (texts, "gt.txt", "a.png\tSTOP"),
-    }  # fmt: skip
-    read, name, content = files[kind]
-    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5")
-    if content:
-        (tmp_path / name).write_text(content)
-    for file in (tmp_path / name, str(tmp_path / name)):
-        assert read(file).pictures[0].load().shape == (80, 80, 3)
-    if kind != "folder":
-        assert len(read(str(tmp_path / name), images=str(tmp_path))) == 1

@@ -170,10 +170,8 @@ def test_what_is_no_data_set_of_yolo_is_named(folder: Path, content: str | None,
 
 def test_files_that_are_none(folder: Path) -> None:
     (folder / "binary").write_bytes(b"\xff\xfe\x00\x01")
-    faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory"}
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(folder / "pipe")
-        faults["pipe"] = "pipe, no file"
+    os.mkfifo(folder / "pipe")
+    faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory", "pipe": "pipe, no file"}
     for read in (coco, bdd, texts, yolo):
         for name, fault in faults.items():
             if (read, name) != (yolo, "."):

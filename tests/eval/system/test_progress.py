@@ -34,14 +34,6 @@ def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Out
     assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
 
 
-def test_short_work_says_nothing(now: list[float], capsys: Output) -> None:
-    with ProgressBar("draw", 9) as advance:
-        for _ in range(9):
-            now[0] += 1.0
-            advance(1)
-    assert capsys.readouterr().err == ""
-
-
 def test_what_was_done_before_is_no_speed(now: list[float], capsys: Output) -> None:
     """900 of 1000 steps were done before; the others take 2 s each."""
     with ProgressBar("sweep", 1000) as advance:
@@ -62,6 +54,9 @@ def test_what_is_interrupted_says_where(now: list[float], capsys: Output) -> Non
     with pytest.raises(KeyboardInterrupt):
         work()
     assert capsys.readouterr().err == "sweep: 4 of 10, stopped after 30 s\n"
+    with ProgressBar("short", 9) as advance:
+        advance(9)
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
