@@ -41,7 +41,7 @@ from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.progress import Advance, progress_bar, tell_of
+from blurnoise_eval.system.progress import Advance, progress_bar
 from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
@@ -123,8 +123,8 @@ def evaluate(
         store.set_about(ENOUGH, enough)
 
         def compute(plan: SweepPlan, advance: Advance) -> Outcome:
-            how: dict[str, Any] = {"resumed": advance.already, "died": tell_of(advance)}
-            return sweep.run(opened, seen_by, shown, plan, store, engine=engine_kept, progress=advance, **how)
+            how: dict[str, Any] = {"progress": advance, "resumed": advance.already}
+            return sweep.run(opened, seen_by, shown, plan, store, engine=engine_kept, **how)
 
         with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = compute(plan, advance)

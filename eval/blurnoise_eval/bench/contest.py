@@ -20,8 +20,7 @@ from rich.table import Table
 
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
-from blurnoise_eval.system.machine import hardware, versions
-from blurnoise_eval.system.threads import limited_threads
+from blurnoise_eval.system.machine import hardware, limited_threads, versions
 
 Progress = Callable[[float], object]
 FEWEST, MOST = 3, 12

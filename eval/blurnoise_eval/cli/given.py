@@ -102,10 +102,8 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
 
     Notes of the set are written to standard error. Raises ``ValueError`` for settings that do not go together.
     """
-    from blurnoise._core.checks import in_range
     from blurnoise_eval import datasets
 
-    most = in_range("max_megapixels", plan.max_megapixels, 1e-6, datasets.MOST_MEGAPIXELS)
     images, labels = _place("images", plan.images), _place("labels", plan.labels)
     kind = None if labels is None else kind_of(labels)
     if plan.limit is not None and plan.limit < 1:
@@ -115,11 +113,11 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
     if reads and kind not in (None, "text"):
         raise ValueError("labels: text recognisers take PP-OCR's labels, or --images alone")
     if kind == "text":
-        found = datasets.texts(labels, images=images, max_megapixels=most)
+        found = datasets.texts(labels, images=images)
     elif kind is not None:
-        found = getattr(datasets, kind)(labels, images=images, labels=plan.target, max_megapixels=most)
+        found = getattr(datasets, kind)(labels, images=images, labels=plan.target)
     elif images:
-        found = datasets.image_folder(images, max_megapixels=most)
+        found = datasets.image_folder(images)
     else:
         found = datasets.rendered_texts() if reads else datasets.rendered_signs()
     for note in found.notes:

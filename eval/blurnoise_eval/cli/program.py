@@ -37,7 +37,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
-        advance.note("reads the run")
         criterion = criterion_of(store, given.threshold, given.keep, given.score)
         inputs = inputs_of(store, criterion, given.cluster, given.model)
         camera, own = inputs.metering.camera, inputs.scenario
@@ -59,7 +58,6 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
             tail=given.tail,
         )
         advance(1)
-        advance.note("tries exposures at every light")
         found = optimise(Problem(inputs, scenario, limits))
         advance(1)
     with output_folder(output) as folder:

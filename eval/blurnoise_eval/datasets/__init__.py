@@ -4,10 +4,11 @@ A picture is read when it is needed and not before, so a set of any size streams
 strictly: what cannot be meant is a ``ValueError`` of one line that names the file and the place in it.
 """
 
-from blurnoise_eval.datasets.cut_outs import check_cut, cut_out, source_content, source_identity
+from blurnoise_eval.datasets.cut_outs import check_cut, cut_out
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
     MOST_MEGAPIXELS,
+    content,
     decode,
     decode_linear,
     eight_bit,
@@ -33,6 +34,7 @@ __all__ = [
     "bdd",
     "check_cut",
     "coco",
+    "content",
     "cut_out",
     "decode",
     "decode_linear",
@@ -45,8 +47,6 @@ __all__ = [
     "sample",
     "size_group",
     "size_px",
-    "source_content",
-    "source_identity",
     "texts",
     "write_picture",
     "yolo",

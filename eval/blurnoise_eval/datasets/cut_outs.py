@@ -1,31 +1,32 @@
-"""Cut-outs: a picture's targets as layers before their background, by what is known of where they are.
+"""Cut-outs: a picture's targets as layers before their background, each of which moves for itself.
 
 Convention: crowds, targets whose speed is 0, and all that is no target, are background. Of targets that touch or
 overlap each other the one whose box ends further down is in front. What is behind a target is true where the picture
-was rendered, the user's where there is a plate, else invented from around it (:mod:`blurnoise.scene.cutting`).
+was rendered, else invented from around it (:mod:`blurnoise.scene.cutting`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise.blur.layers import Layer
+from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
-from blurnoise.scene.scene import ExposedScene
+from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise_eval.datasets import segmentation
-from blurnoise_eval.datasets.images import MOST_MEGAPIXELS, content, read_picture
-from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
+from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.system.urls import Location, location, versions
+
+_Motion = tuple[float, tuple[float, float]]
+_NEAR_PX = 32  # between windows that are cheaper apart than as one
 
 
 class CutOut(NamedTuple):
@@ -37,7 +38,7 @@ class CutOut(NamedTuple):
 
 
 def check_cut(pictures: PictureSet, objects: Objects) -> None:
-    """Raise ``ValueError`` where it is not known what the targets are, or what is asked for is missing."""
+    """Raise ``ValueError`` where it is not known what the targets are, or a class is none of theirs."""
     if not pictures.labelled:
         raise ValueError(
             "moves: targets or background: needs to know where targets are; use --coco, --yolo, --bdd or --text, or "
@@ -47,88 +48,50 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
     for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
         if unknown := sorted({*stated} - known):
             raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
-    if objects.mattes == "segmentation":
-        cut = [target for each in pictures if each.cut is None for target in each.targets or ()]
-        if lacking := sum(not target.crowd and not target.annotation.get("segmentation") for target in cut):
-            must = "must be auto, grabcut or box"
-            raise ValueError(f"mattes = 'segmentation': {lacking} targets have none; {must}")
-    if objects.plates is not None:
-        held = versions(location(objects.plates), [picture.name for picture in pictures])
-        if missing := [picture.name for picture in pictures if picture.name not in held]:
-            raise ValueError(f"plates = {objects.plates!r}: holds no {missing[0]!r}")
 
 
-def source_identity(picture: Picture, objects: Objects) -> str:
-    """The picture's identity with that of its plate, if there is one: of every file that reaches its pixels."""
-    if objects.plates is None or picture.cut is not None:
-        return picture.identity
-    found = versions(location(objects.plates), [picture.name])
-    return f"{picture.identity}, plate {picture.name} {found.get(picture.name, 'missing')}"
-
-
-def source_content(picture: Picture, image: Image, objects: Objects) -> str:
-    """What tells the picture and its plate from any other. Raises ``UnreadablePicture`` for a plate that is none."""
-    own = content(image)
-    if objects.plates is None or picture.cut is not None:
-        return own
-    return f"{own} {content(read_picture(location(objects.plates) / picture.name, MOST_MEGAPIXELS))}"
-
-
-def cut_out(
-    picture: Picture, image8: NDArray[np.uint8], light: Tensor, objects: Objects, scale: float = 1.0
-) -> CutOut:
+def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
     scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
-    the picture itself behind them, which is never seen. Raises ``UnreadablePicture`` for a plate that is none, and
-    where segmentations alone are asked for and one is not of this picture.
+    the picture itself behind them, which is never seen.
     """
-    every = picture.targets or ()
+    every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:
-        known = picture.cut()
+        known, places = picture.cut(), [*range(len(every))]
         layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
-        return _told(Cut(known.background * scale, layers, known.invented), range(len(every)), every, objects)
-    backmost = sorted(range(len(every)), key=lambda place: (every[place].box_xyxy[3], place))
-    backmost = [place for place in backmost if not every[place].crowd]
-    cut_off = [place for place in backmost if _comes_apart(place, backmost, every, objects)]
-    try:
-        own = [(place, _matte(every[place], image8, objects.mattes)) for place in cut_off]
-    except (TypeError, ValueError) as fault:
-        raise UnreadablePicture(f"{picture.name}: mattes = {objects.mattes!r}: {fault}") from fault
-    own = [(place, matte) for place, matte in own if matte.any()]
-    found = [matte for _, matte in own]
-    plate = None if objects.plates is None else _plate(location(objects.plates), picture, light, scale)
-    still = [(0.0, 0.0)] * len(found)
-    covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(light.shape[-2:], bool)
-    hole = cutting.hole_of(covered)
-    if plate is not None:  # only there: what stands, crowds too, is background
-        plate = torch.where(torch.from_numpy(hole), plate, light)
-    if plate is None and (not found or hole.all()):
-        cut = cutting.cut_out(light, found, still, light)._replace(invented=covered)
+        cut = Cut(known.background * scale, layers, known.invented)
     else:
-        cut = cutting.cut_out(light, found, still, plate)
-    motions = [_motion(every[place], objects) for place, _ in own]
-    hidden = [_before(place, found, motions) for place in range(len(found))]
-    layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
-    cut = cut._replace(layers=layers)
-    return _told(cut, [place for place, _ in own], every, objects)
+        backmost = [place for place, target in enumerate(every) if not target.crowd]
+        backmost.sort(key=lambda place: every[place].box_xyxy[3])
+        mattes = {place: _matte(every[place], size) for place in _apart(backmost, every, objects)}
+        places = [place for place, matte in mattes.items() if matte.any()]
+        found = [mattes[place] for place in places]
+        covered = np.any([matte > 0 for matte in found], axis=0) if found else np.zeros(size, bool)
+        behind = light if not found or cutting.hole_of(covered).all() else None
+        cut = cutting.cut_out(light, found, [(0.0, 0.0)] * len(found), behind)
+        motions = [_motion(every[place], objects) for place in places]
+        hidden = [_hidden(number, found, motions) for number in range(len(found))]
+        layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
+        cut = cut._replace(layers=layers, invented=cut.invented if behind is None else covered)
+    return CutOut(cut, tuple(places), tuple(objects.speed_of(every[place].label) for place in places))
 
 
-def _comes_apart(place: int, backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> bool:
-    """Whether a target moves, or stands before one that does or right behind it; else it is background."""
-    if not objects.stands(every[place].label):
-        return True
-    order = backmost.index(place)
-    movers = {other for other in backmost if not objects.stands(every[other].label)}
-    x0, y0, x1, y1 = every[place].box_xyxy
-    return bool(movers.intersection(backmost[:order])) or any(
-        x0 < right and left < x1 and y0 < bottom and top < y1
-        for left, top, right, bottom in (every[other].box_xyxy for other in movers)
-    )
+def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:
+    """The targets that move, stand before one that does or right behind it; the others are background."""
+    movers = [place for place in backmost if not objects.stands(every[place].label)]
+    first = backmost.index(movers[0]) if movers else len(backmost)
+    return [
+        place
+        for number, place in enumerate(backmost)
+        if number >= first or _meets(every[place], [every[mover] for mover in movers])
+    ]
 
 
-def _told(cut: Cut, places: Sequence[int], targets: Sequence[Target], objects: Objects) -> CutOut:
-    return CutOut(cut, tuple(places), tuple(objects.speed_of(targets[place].label) for place in places))
+def _meets(target: Target, others: Collection[Target]) -> bool:
+    x0, y0, x1, y1 = target.box_xyxy
+    boxes = [other.box_xyxy for other in others]
+    return any(x0 < right and left < x1 and y0 < bottom and top < y1 for left, top, right, bottom in boxes)
 
 
 def _motion(target: Target, objects: Objects) -> Hashable:
@@ -136,7 +99,7 @@ def _motion(target: Target, objects: Objects) -> Hashable:
     return target if objects.crosses(target.label) else objects.speed_of(target.label)
 
 
-def _before(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> NDArray[np.bool_]:
+def _hidden(place: int, found: Sequence[Matte], motions: Sequence[Hashable]) -> NDArray[np.bool_]:
     """Where (H, W) objects that move otherwise hide this one: what the picture shows there is theirs."""
     hidden = np.zeros(found[place].shape, bool)
     for other in range(place + 1, len(found)):
@@ -158,27 +121,73 @@ def _of_picture(layer: Layer, light: Tensor, hidden: NDArray[np.bool_]) -> Layer
     return replace(layer, light=own[0])
 
 
-def _matte(target: Target, image8: NDArray[np.uint8], how: str) -> Matte:
-    """Where a target is. A text is all of its box: what carries it is not known, but moves with it."""
-    size = (image8.shape[0], image8.shape[1])
-    if how in ("auto", "segmentation") and target.annotation.get("segmentation"):
-        if how == "segmentation":
-            return segmentation.of_annotation(target.annotation, size)
-        with suppress(TypeError, ValueError):  # of another size, or broken: the box is left
-            matte = segmentation.of_annotation(target.annotation, size)
-            if matte.any():
-                return matte
+def _matte(target: Target, size: tuple[int, int]) -> Matte:
+    """Where a target is in a picture (H, W): its segmentation, else its box; all of the box of a text, since what
+    carries it is not known, but moves with it."""
+    with suppress(ValueError):  # none, of another size, or broken
+        matte = segmentation.of_annotation(target.annotation, size)
+        if matte.any():
+            return matte
     x0, y0, x1, y1 = target.box_xyxy
-    if how == "box" or target.text is not None:
-        return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
-    return segmentation.of_object_in(image8, target.box_xyxy)
+    return segmentation.of_box(x0, y0, x1 - x0, y1 - y0, size)
 
 
-def _plate(folder: Location, picture: Picture, light: Tensor, scale: float) -> Tensor:
-    found = ExposedScene.of_picture(read_picture(folder / picture.name, MOST_MEGAPIXELS)).light * scale
-    if found.shape != light.shape:
-        sizes = " and ".join(f"{each.shape[-1]} x {each.shape[-2]}" for each in (found, light))
-        raise UnreadablePicture(
-            f"{folder / picture.name}: a plate has its picture's size; they are {sizes} px"
+class CutScene(ExposedScene):
+    """A picture, its objects cut out, so that either may move without the other, as ``Exposure.moves`` says.
+
+    speeds, own_px_s: one for each layer of the cut, by default 1 and (0, 0). A speed is a multiple of the exposure's
+    velocity: where the camera tracks objects of speed 1, one of speed s is left with 1 - s, so that one that stands
+    moves with the background. own_px_s is beside that: with speed 0 it is what the object does against the
+    background.
+    """
+
+    def __init__(
+        self,
+        cut: Cut,
+        speeds: Sequence[float] | None = None,
+        own_px_s: Sequence[tuple[float, float]] | None = None,
+    ) -> None:
+        count = len(cut.layers)
+        factors = (1.0,) * count if speeds is None else speeds
+        beside = ((0.0, 0.0),) * count if own_px_s is None else own_px_s
+        self._cut = cut
+        self._each = list(zip(cut.layers, zip(factors, beside, strict=True), strict=True))
+        self._joined: list[tuple[Layer, _Motion]] = []  # those that move alike and are near each other as one
+        for motion, alike in groupby(self._each, key=lambda each: each[1]):
+            layers = [layer for layer, _ in alike]
+            near = meeting([layer.window.grown(_NEAR_PX // 2, _NEAR_PX // 2) for layer in layers])
+            self._joined += [(flattened([layers[place] for place in places]), motion) for _, places in near]
+        super().__init__(cut.background, layers=tuple(layer for layer, _ in self._joined))
+        self._shares: dict[tuple[float, ...], tuple[float, ...]] = {}
+
+    def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
+        """Velocity of the background and the layers, each with its own."""
+        velocity, _ = super().motions(replace(exposure, moves="all"))
+        objects = tuple(
+            replace(layer, velocity_px_s=exposure.of_targets(*motion).velocity_px_s)
+            for layer, motion in self._joined
         )
-    return found
+        return (0.0, 0.0) if exposure.moves == "targets" else velocity, objects
+
+    def invented(self, exposure: Exposure) -> tuple[float, ...]:
+        """Of each object: how much of what it hides at mid-exposure is seen in the course of it, as a share, where
+        that had to be invented; 0 where it is known.
+
+        It depends on the object's motion relative to its background, whichever of the two moves.
+        """
+        if exposure.moves == "all" or not self._cut.invented.any():
+            return (0.0,) * len(self._each)
+
+        def moved_px(motion: _Motion) -> tuple[float, float]:
+            x, y = replace(exposure, moves="targets").of_targets(*motion).velocity_px_s
+            return x * exposure.exposure_s, y * exposure.exposure_s
+
+        key = (*exposure.velocity_px_s, exposure.exposure_s)
+        if key not in self._shares:
+            size = (self.light.shape[-2], self.light.shape[-1])
+            movers = [(layer, moved_px(motion)) for layer, motion in self._joined]
+            self._shares[key] = tuple(
+                seen_behind(layer, movers, size) if any(moved_px(motion)) else 0.0
+                for layer, motion in self._each
+            )
+        return self._shares[key]

@@ -5,28 +5,35 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, SUFFIXES, read_picture
+from blurnoise_eval.datasets.images import SUFFIXES, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
-from blurnoise_eval.system.urls import Location, listing, versions
+from blurnoise_eval.system.urls import Location, listing, location, versions
 
-MOST_TARGETS = 20_000
-"""Of a picture, as many as the largest sets of crowds have: each is a row in every cell."""
-Entry = tuple[str, tuple[Target, ...] | None, int | None, tuple[float, float] | None]
-"""A picture's name in its folder, targets, id (None: its place, from 1 on), and the size (width, height) that its
-labels are for."""
+MAX_MEGAPIXELS = 100.0
+"""Of a picture: a sweep takes some 100 bytes a pixel."""
 
 
-def image_folder(folder: Location, *, max_megapixels: float = MAX_MEGAPIXELS) -> PictureSet:
+class Listed(NamedTuple):
+    """A picture's name in its folder, targets, id (None: its place, from 1 on), and the size (width, height) that its
+    labels are for."""
+
+    name: str
+    targets: tuple[Target, ...] | None = None
+    image_id: int | None = None
+    size_px: tuple[float, float] | None = None
+
+
+def image_folder(folder: str | Location) -> PictureSet:
     """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
 
-    max_megapixels: larger pictures cannot be loaded, whose memory would be wanted by the others.
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
-    found = pictures_below(folder)
-    pictures = from_files(folder, [(name, None, None, None) for name in found], max_megapixels, found)
-    return PictureSet("folder", str(folder), pictures)
+    place = location(folder)
+    found = pictures_below(place)
+    return PictureSet("folder", str(place), from_files(place, [*map(Listed, found)], found))
 
 
 def pictures_below(folder: Location) -> dict[str, str]:
@@ -41,15 +48,11 @@ def pictures_below(folder: Location) -> dict[str, str]:
         found = listing(folder)
     except OSError as error:
         raise ValueError(f"images = {str(error.filename or folder)!r}: {error.strerror}") from None
-    runs = {name.removesuffix(RUN_FILE) for name in found if f"/{name}".endswith(f"/{RUN_FILE}")}
-    left_out = tuple(
-        run or f"{pictures}/" for run in runs for pictures in (RUN_PICTURES if not run else ("",))
-    )
-    taken = {
-        name: found[name]
-        for name in sorted(found)
-        if name.lower().endswith(SUFFIXES) and not name.startswith(left_out)
-    }
+    runs = [name.removesuffix(RUN_FILE) for name in found if f"/{name}".endswith(f"/{RUN_FILE}")]
+    own = [f"{pictures}/" for pictures in RUN_PICTURES] if "" in runs else []
+    left_out = (*own, *filter(None, runs))
+    names = [name for name in sorted(found) if name.lower().endswith(SUFFIXES)]
+    taken = {name: found[name] for name in names if not name.startswith(left_out)}
     if not taken:
         raise ValueError(f"images = {str(folder)!r}: holds no picture ({' '.join(SUFFIXES)})")
     return taken
@@ -57,41 +60,33 @@ def pictures_below(folder: Location) -> dict[str, str]:
 
 def from_files(
     folder: Location,
-    entries: Sequence[Entry],
-    max_megapixels: float,
+    entries: Sequence[Listed],
     known: Mapping[str, str] | None = None,
 ) -> tuple[Picture, ...]:
     """The pictures of these names in the folder; they need not be there before they are loaded.
 
     known: their versions, where these have been looked up. One of another size than its labels are for, turned as
-    EXIF says, or of more than ``max_megapixels``, is an :class:`UnreadablePicture` then. Raises ``ValueError`` for
-    more than ``MOST_TARGETS`` targets, ``OSError`` where the folder is a URL that nothing can be read from.
+    EXIF says, or of more than ``MAX_MEGAPIXELS``, is an :class:`UnreadablePicture` then. Raises ``OSError`` where
+    the folder is a URL that nothing can be read from.
     """
-    found = versions(folder, [name for name, *_ in entries]) if known is None else known
+    found = versions(folder, [entry.name for entry in entries]) if known is None else known
     pictures = []
     for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):
-        if targets and len(targets) > MOST_TARGETS:
-            raise ValueError(f"picture {name!r}: {len(targets)} boxes; must be at most {MOST_TARGETS}")
         printed = name.encode("utf-8", "backslashreplace").decode()  # tables hold no bytes that are not UTF-8
         version = found.get(name)
-        load = partial(
-            _load, folder, name, size_px, max_megapixels, None if isinstance(folder, Path) else version
-        )
+        load = partial(_load, folder, name, size_px, version)
         identity = f"{printed} {version or 'missing'}"
         pictures.append(Picture(printed, targets, load, identity, place if image_id is None else image_id))
     return tuple(pictures)
 
 
-def _load(
-    folder: Location, name: str, size_px: tuple[float, float] | None, max_megapixels: float, known: str | None
-) -> Image:
+def _load(folder: Location, name: str, size_px: tuple[float, float] | None, known: str | None) -> Image:
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
-    picture = read_picture(path, max_megapixels, known)
+    picture = read_picture(path, MAX_MEGAPIXELS, known)
     height, width = picture.shape[:2]
-    if height * width == 1:
-        raise UnreadablePicture(f"{path}: a single pixel, in which nothing can be found")
     if size_px and size_px != (width, height):
+        wanted = f"{size_px[0]:g} x {size_px[1]:g}"
         raise UnreadablePicture(
-            f"{path}: {width} x {height} px as EXIF turns it, but its labels are for {size_px[0]:g} x {size_px[1]:g}"
+            f"{path}: {width} x {height} px as EXIF turns it, but its labels are for {wanted}"
         )
     return picture

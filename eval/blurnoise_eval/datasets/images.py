@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Sequence
 from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
@@ -17,11 +18,9 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
-from blurnoise_eval.system.urls import Location, local_file
+from blurnoise_eval.system.urls import Location, for_each, local_file
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
-MAX_MEGAPIXELS = 100.0
-"""Of a data set's pictures, where nobody says otherwise: a sweep takes some 100 bytes a pixel."""
 MOST_MEGAPIXELS = 178.0
 """Of any picture: of a larger one the reader of headers, Pillow, does not say the size."""
 _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height
@@ -50,15 +49,13 @@ def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str |
     return decoded
 
 
-def decode_linear(path: Path, max_megapixels: float = MOST_MEGAPIXELS) -> NDArray[np.float32]:
+def decode_linear(path: Path) -> NDArray[np.float32]:
     """Read linear light, (H, W) or (H, W, 3): floats as they stand in the file, integers over their full scale.
 
     Of the formats with floats OpenCV reads .hdr, .tiff and .pfm, the package OpenEXR .exr. Raises
     :class:`UnreadablePicture` as :func:`decode` does, and for light that is negative or not finite.
     """
-    found = _stored(path, max_megapixels)
-    if found is None and path.suffix.lower() == ".exr":
-        found = _openexr(path, max_megapixels)
+    found = _openexr(path) if path.suffix.lower() == ".exr" else _stored(path, MOST_MEGAPIXELS)
     if found is None or (found.dtype not in (np.uint8, np.uint16) and found.dtype.kind != "f"):
         raise UnreadablePicture(f"{path}: not a picture of floats, 8 or 16 bits that OpenCV can decode")
     most = float(np.iinfo(found.dtype).max) if found.dtype.kind == "u" else 1.0
@@ -75,26 +72,26 @@ def _check_size(path: Location, size_px: tuple[int, int], max_megapixels: float)
         raise UnreadablePicture(f"{path}: {seen}; must be at most {max_megapixels:g}")
 
 
-def _openexr(path: Path, max_megapixels: float) -> NDArray[np.float32]:
+def _openexr(path: Path) -> NDArray[np.float32]:
     """The light of the first part, of its data window: channels R, G and B, or Y."""
     try:
         import OpenEXR
 
+        check_regular(path)
         with OpenEXR.File(str(path), header_only=True) as file:
             low, high = file.header()["dataWindow"]
-        width, height = (np.asarray(high, int) - np.asarray(low, int) + 1).tolist()
-        _check_size(path, (width, height), max_megapixels)
+        width, height = (np.subtract(high, low) + 1).tolist()
+        _check_size(path, (width, height), MOST_MEGAPIXELS)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
-        names = ("R", "G", "B") if {"R", "G", "B"} <= channels.keys() else ("Y",)
-        planes = [np.asarray(channels[name], np.float32) for name in names]
+        planes = [np.asarray(channels[name], np.float32) for name in ("RGB" if "R" in channels else "Y")]
         return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
     except ImportError:
         why = "needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
     except KeyError:
         why = f"has channels {', '.join(channels)}: must have R, G, B or Y"
-    except RuntimeError as error:
-        why = str(error)
+    except (OSError, RuntimeError) as error:
+        why = getattr(error, "strerror", None) or str(error)
     raise UnreadablePicture(f"{path}: {why}")
 
 
@@ -116,7 +113,7 @@ def _stored(path: Location, max_megapixels: float, known: str | None = None) -> 
     return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
 
 
-def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
+def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | None]:
     """The file on this machine, and what it says; None where Pillow does not know the format.
 
     Raises :class:`UnreadablePicture` for one that is missing, or of more pixels than Pillow opens.
@@ -133,26 +130,44 @@ def _header(path: Location, known: str | None) -> tuple[Path, _Header | None]:
             with PIL.Image.open(source) as header:
                 exif = PIL.Image.Exif()
                 exif.load(header.info.get("exif", b""))
-                width, height = header.size
-                size_px = (height, width) if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8) else (width, height)
+                turned = exif.get(_ORIENTATION, 1) in (5, 6, 7, 8)
                 depths = getattr(header, "tag_v2", {}).get(_BITS_PER_SAMPLE, ())
-                return source, _Header(size_px, header.format, header.mode == "RGBA" and 8 in depths)
+                multiplied = header.mode == "RGBA" and 8 in depths
+                width, height = header.size
+                size = (height, width) if turned else (width, height)
+                return source, _Header(size, header.format, multiplied)
     except PIL.Image.DecompressionBombError:
         raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
         return source, None
 
 
-def size_px(path: Location, known: str | None = None) -> tuple[int, int]:
+def size_px(path: Location) -> tuple[int, int]:
     """(width, height) of the picture as :func:`decode` gives it, from the file's header where that says it.
 
     Raises :class:`UnreadablePicture` where ``decode`` does, but not for a sound header before a broken rest.
     """
-    _, header = _header(path, known)
+    _, header = _header(path)
     if header and header.format != "TIFF":  # some releases of OpenCV turn a TIFF's
         return header.size_px
-    height, width = decode(path, known=known).shape[:2]
+    height, width = decode(path).shape[:2]
     return width, height
+
+
+def sizes_px(folder: Location, names: Sequence[str]) -> dict[str, tuple[int, int]]:
+    """Sizes of a folder's pictures by name, without those that cannot be read, which loading them says."""
+
+    def size(file: Location) -> tuple[int, int] | None:
+        try:
+            return size_px(file)
+        except UnreadablePicture:
+            return None
+
+    return {
+        name: found
+        for name, found in for_each({name: folder / name for name in names}, size).items()
+        if found
+    }
 
 
 def content(picture: Image) -> str:

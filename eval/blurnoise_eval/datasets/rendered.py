@@ -1,18 +1,23 @@
-"""Stop signs rendered by :mod:`blurnoise.charts` before many backgrounds, to be found or to be read."""
+"""Stop signs rendered by :mod:`blurnoise.charts` before many backgrounds, to be found or to be read.
+
+Backgrounds are plain, graded, rough as nature is, and cluttered, none like another: linear RGB reflectance,
+(1, 3, N, N) float32, from 0.02 (soot) to 0.9 (snow).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import cv2
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise_eval.datasets.backgrounds import background
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
 
 if TYPE_CHECKING:
@@ -32,6 +37,10 @@ _APART_PX = 24.0  # signs from one another and from the border, at least
 _SMEAR_PX = 45.0  # to either side of a sign: half the longest motion that a sweep tests by default
 _FAINT = 1e-3  # share of a pixel: below any that the charts know
 _FRAME: Any = {"height_px": RENDERED_SIZE_PX, "width_px": RENDERED_SIZE_PX}
+_DARKEST, _BRIGHTEST = 0.02, 0.9
+_MEANS = math.log(0.04), math.log(0.5)  # of the logarithm: asphalt when wet to light concrete
+_TINT = 0.12  # standard deviation of the channels' logarithms: most things are nearly grey
+_FINER = 4  # points per pixel along a side, of the clutter's edges
 
 
 class _Sign(NamedTuple):
@@ -40,6 +49,32 @@ class _Sign(NamedTuple):
     group_px: float
     size_px: float
     centre_px: tuple[float, float]
+
+
+class _Scene(NamedTuple):
+    """Picture ``number`` of a seed, and its signs."""
+
+    signs: tuple[_Sign, ...]
+    number: int
+    seed: int
+
+    def background(self) -> Tensor:
+        """What is behind the signs, (1, 3, N, N)."""
+        import torch
+
+        rng = np.random.default_rng([self.seed, self.number])
+        return torch.from_numpy(background(self.number, rng, RENDERED_SIZE_PX))
+
+    def load(self) -> NDArray[np.uint8]:
+        """The picture, the caller's own."""
+        return _rendered(self).copy()
+
+    def cut(self) -> Cut:
+        """The signs as layers, and what is behind them: nothing of it is invented."""
+        from blurnoise.scene.cutting import Cut
+
+        behind = self.background()
+        return Cut(behind, tuple(map(_layer, self.signs)), np.zeros(behind.shape[-2:], bool))
 
 
 def rendered_signs(
@@ -66,20 +101,16 @@ def rendered_signs(
         raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)
+    listed = "-".join(f"{size:g}" for size in sizes_px)
     pictures = []
     for number in range(count):
-        signs = _placed(sizes_px, number, seed)
-        listed = "-".join(f"{size:g}" for size in sizes_px)
-        pictures.append(
-            Picture(
-                f"stop-signs-{listed}px-{number + 1:02}",
-                tuple(_target(sign, reads) for sign in signs),
-                partial(_render, signs, number, seed),
-                f"rendered {listed} px, {number} of seed {seed}",
-                number + 1,
-                partial(_cut, signs, number, seed),
-            )
+        scene = _Scene(_placed(sizes_px, number, seed), number, seed)
+        name, identity = (
+            f"stop-signs-{listed}px-{number + 1:02}",
+            f"rendered {listed} px, {number} of seed {seed}",
         )
+        targets = tuple(_target(sign, reads) for sign in scene.signs)
+        pictures.append(Picture(name, targets, scene.load, identity, number + 1, scene.cut))
     what = "texts of stop signs" if reads else "stop signs"
     source = f"{what} of {', '.join(f'{size:g}' for size in sizes_px)} px before {count} backgrounds"
     return PictureSet("rendered", source, tuple(pictures), {"text" if reads else "stop sign": 1})
@@ -118,35 +149,16 @@ def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, .
     return tuple(placed[place] for place in range(len(own)))
 
 
-def _render(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
-    return _rendered(signs, number, seed).copy()
-
-
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
-def _rendered(signs: tuple[_Sign, ...], number: int, seed: int) -> NDArray[np.uint8]:
+def _rendered(scene: _Scene) -> NDArray[np.uint8]:
     from blurnoise import charts
     from blurnoise.optics.colour import srgb_from_linear
 
-    picture = _behind(number, seed)
-    for sign in signs:
+    picture = scene.background()
+    for sign in scene.signs:
         picture = charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=picture)
     coded: Any = srgb_from_linear(picture[0]).mul(255).round().byte().permute(1, 2, 0).contiguous().numpy()
     return np.asarray(coded, np.uint8)
-
-
-def _behind(number: int, seed: int) -> Tensor:
-    """What is behind the signs, (1, 3, N, N)."""
-    import torch
-
-    return torch.from_numpy(background(number, np.random.default_rng([seed, number]), RENDERED_SIZE_PX))
-
-
-def _cut(signs: tuple[_Sign, ...], number: int, seed: int) -> Cut:
-    """The signs as layers, and what is behind them: nothing of it is invented."""
-    from blurnoise.scene.cutting import Cut
-
-    behind = _behind(number, seed)
-    return Cut(behind, tuple(map(_layer, signs)), np.zeros(behind.shape[-2:], bool))
 
 
 def _layer(sign: _Sign) -> Layer:
@@ -163,3 +175,57 @@ def _layer(sign: _Sign) -> Layer:
     )
     alpha = (1 - (white - black).mean(0)).clamp(0, 1)
     return Layer(black / alpha.clamp_min(_FAINT), alpha, place_px=(left, top))
+
+
+def background(number: int, rng: Generator, size_px: int) -> NDArray[np.float32]:
+    """Background ``number`` of a series that takes the kinds in turn, drawn from ``rng``."""
+    level = rng.uniform(*_MEANS)
+    logarithm = _KINDS[number % len(_KINDS)](rng, size_px, level) + rng.normal(0, _TINT, 3)
+    reflectance = np.exp(logarithm).clip(_DARKEST, _BRIGHTEST)
+    return np.asarray(reflectance.transpose(2, 0, 1)[None], np.float32)
+
+
+# Each returns natural logarithms of reflectance, (N, N, 1) or (N, N, 3), about ``level``.
+
+
+def _plain(rng: Generator, size_px: int, level: float) -> Any:
+    return np.full((size_px, size_px, 1), level)
+
+
+def _graded(rng: Generator, size_px: int, level: float) -> Any:
+    """One level that turns into another, up to four times as bright, in some direction."""
+    turn, rise = rng.uniform(0, 2 * math.pi), rng.uniform(0.3, 1.0) * math.log(4)
+    along = np.linspace(-0.5, 0.5, size_px)
+    return (level + rise * (math.cos(turn) * along + math.sin(turn) * along[:, None]))[..., None]
+
+
+def _rough(rng: Generator, size_px: int, level: float) -> Any:
+    """Texture with the amplitude spectrum of natural scenes, 1/f (Field 1987); RMS 0.2 to 0.6 in the logarithm."""
+    fx, fy = np.fft.rfftfreq(size_px), np.fft.fftfreq(size_px)[:, None]
+    frequency = np.hypot(fx, fy)
+    frequency[0, 0] = np.inf
+    white = np.fft.rfft2(rng.standard_normal((size_px, size_px)))
+    field = np.fft.irfft2(white / frequency, (size_px, size_px))
+    return (level + rng.uniform(0.2, 0.6) * field / field.std())[..., None]
+
+
+def _cluttered(rng: Generator, size_px: int, level: float) -> Any:
+    """Things of all sizes that hide each other, each of a reflectance and colour of its own (dead leaves)."""
+    side = size_px * _FINER
+    canvas = np.full((side, side, 3), level, np.float32)
+    radii = np.sort(rng.uniform(0.02, 0.25, 80) ** 2 * 4)[::-1] * side / 2
+    for radius in radii.tolist():
+        x, y = rng.uniform(0, side, 2).tolist()
+        long, turn, round_one = rng.uniform(0.4, 1.0), rng.uniform(0, 180), rng.random() < 0.5
+        tint = (level + rng.normal(0, 0.7) + rng.normal(0, 0.25, 3)).tolist()
+        if round_one:
+            sides = (2 * radius, 2 * radius * long)
+            cv2.ellipse(canvas, ((x, y), sides, turn), tint, cv2.FILLED)
+        else:
+            corners = cv2.boxPoints(((x, y), (2 * radius, 2 * radius * long), turn))
+            cv2.fillConvexPoly(canvas, corners.astype(np.int32), tint)
+    light = cv2.resize(np.exp(canvas), (size_px, size_px), interpolation=cv2.INTER_AREA)
+    return np.log(light)
+
+
+_KINDS: tuple[Callable[[Generator, int, float], Any], ...] = (_plain, _graded, _rough, _cluttered)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections import defaultdict
+import posixpath
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,9 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict
 
 from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import yaml_of
-from blurnoise_eval.datasets.folder import pictures_below
-from blurnoise_eval.datasets.images import MAX_MEGAPIXELS, size_px
-from blurnoise_eval.datasets.labels import (
+from blurnoise_eval.datasets.folder import Listed, pictures_below
+from blurnoise_eval.datasets.images import sizes_px
+from blurnoise_eval.datasets.label_files import (
     LARGEST_SET_BYTES,
     Selection,
     checked,
@@ -26,9 +26,9 @@ from blurnoise_eval.datasets.labels import (
     faults_of,
     read_text,
 )
-from blurnoise_eval.datasets.records import PictureSet, Target, UnreadablePicture
-from blurnoise_eval.system.files import inside
-from blurnoise_eval.system.urls import Location, explained, fetch_ahead, location, versions
+from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.system.files import check_regular, inside
+from blurnoise_eval.system.urls import Location, explained, for_each, local_file
 
 _SPLITS = ("val", "train")  # what is taken where nobody chooses
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
@@ -52,46 +52,49 @@ class _DataYaml(BaseModel):
         dict[Annotated[int, Strict(), Ge(0)], Annotated[Characters, Strict()]],
         BeforeValidator(_by_number),
         MinLen(1),
-        "must be names, as a list or by their numbers",
     ]
-    path: str | None = None
+    path: str = ""
 
 
 def yolo(
-    path: Location,
+    path: str | Location,
     *,
-    images: Location | None = None,
+    images: str | Location | None = None,
     labels: Sequence[str] = (),
     split: str | None = None,
     keep_empty: bool = False,
-    max_megapixels: float = MAX_MEGAPIXELS,
 ) -> PictureSet:
     """The pictures of a YOLO data set as Ultralytics lays it out; polygons count as the boxes around them.
 
     path: a data.yaml (its ``split``, by default val, else train), or a folder with a data.yaml or classes.txt,
     and with images/ or pictures. images: the pictures' folder in place of these. The objects of images/a.jpg
     are in labels/a.txt, else in a.txt beside it; a picture without such a file has none. labels,
-    ``keep_empty``, ``max_megapixels``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
+    ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
     line names it. Source: https://docs.ultralytics.com/datasets/detect.
     """
-    selection = Selection(labels, keep_empty)
-    with faults_of("yolo", path):
-        root, described = _described(path)
-        folder, names = _pictures([images] if images else _sources(root, described, split))
-        objects = _objects(folder, names, described.names)
+    selection = Selection("yolo", path, images, labels, keep_empty)
+    with faults_of("yolo", selection.file):
+        root, described = _described(selection.file)
+        sources = [selection.folder] if images else _sources(root, described, split)
+        selection.folder, names = _pictures(sources)
+        parents = {name: (selection.folder / name).parent for name in names}
+        folders = {parent: _label_folder(parent) for parent in {*parents.values()}}
+        files = {name: folders[parent] / f"{Path(name).stem}.txt" for name, parent in parents.items()}
+        objects = for_each(files, partial(_objects, classes=described.names))
         if not objects:
-            raise ValueError(f"no label file for any of {len(names)} pictures in {str(folder)!r}")
-        known = versions(folder, [name for name in names if objects.get(name)])
-        fetch_ahead(folder, known)  # their sizes are wanted
-        entries = (
-            (name, _targets(folder / name, objects.get(name, ()), known.get(name), selection), None, None)
-            for name in names
-        )
+            raise ValueError(f"no label file for any of {len(names)} pictures in {str(selection.folder)!r}")
+        sizes = sizes_px(selection.folder, [name for name in names if objects.get(name)])
+        entries = []
+        for name in names:
+            targets: list[Target] = []
+            for label, box in objects.get(name, ()) if name in sizes else ():
+                corners = np.multiply(box, sizes[name] * 2)
+                targets += selection.target(label, tuple(corners.tolist()), sizes[name])
+            entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
-        notes = []
-        if unlabelled := len(names) - len(objects):
-            notes = [f"without a label file, and so without an object: {unlabelled} of the pictures"]
-        return selection.picture_set("yolo", path, entries, categories, folder, max_megapixels, notes)
+        unlabelled = len(names) - len(objects)
+        note = f"without a label file, and so without an object: {unlabelled} of the pictures"
+        return selection.picture_set(entries, categories, [note] if unlabelled else [])
 
 
 def _described(path: Location) -> tuple[Location, _DataYaml]:
@@ -99,9 +102,7 @@ def _described(path: Location) -> tuple[Location, _DataYaml]:
     if path.is_dir() and not (path / "data.yaml").is_file():
         for file in (path / "classes.txt", path / "labels" / "classes.txt"):
             if file.is_file():
-                lines = read_text(file).split("\n")
-                names = [line.strip() for line in lines if line.strip()]
-                return path, checked(_DataYaml, {"names": names})
+                return path, checked(_DataYaml, {"names": list(each_line(read_text(file), str.strip))})
         raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
     file = path / "data.yaml" if path.is_dir() else path
     described = checked(_DataYaml, yaml_of(read_text(file)))
@@ -120,30 +121,21 @@ def _sources(root: Location, described: _DataYaml, split: str | None) -> list[Lo
     entries = found if isinstance(found, list) else [found]
     if not entries or not all(isinstance(entry, str) for entry in entries):
         raise ValueError(f"split {split!r} = {shown(found)}: must name folders or lists (.txt)")
-    return [_existing(root, root / (described.path or ""), str(entry)) for entry in entries]
+    return [_existing(root, described.path, str(entry)) for entry in entries]
 
 
-def _existing(root: Location, folder: Location, entry: str) -> Location:
+def _existing(root: Location, folder: str, entry: str) -> Location:
     """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
-    named = (folder / entry, folder / entry.removeprefix("../"))
-    own = [found for place in named if (found := _below(root, place)) is not None]
-    if not own:
-        must = "name that of the pictures (--images)"
-        raise ValueError(f"{str(named[0])!r} leaves the folder {str(root)!r}; {must}")
-    for found in own:
-        with explained(found):
-            if found.exists():
-                return found
-    raise ValueError(f"{str(own[0])!r}: no such folder or list of pictures")
-
-
-def _below(root: Location, place: Location) -> Location | None:
-    """The place without detours; None outside of ``root``."""
-    if not isinstance(place, Path):
-        place = location(str(place))
-        return place if place.parts[: len(root.parts)] == root.parts else None
-    below = Path(os.path.relpath(str(place), str(root)))
-    return None if below.parts[:1] == (os.pardir,) else root / below
+    fault = f"{entry!r} leaves the folder {str(root)!r}; name that of the pictures (--images)"
+    for name in (entry, entry.removeprefix("../")):
+        below = os.path.relpath(posixpath.join(str(root), folder, name), str(root))
+        if below.partition("/")[0] != "..":
+            place: Location = root if below == "." else root / below
+            with explained(place):
+                if place.exists():
+                    return place
+            fault = f"{str(place)!r}: no such folder or list of pictures"
+    raise ValueError(fault)
 
 
 def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
@@ -173,38 +165,10 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
-def _objects(folder: Location, names: Sequence[str], classes: Mapping[int, str]) -> dict[str, list[Object]]:
-    """The objects of each picture that has a label file."""
-    together = defaultdict[str, dict[str, str]](dict)
-    for name in names:
-        parent, _, own = name.rpartition("/")
-        together[parent][name] = f"{Path(own).stem}.txt"
-    found: dict[str, list[Object]] = {}
-    for parent, files in together.items():
-        labels = _label_folder(folder / parent)
-        known = versions(labels, set(files.values()))
-        fetch_ahead(labels, known)
-        for name, file in files.items():
-            if file in known:
-                with faults_of("labels", labels / file):
-                    lines = read_text(labels / file, known=known[file])
-                    found[name] = list(each_line(lines, partial(_object, classes=classes)))
-    return found
-
-
-def _targets(
-    picture: Location, objects: Sequence[Object], known: str | None, selection: Selection
-) -> tuple[Target, ...]:
-    """The picture's objects, in pixels; none of one that cannot be read, which loading it says."""
-    if not objects:
-        return ()
-    try:
-        width, height = size_px(picture, known)
-    except UnreadablePicture:
-        return ()
-    sides = np.array([width, height, width, height])
-    found = [selection.target(name, tuple((sides * box).tolist()), (width, height)) for name, box in objects]
-    return tuple(target for each in found for target in each)
+def _objects(file: Location, classes: Mapping[int, str]) -> list[Object]:
+    check_regular(local_file(file))  # a missing one is no fault
+    with faults_of("labels", file):
+        return list(each_line(read_text(file), partial(_object, classes=classes)))
 
 
 def _object(line: str, *, classes: Mapping[int, str]) -> Object:

@@ -43,7 +43,7 @@ from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
 from blurnoise_eval.sweep.run_scores import withheld_models
 from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
-from blurnoise_eval.system.progress import progress_bar, tell_of
+from blurnoise_eval.system.progress import progress_bar
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
@@ -159,7 +159,7 @@ class _Run:
         with progress_bar(f"{len(nodes)} nodes", cells, self.progress) as advance:
             done = sweep.run(
                 self.models, self.camera, self.pictures, plan, self.store,
-                engine=self.engine, progress=advance, resumed=advance.already, died=tell_of(advance),
+                engine=self.engine, progress=advance, resumed=advance.already,
             )  # fmt: skip
         self.outcome.add(done)
         skipped = self.store.skipped()

@@ -49,7 +49,7 @@ class HeatMap(NamedTuple):
 class Run:
     """A run's folder, read. Raises :class:`StoreError` for one without a run, ``ValueError`` for one of readers.
 
-    images: where its pictures are, if not where they were. trusted: labels, pictures, plates and models may be opened
+    images: where its pictures are, if not where they were. trusted: labels, pictures and models may be opened
     where the run says they are.
     """
 
@@ -133,13 +133,11 @@ class Run:
                 sizes, count=int(rendered["number"]) + 1, seed=int(rendered["seed"])
             )
         else:
-            if self.objects.plates is not None:
-                self._trusted("plates", self.objects.plates)
             pictures = self._opened
         picture = next((each for each in pictures if each.name == name), None)
         if picture is None:
             raise ValueError(f"picture = {name!r}: is not in {pictures.source}")
-        if datasets.source_content(picture, picture.load(), self.objects) != content:
+        if datasets.content(picture.load()) != content:
             raise ValueError(f"picture = {name!r}: is not what it was when the run was computed")
         return picture
 

@@ -1,4 +1,4 @@
-"""Objects of a plan: how they are cut out of a picture, how fast they move, which boxes are the truth.
+"""Objects of a plan: how fast they move, which boxes are the truth.
 
 Convention: speeds are multiples of the velocity on the axes ``--dx`` and ``--dy``; of classes that cross the view at
 a road speed, km/h, to the right. Boxes are (x0, y0, x1, y1), px.
@@ -43,20 +43,15 @@ def _crossing(label: str, stated: Any) -> Crossing:
 
 @dataclass(frozen=True)
 class Objects:
-    """mattes: how targets are cut out; speeds: by class, a multiple of the velocity, 0: it stands.
+    """How objects move. speeds: by class, a multiple of the velocity, 0: it stands.
 
     crossings: by class, the road speed at which it crosses the view, whatever that velocity is: before a camera at
     rest where targets move, relative to the background where the camera tracks others.
-
-    "auto": by an annotation's segmentation where it has one, else as "grabcut", which cuts the object from its box,
-    or takes all of it (``datasets.segmentation.of_object_in``); "segmentation": that alone; "box". plates: a folder
-    with pictures of the same names, without the objects. boxes: which are the truth: where objects are at
-    mid-exposure, where they are for half of it or more, or all that they pass. Raises ``ValueError``.
+    boxes: which are the truth: where objects are at mid-exposure, where they are for half of it or more, or all that
+    they pass. Raises ``ValueError``.
     """
 
-    mattes: Literal["auto", "segmentation", "grabcut", "box"] = "auto"
     speeds: Mapping[str, Annotated[Figure, Ge(-100), Le(100)]] = field(default_factory=dict)
-    plates: str | None = None
     boxes: Literal["object", "half", "swept"] = "object"
     crossings: Mapping[str, Crossing] = field(default_factory=dict)
 

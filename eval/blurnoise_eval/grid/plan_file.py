@@ -131,7 +131,6 @@ class PlanFile(with_axes("Conditions, each as 1,5,10 or low:high", "LIST"), Taki
     )
     target: tuple[str, ...] = setting((), "only this class, and pictures with it", "CLASS")
     limit: int | None = setting(None, "only the first N pictures", "N")
-    max_megapixels: float = setting(100.0, "larger pictures are skipped, and named; up to 178")
     objects: Objects | None = setting(None, "objects that move (moves: targets, background), and their boxes")
     repeats: int | None = setting(None, "noise fields per picture (default: 1; of charts 2)")
     refine: bool = setting(True, "compute more exposures about ends of windows, but in parts")

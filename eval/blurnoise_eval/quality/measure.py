@@ -38,8 +38,8 @@ from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.files import write_records
+from blurnoise_eval.system.machine import limited_threads
 from blurnoise_eval.system.tables import finite
-from blurnoise_eval.system.threads import limited_threads
 
 DARK, BRIGHT = 0.18, 0.8
 TILT_DEG = 2.0

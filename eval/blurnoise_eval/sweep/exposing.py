@@ -36,7 +36,7 @@ from blurnoise_eval.datasets import (
     cut_out,
     eight_bit,
 )
-from blurnoise_eval.datasets.cut_scene import CutScene
+from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
@@ -153,7 +153,7 @@ class Scene:
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
-                found = cut_out(self._picture, self.image8, light, self.objects, scale)
+                found = cut_out(self._picture, light, self.objects, scale)
                 own = self._crossing()
                 beside = [own.get(place, (0.0, 0.0)) for place in found.targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets

@@ -20,7 +20,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.contract_checks import Comparison
-from blurnoise_eval.system.threads import limited_threads
+from blurnoise_eval.system.machine import limited_threads
 
 _PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0
 _BUSY = 1.25  # times as long by the clock as in CPU time

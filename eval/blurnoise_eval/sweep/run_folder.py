@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, source_content, source_identity
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Part, SweepPlan
-from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
@@ -72,10 +71,7 @@ def open_run(
         held = None
     differing = [] if held is None else differences(held, identity)
     differing += other_software(computed_by(store), [versions()]) if answered else []
-    differing += [
-        f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
-        for picture in _replaced(pictures, plan.objects, store)
-    ]
+    differing += [f"picture {picture.name!r}" for picture in _replaced(pictures, store)]
     if differing:
         raise StoreError(
             f"run = {str(store.folder)!r}: holds a run with another {listed(differing)}; "
@@ -135,22 +131,21 @@ def other_software(held: Sequence[Mapping[str, str]], here: Sequence[Mapping[str
     return list(found)
 
 
-def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[Picture]:
-    """Those that, or whose plates, are not what their cells were computed from; only where a file has changed it is
-    read."""
+def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
+    """Those that are not what their cells were computed from; only where a file has changed it is read."""
     held = store.pictures()
     for picture in (each for each in pictures if each.name in held):
-        before, identity = held[picture.name], source_identity(picture, objects)
-        if before[0] == identity:
+        before = held[picture.name]
+        if before[0] == picture.identity:
             continue
         try:
-            now = source_content(picture, picture.load(), objects)
+            now = content(picture.load())
         except UnreadablePicture:
             now = ""
         if now != before[1]:
             yield picture
         else:
-            store.note_picture(picture.name, identity, now)
+            store.note_picture(picture.name, picture.identity, now)
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import torch
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise_eval.datasets import Picture, UnreadablePicture, encode, source_content, source_identity
+from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
@@ -67,15 +67,11 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
             )
         try:
-            identity, content = (
-                source_identity(picture, work.objects),
-                source_content(picture, image, work.objects),
-            )
             scene = Scene(image, work.grey_anchor, picture, work.objects)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
-        return cls(scene, views, (identity, content, width, height, look(image)))
+        return cls(scene, views, (picture.identity, content(image), width, height, look(image)))
 
 
 class Worker:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import errno
 import io
 import json
@@ -14,6 +13,7 @@ from typing import Any
 
 from blurnoise._core.checks import one_of
 from blurnoise._core.files import check_regular, write_whole, written_whole
+from blurnoise_eval.system.tables import csv_lines
 
 __all__ = ["check_regular", "write_whole", "written_whole"]
 
@@ -27,33 +27,29 @@ def write_records(
     name: str, records: Sequence[Mapping[str, Any]], document: Mapping[str, Any], folder: Path
 ) -> None:
     """Write ``name``.csv, a row per record, and ``name``.json, each whole; raises ``OSError``."""
-    table = io.StringIO()
-    writer = csv.DictWriter(table, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_whole(folder / f"{name}.csv", table.getvalue().encode())
+    write_whole(folder / f"{name}.csv", (line.encode() for line in csv_lines([*records[0]], records)))
     write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
 
 def check_writable(path: Path) -> None:
     """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
-    _check_new(path, path.parent)
     if path.is_dir():
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    check_writable_folder(path.parent, path)
 
 
-def check_writable_folder(path: Path) -> None:
-    """Raise ``OSError`` where no file could be written into the folder, which need not be there yet."""
-    _check_new(path, next(each for each in (path, *path.absolute().parents) if each.exists()))
+def check_writable_folder(folder: Path, path: Path | None = None) -> None:
+    """Raise ``OSError`` where no file could be written into the folder, or its nearest parent if it is not there yet.
 
-
-def _check_new(path: Path, folder: Path) -> None:
-    probe = folder / f".{uuid.uuid4().hex}.probe"
+    path: what the error names in place of the folder, which must be there then.
+    """
+    there = folder if path else next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    probe = there / f".{uuid.uuid4().hex}.probe"
     try:
         probe.touch(exist_ok=False)
         probe.unlink()
     except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        raise OSError(error.errno, error.strerror, str(path or folder)) from None
 
 
 def plot_suffix(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""This machine: its processor, the cores that may be used, its system."""
+"""This machine: its processor, the cores that may be used, its system, threads of PyTorch and OpenCV."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import hashlib
 import os
 import platform
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import metadata
 from importlib.resources import files
@@ -50,6 +52,22 @@ def sources() -> str:
 def usable_cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """PyTorch and OpenCV with ``count`` threads inside, as before outside. Sessions of onnxruntime have their own."""
+    import cv2
+    import torch
+
+    before = torch.get_num_threads(), cv2.getNumThreads()
+    torch.set_num_threads(count)
+    cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before[0])
+        cv2.setNumThreads(before[1])
 
 
 def is_out_of_memory(error: BaseException) -> bool:

@@ -1,44 +1,27 @@
-"""Progress of long work: rich's bar on a terminal; elsewhere a line after 10 s, then one a minute."""
+"""Progress of long work: rich's line on a terminal; elsewhere a line after 10 s, then one a minute."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from time import monotonic
 
-from blurnoise_eval.system.terminal import plain, plain_console, say
+from blurnoise_eval.system.terminal import plain, say, text_console
 
 FIRST_S, PAUSE_S = 10.0, 60.0  # until the first line of a log, and between lines
-_WITH_BAR = 100  # columns of a terminal that has room for the bar
 
 
-class Advance:
-    """Receives how much more is done, and what to say beside that. This one shows nothing."""
+class ProgressBar:
+    """Progress of ``total`` steps, on standard error, called with how many more are done; silent unless ``shown``."""
 
-    def __call__(self, done: float) -> None:
-        """So much more is done."""
-
-    def already(self, done: float) -> None:
-        """So much was done before."""
-
-    def note(self, text: str) -> None:
-        """Say this in place of what was said before."""
-
-
-class ProgressBar(Advance):
-    """Progress of ``total`` steps, on standard error. Inside: what advances it."""
-
-    def __init__(self, label: str, total: float) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn
+    def __init__(self, label: str, total: float, shown: bool = True) -> None:
+        from rich.progress import Progress, TextColumn
         from rich.table import Column
 
-        console = plain_console(stderr=True)
-        self._label, self._note, self._is_log = plain(label), "", not console.is_terminal
+        console = text_console(stderr=True)
+        self._label, self._is_log = plain(label), shown and not console.is_terminal
         self._progress = Progress(
-            *([BarColumn(20)] if console.width >= _WITH_BAR else []),
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             console=console,
-            disable=self._is_log,
+            disable=not shown or self._is_log,
             speed_estimate_period=86_400.0,  # steps may take minutes
             get_time=monotonic,
         )
@@ -47,7 +30,7 @@ class ProgressBar(Advance):
         self._began_s = monotonic()
         self._next_line_s = self._began_s + FIRST_S
 
-    def __enter__(self) -> Advance:
+    def __enter__(self) -> ProgressBar:
         self._progress.start()
         return self
 
@@ -55,8 +38,7 @@ class ProgressBar(Advance):
         self._progress.stop()
         took_s = monotonic() - self._began_s
         if self._is_log and took_s >= FIRST_S:
-            end = "took" if kind is None else "stopped after"
-            say(self._line(f"{end} {duration_text(took_s)}"), error=True)
+            say(self._line(f"{'stopped after' if kind else 'took'} {duration_text(took_s)}"), error=True)
 
     def __call__(self, done: float) -> None:
         """So much more is done."""
@@ -72,31 +54,24 @@ class ProgressBar(Advance):
             say(line, error=True)
 
     def already(self, done: float) -> None:
-        """So much was done before."""
+        """So much was done before, which says nothing of the speed."""
         self._progress.reset(self._number, completed=int(self._task.completed + done))
 
-    def note(self, text: str) -> None:
-        """Say this at the end of the line."""
-        self._note = f"; {plain(text)}"
-        self(0)
-
     def _line(self, how: str) -> str:
-        return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}{self._note}"
+        return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}"
 
 
-def progress_bar(label: str, total: int, progress: bool | None) -> AbstractContextManager[Advance]:
-    """A bar on the terminal that what is inside advances; nothing unless ``progress``."""
-    return ProgressBar(label, total) if progress else nullcontext(Advance())
+Advance = ProgressBar
 
 
-def tell_of(advance: Advance) -> Callable[[int], None]:
-    """Takes how many workers died to the bar's line."""
-    return lambda workers: advance.note(f"{workers} worker{'s' if workers > 1 else ''} died")
+def progress_bar(label: str, total: float, progress: bool | None) -> ProgressBar:
+    """A bar that is silent unless ``progress``."""
+    return ProgressBar(label, total, bool(progress))
 
 
 def duration_text(seconds: float) -> str:
     """'40 s', '12 min', '3 h 20 min'."""
+    minutes = round(seconds / 60)
     if seconds < 90:
         return f"{seconds:.0f} s"
-    minutes = round(seconds / 60)
     return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

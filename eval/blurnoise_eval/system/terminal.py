@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 PROSE = 79
 """Columns of a paragraph."""
-LEAST_WIDTH = 20
 _PIPE_WIDTH = 10_000  # of tables, whose rows are a line each there
 
 
@@ -53,7 +52,7 @@ def width() -> int | None:
     """Columns of the terminal, or as many as COLUMNS says; None where standard output is a pipe or a file."""
     if "COLUMNS" not in os.environ and not sys.stdout.isatty():
         return None
-    return max(shutil.get_terminal_size().columns, LEAST_WIDTH)
+    return max(shutil.get_terminal_size().columns, 20)
 
 
 def paragraph(text: str, width: int | None = None, indent: int = 0, hanging: int = 0) -> list[str]:
@@ -114,20 +113,15 @@ def _lines_of(table: Table, width: int | None, *, rule: bool = True) -> list[str
     for column in table.columns:
         column.overflow = "fold"
     written = io.StringIO()
-    plain_console(file=written, width=width or _PIPE_WIDTH, color_system=None).print(table)
+    text_console(file=written, width=width or _PIPE_WIDTH, color_system=None).print(table)
     return [line.rstrip() for line in written.getvalue().splitlines()]
 
 
-def plain_console(**options: Any) -> Console:
-    """A console of rich that takes every text in what it prints, table or line, as it stands. options: rich's own."""
+def text_console(**options: Any) -> Console:
+    """A console of rich to which square brackets and colons are no markup. options: rich's own."""
     from rich.console import Console
-    from rich.text import Text
 
-    class PlainConsole(Console):
-        def render_str(self, text: str, **options: Any) -> Text:
-            return super().render_str("\n".join(map(plain, text.split("\n"))), **options)
-
-    return PlainConsole(markup=False, emoji=False, highlight=False, **options)
+    return Console(markup=False, emoji=False, highlight=False, **options)
 
 
 def accept_all_text() -> None:

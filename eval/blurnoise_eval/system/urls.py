@@ -16,12 +16,12 @@ import hashlib
 import os
 import posixpath
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 else:
     Location = Path  # as options of commands are declared; a UPath takes 0.1 s to import
 
+T = TypeVar("T")
 _EXTRAS = {"s3": "s3", "gs": "gcs", "hf": "hf", "memory": "s3"}
 """Scheme, and the extra of this package that brings what it needs. ``memory`` is of this process, for tests."""
-_SAME = {"gcs": "gs", "s3a": "s3"}
 _S3_WAITS = {"connect_timeout": 10, "read_timeout": 20, "retries": {"max_attempts": 2}}  # s, s, tries again
-_AT_ONCE = 16  # requests that only wait
+_AT_ONCE = 32  # requests that only wait
 _FEW = 200  # objects that are asked for one by one rather than by a listing of their folder
 _VERSION = ("ETag", "etag", "generation", "md5Hash", "blob_id", "LastModified", "updated", "mtime", "created")
-_MISSING = (FileNotFoundError, NotADirectoryError, PermissionError)  # S3 denies what it must not list
+_MISSING = (FileNotFoundError, NotADirectoryError)
 
 
 def is_url(text: object) -> bool:
@@ -59,20 +59,19 @@ def location(text: str | Location) -> Any:
     Raises ``ValueError`` for an unknown scheme, an address outside any bucket, a password or a query; ``OSError``
     where a package is missing.
     """
+    if not isinstance(text, str):
+        return text
     if text == "":
         raise ValueError("'': must name a file or folder")
-    if not isinstance(text, str) or not is_url(text):
-        return Path(text) if isinstance(text, str) else text
+    if not is_url(text):
+        return Path(text)
     scheme, _, rest = text.partition("://")
-    scheme, shown = _SAME.get(scheme.lower(), scheme.lower()), without_secrets(text)
-    bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
-    if scheme == "file":
-        host = urlsplit(text).netloc
-        if host in ("", "localhost"):
-            return Path(url2pathname(rest.removeprefix(host)))
-        raise ValueError(f"{shown}: must be of this machine, as file:///folder")
+    scheme, shown = scheme.lower(), without_secrets(text)
+    if scheme == "file" and urlsplit(text).netloc in ("", "localhost"):
+        return Path(url2pathname(rest.removeprefix("localhost")))
     if scheme not in _EXTRAS:
-        raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file://")
+        raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file:///")
+    bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
     if "@" in bucket or "?" in rest:
         raise ValueError(f"{shown}: must hold no user, password or query; set credentials in the environment")
     if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
@@ -123,8 +122,8 @@ def version(file: Location) -> str:
     with explained(file):
         file.fs.invalidate_cache(file.path)
         info = file.fs.info(file.path)
-    if info["type"] != "file":
-        raise FileNotFoundError(errno.ENOENT, "is a folder, no object", str(file))
+        if info["type"] != "file":
+            raise FileNotFoundError
     return _version_in(info)
 
 
@@ -154,30 +153,37 @@ def listing(folder: Location) -> dict[str, str]:
     return {name: _version_in(info) for name, info in files if _is_below(name)}
 
 
-def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
-    """Versions of the files of these names in a folder, without those that are missing or denied.
+def for_each(files: Mapping[str, Location], do: Callable[[Location], T]) -> dict[str, T]:
+    """What ``do`` returns for files, by their keys; for several at a time where they are objects.
 
+    Missing files are left out, and denied objects: so S3 says that they are missing where it must not list them.
     Raises ``OSError`` where all are denied, or storage does not answer.
     """
+    here = all(isinstance(file, Path) for file in files.values())
+    missing = _MISSING if here else (*_MISSING, PermissionError)
+
+    def attempt(file: Location) -> T | OSError:
+        try:
+            return do(file)
+        except missing as error:
+            return error
+
+    with ThreadPoolExecutor(_AT_ONCE) as pool:
+        answers = (map if here else pool.map)(attempt, files.values())
+        found = dict(zip(files, answers, strict=True))
+    denied = [each for each in found.values() if isinstance(each, PermissionError)]
+    if denied and len(denied) == len(found):
+        raise denied[0]
+    return {name: each for name, each in found.items() if not isinstance(each, OSError)}
+
+
+def versions(folder: Location, names: Collection[str]) -> dict[str, str]:
+    """Versions of the files of these names in a folder, as :func:`for_each` has them."""
     if not isinstance(folder, Path) and len(names) > _FEW:
         with suppress(PermissionError):
             every = listing(folder)
             return {name: every[name] for name in names if name in every}
-
-    tolerated = OSError if isinstance(folder, Path) else _MISSING
-
-    def ask(name: str) -> str | OSError:
-        try:
-            return version(folder / name)
-        except tolerated as error:
-            return error
-
-    with ThreadPoolExecutor(1 if isinstance(folder, Path) else _AT_ONCE) as pool:
-        found = dict(zip(names, pool.map(ask, names), strict=True))
-    denied = [each for each in found.values() if isinstance(each, PermissionError)]
-    if denied and len(denied) == len(found):
-        raise denied[0]
-    return {name: each for name, each in found.items() if isinstance(each, str)}
+    return for_each({name: folder / name for name in names}, version)
 
 
 def local_file(file: Location, beside: Sequence[str] = (), known: str | None = None) -> Path:
@@ -189,7 +195,7 @@ def local_file(file: Location, beside: Sequence[str] = (), known: str | None = N
     if isinstance(file, Path):
         return file
     wanted = {file.name: known or version(file)}
-    with suppress(PermissionError):  # S3's word for what is missing where it must not be listed
+    with suppress(PermissionError):
         wanted |= versions(file.parent, [name for name in beside if _is_below(name)])
     key = hashlib.blake2b(f"{file.parent} {sorted(wanted.items())}".encode(), digest_size=20)
     folder = cache_folder() / "objects" / key.hexdigest()
@@ -202,32 +208,13 @@ def local_file(file: Location, beside: Sequence[str] = (), known: str | None = N
 def _download(url: UPath, known: str, copy: Path) -> None:
     from blurnoise_eval.system.files import written_whole  # with blurnoise comes torch
 
-    try:
-        copy.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        why = f"{cache_folder()} cannot be written ({error.strerror}); set BLURNOISE_CACHE to another"
-        raise OSError(error.errno, why, str(url)) from None
+    copy.parent.mkdir(parents=True, exist_ok=True)
     with explained(url), written_whole(copy) as unfinished:
         url.fs.get_file(url.path, str(unfinished))
         if version(url) != known:
             raise OSError(errno.ESTALE, "has changed since it was looked up", str(url))
         if known.partition(" ")[0] not in (str(unfinished.stat().st_size), "None"):
             raise OSError(errno.EIO, "was cut off while it was read", str(url))
-
-
-def fetch_ahead(folder: Location, wanted: Mapping[str, str]) -> None:
-    """Copy objects of a folder, given by name and version, several at a time; nothing to do for a ``Path``.
-
-    What is missing or denied raises when it is read, anything else here (``OSError``).
-    """
-
-    def fetch(entry: tuple[str, str]) -> None:
-        with suppress(FileNotFoundError, PermissionError):
-            local_file(folder / entry[0], known=entry[1])
-
-    if not isinstance(folder, Path):
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
-            list(pool.map(fetch, wanted.items()))
 
 
 def cache_folder() -> Path:

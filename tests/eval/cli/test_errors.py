@@ -28,7 +28,6 @@ COMMANDS = {
         ("--ego-kmh 500", "--ego-kmh = 500.0: must be finite and >= 0 and <= 360"),
         ("--ego-kmh 50 --dx 100", "--ego-kmh: a camera that drives"),
         ("--repeats 0", "repeats = 0: must be >= 1"),
-        ("--max-megapixels 0", "max_megapixels = 0.0: must be"),
         ("--images nowhere", "--images = 'nowhere': no such folder"),
         ("--images no_pictures", "holds no picture"),
         ("--coco missing.json", "No such file"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,10 @@ from blurnoise_eval.datasets import (
     Picture,
     PictureSet,
     Target,
-    UnreadablePicture,
     check_cut,
     cut_out,
     rendered_signs,
     rendered_texts,
-    write_picture,
 )
 from blurnoise_eval.grid.objects import Objects
 
@@ -45,14 +42,14 @@ def box(x0: float, y0: float, x1: float, y1: float, **more: Any) -> Target:
 
 
 def found(picture: Picture, **how: Any) -> Any:
-    return cut_out(picture, image(), light(image()), Objects(**how))
+    return cut_out(picture, light(image()), Objects(**how))
 
 
 @pytest.mark.parametrize("rendered", [rendered_signs, rendered_texts])
 def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) -> None:
     for picture in list(rendered((64, 40), count=4)):
         seen = picture.load()
-        told = cut_out(picture, seen, light(seen), Objects(), scale=1.0)
+        told = cut_out(picture, light(seen), Objects(), scale=1.0)
         again = expose_layers(told.cut.background, told.cut.layers, exposure_s=0.0)
         assert (again - light(seen)).abs().max() < 0.0046  # half a code of 8 bits is at most so much light
         assert told.targets == (0, 1)
@@ -70,10 +67,6 @@ def test_a_segmentation_is_the_target() -> None:
     told = found(made(box(10, 10, 40, 40, annotation=TRIANGLE)))
     (layer,) = told.cut.layers
     assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
-    assert (
-        float(found(made(box(10, 10, 40, 40, annotation=TRIANGLE)), mattes="box").cut.layers[0].alpha.sum())
-        == 900
-    )
 
 
 def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
@@ -85,7 +78,7 @@ def test_what_stands_is_background() -> None:
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
     boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
     persons = [box(*corners, label="person") for corners in boxes]
-    told = found(made(box(10, 15, 50, 45), *persons), mattes="box", speeds={"person": 0.0})
+    told = found(made(box(10, 15, 50, 45), *persons), speeds={"person": 0.0})
     assert (told.targets, told.speeds) == ((2, 0, 3), (0.0, 1.0, 0.0))  # as these hide each other
 
 
@@ -106,7 +99,7 @@ def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
 
 
 def test_who_ends_further_down_is_in_front() -> None:
-    told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)), mattes="box")
+    told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)))
     assert told.targets == (1, 0, 2)
     assert [layer.place_px for layer in told.cut.layers] == [(20, 5), (5, 20), (40, 10)]
 
@@ -117,8 +110,8 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
     seen[15:45, 10:50], seen[20:55, 30:60] = 120, 230
     car, person = box(10, 15, 50, 45), box(30, 20, 60, 55, label="person")
     for speeds, rear in (({"car": 0.5}, 120), ({}, 230)):  # those that move alike never come apart
-        how = Objects(mattes="box", speeds=speeds)
-        behind, front = cut_out(made(car, person), seen, light(seen), how).cut.layers
+        how = Objects(speeds=speeds)
+        behind, front = cut_out(made(car, person), light(seen), how).cut.layers
         level = float(light(np.full((1, 1, 3), rear, np.uint8))[0, 0, 0, 0])
         torch.testing.assert_close(behind.light[:, 6:, 21:], torch.full((3, 24, 19), level))
         assert torch.equal(front.light, light(seen)[0, :, 20:55, 30:60])
@@ -126,60 +119,31 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
 
 def test_crowds_stay_and_texts_are_boxes() -> None:
     crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
-    told = found(made(crowd, text), mattes="grabcut")
+    told = found(
+        made(crowd, text),
+    )
     assert told.targets == (1,)
     assert float(told.cut.layers[0].alpha.sum()) == 200
     assert found(made()).cut.layers == ()
 
 
 def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
-    told = found(made(box(0, 0, WIDTH, HEIGHT)), mattes="box")
+    told = found(made(box(0, 0, WIDTH, HEIGHT)))
     assert torch.equal(told.cut.background, light(image()))
     assert told.cut.invented.all()
 
 
-def test_plates_are_what_is_behind(tmp_path: Path) -> None:
-    plate = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
-    write_picture(tmp_path / "a.png", plate)
-    told = cut_out(
-        made(box(10, 10, 40, 40)), image(), 2 * light(image()), Objects(plates=str(tmp_path)), scale=2.0
-    )
-    seen = torch.full((HEIGHT, WIDTH), False)
-    seen[8:42, 8:42] = True  # the target, and 2 px around it
-    torch.testing.assert_close(told.cut.background, torch.where(seen, 2 * light(plate), 2 * light(image())))
-    assert not told.cut.invented.any()
-    standing = made(box(10, 10, 40, 40), box(50, 15, 70, 35, label="person"), box(60, 45, 80, 55, crowd=True))
-    kept = found(standing, plates=str(tmp_path), mattes="box", speeds={"person": 0.0}).cut.background
-    assert torch.equal(kept[..., 45:], light(image())[..., 45:])
-    write_picture(tmp_path / "a.png", plate[1:])
-    with pytest.raises(UnreadablePicture, match=r"81 x 59 and 81 x 60 px"):
-        found(made(box(10, 10, 40, 40)), plates=str(tmp_path))
-
-
 def test_speeds_are_by_class() -> None:
     picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
-    told = found(picture, speeds={"person": 0.25}, mattes="box")
+    told = found(picture, speeds={"person": 0.25})
     assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
 
 
-def test_what_is_missing_is_said_before_anything_is_computed(tmp_path: Path) -> None:
+def test_what_is_missing_is_said_before_anything_is_computed() -> None:
     unlabelled = PictureSet("folder", "here", (Picture("a.png", None, image, "a"),))
     labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
     with pytest.raises(ValueError, match="needs to know where targets are"):
         check_cut(unlabelled, Objects())
     with pytest.raises(ValueError, match="speeds: lorry: no target is one"):
         check_cut(labelled, Objects(speeds={"lorry": 1.0}))
-    with pytest.raises(ValueError, match="mattes = 'segmentation': 1 targets have none"):
-        check_cut(labelled, Objects(mattes="segmentation"))
-    sound = made(box(10, 10, 40, 40, annotation=TRIANGLE), box(1, 1, 9, 9, crowd=True))
-    check_cut(PictureSet("coco", "here", (sound,)), Objects(mattes="segmentation"))
-    for segmentation in ([[1, 2, 3]], {"size": [60, 81], "counts": [7]}, {"counts": [7]}):
-        broken = made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))
-        with pytest.raises(UnreadablePicture, match=r"a\.png: mattes = 'segmentation': segmentation: "):
-            found(broken, mattes="segmentation")
-    other = made(box(10, 10, 40, 40, annotation={"segmentation": {"size": [2, 3], "counts": [6]}}))
-    with pytest.raises(UnreadablePicture, match=r"a\.png: mattes = 'segmentation': .*must be the picture's"):
-        found(other, mattes="segmentation")
-    with pytest.raises(ValueError, match=r"holds no 'a\.png'"):
-        check_cut(labelled, Objects(plates=str(tmp_path)))
     check_cut(labelled, Objects())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.datasets.cut_scene import CutScene
+from blurnoise_eval.datasets.cut_outs import CutScene
 
 from blurnoise import Camera, charts
 from blurnoise.blur.layers import Layer

@@ -70,10 +70,11 @@ def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
 
 
 def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
-    """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one of no size."""
+    """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one too far
+    away, one of no size."""
     outside = [[100, 0, 5, 5], [-5, 0, 5, 5], [0, 80, 5, 5], [0, -9, 5, 5]]
     across = [[99, 0, 5, 5], [-4.5, -4.5, 5, 5], [0, 79.5, 500, 500]]
-    odd = [[1, 2, float("nan"), 4], [float("-inf"), 2, float("inf"), 4], [1, 2, -3, 4]]
+    odd = [[1, 2, float("nan"), 4], [float("-inf"), 2, float("inf"), 4], [-2e6, 0, 3e6, 9], [1, 2, -3, 4]]
     entries = [{**ANNOTATION, "bbox": box} for box in (*outside, *across, *odd)]
     image = {"id": 7.0, "file_name": "a.png"}
     sized = [{**image, "width": 100, "height": 80}]
@@ -82,7 +83,7 @@ def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
     assert placed == [(99.0, 0.0), (-4.5, -4.5), (0.0, 79.5)]
     assert found.notes == (
         "4 boxes outside the picture left out",
-        "2 boxes with numbers that are not finite left out",
+        "3 boxes with numbers not finite or beyond 1e6 px left out",
         "1 box of no area left out",
         "1 box of pictures that are not listed left out",
     )
@@ -186,4 +187,7 @@ def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
     assert stop.annotation == {"points": CORNERS, "difficult": False}
     assert [target.crowd for target in unreadable] == [True, True]
     assert found.pictures[1].targets == ()
-    assert found.notes == ("1 box of no area left out", "1 box with numbers that are not finite left out")
+    assert found.notes == (
+        "1 box of no area left out",
+        "1 box with numbers not finite or beyond 1e6 px left out",
+    )

@@ -24,7 +24,9 @@ from blurnoise_eval.datasets import (
     decode,
     decode_linear,
     eight_bit,
+    folder,
     image_folder,
+    images,
     read_picture,
     rendered_signs,
     size_group,
@@ -74,13 +76,6 @@ def test_written_pictures_come_back(tmp_path: Path, dtype: type, shape: tuple[in
     assert colour.shape == (*shape[:2], 3)
     np.testing.assert_array_equal(colour[..., 1], picture if picture.ndim == 2 else picture[..., 1])
     assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
-
-
-def test_channels_are_red_green_blue(tmp_path: Path) -> None:
-    red = np.zeros((4, 6, 3), np.uint8)
-    red[..., 2] = 255  # OpenCV's order
-    cv2.imwrite(str(tmp_path / "red.png"), red)
-    assert decode(tmp_path / "red.png")[0, 0].tolist() == [255, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -162,23 +157,12 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
     }
     for name, data in contents.items():
         (tmp_path / name).write_bytes(data)
-    reasons = {
-        "empty": "0 bytes",
-        "missing": "No such file",
-        "folder": "directory",
-        "bomb": "more than 178 megapixels",
-    }
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(tmp_path / "pipe.png")
-        reasons["pipe"] = "pipe, no file"
-    for name in (
-        *contents,
-        "float.tiff",
-        "folder.png",
-        "missing.png",
-        *(["pipe.png"] if "pipe" in reasons else []),
-    ):
-        fault = reasons.get(name.partition(".")[0], "not an 8- or 16-bit")
+    os.mkfifo(tmp_path / "pipe.png")
+    for name, fault in {
+        **dict.fromkeys((*contents, "float.tiff"), "not an 8- or 16-bit"),
+        "empty.png": "0 bytes", "missing.png": "No such file", "folder.png": "directory",
+        "bomb.png": "more than 178 megapixels", "pipe.png": "pipe, no file",
+    }.items():  # fmt: skip
         with pytest.raises(UnreadablePicture, match=f"{name}: .*{fault}"):
             decode(tmp_path / name)
 
@@ -196,28 +180,16 @@ def test_a_limit_of_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     sources: list[tuple[Callable[..., PictureSet], str]] = [
         (image_folder, "."), (yolo, "."), (texts, "texts"), (bdd, "bdd.json"), (coco, "coco.json"),
     ]  # fmt: skip
+    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.3)
     for read, name in sources:
-        (picture,) = read(tmp_path / name, max_megapixels=1.3)
+        (picture,) = read(tmp_path / name)
         assert picture.load().shape == (1000, 1300, 3)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
+    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.29)
     for read, name in sources:
-        (picture,) = read(tmp_path / name, max_megapixels=1.29)
+        (picture,) = read(tmp_path / name)
         with pytest.raises(UnreadablePicture, match=r"a\.png: 1300 x 1000 px, 1 megapixels; must be at most"):
             picture.load()
-
-
-def test_a_single_pixel_and_too_many_boxes(tmp_path: Path) -> None:
-    """Each box is a row in every cell: beyond the limit a sweep would not end."""
-    write_picture(tmp_path / "a.png", pixels((1, 1)))
-    (tmp_path / "classes.txt").write_text("sign\n")
-    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_000)
-    (picture,) = yolo(tmp_path)
-    assert len(picture.targets or ()) == 20_000
-    with pytest.raises(UnreadablePicture, match="a single pixel"):
-        picture.load()
-    (tmp_path / "a.txt").write_text("0 0.5 0.5 0.5 0.5\n" * 20_001)
-    with pytest.raises(ValueError, match=r"picture 'a\.png': 20001 boxes; must be at most 20000"):
-        yolo(tmp_path)
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
@@ -289,7 +261,6 @@ def test_missing_and_empty_folders(tmp_path: Path) -> None:
             image_folder(tmp_path / name)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="file names are Unicode there")
 def test_name_that_is_no_utf8_can_be_stored(tmp_path: Path) -> None:
     try:
         (tmp_path / os.fsdecode(b"caf\xe9.png")).write_bytes(b"")
@@ -324,17 +295,16 @@ def test_size_groups_follow_the_area(width: float, height: float, group: str) ->
 
 
 @pytest.mark.parametrize(
-    ("channels", "megapixels", "fault"),
+    ("channels", "fault"),
     [
-        ({"RGB": 1.0, "Z": 0.0}, 1.0, None),
-        ({"Y": 1.0}, 1.0, None),
-        ({"Z": 1.0}, 1.0, "must have R, G, B or Y"),
-        ({"RGB": 1.0}, 1e-5, "11 x 7 px"),
-        ({"Y": -1.0}, 1.0, "negative or not finite"),
+        ({"RGB": 1.0, "Z": 0.0}, None),
+        ({"Y": 1.0}, None),
+        ({"Z": 1.0}, "must have R, G, B or Y"),
+        ({"Y": -1.0}, "negative or not finite"),
     ],
 )
 def test_light_of_openexr(
-    tmp_path: Path, channels: dict[str, float], megapixels: float, fault: str | None
+    tmp_path: Path, channels: dict[str, float], fault: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     openexr = pytest.importorskip("OpenEXR")
     light = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float16)
@@ -344,8 +314,12 @@ def test_light_of_openexr(
     openexr.File(header, {name: plane.astype(np.float16) for name, plane in planes.items()}).write(str(path))
     if fault is None:
         expected = light if "RGB" in channels else light[..., 0]
-        np.testing.assert_array_equal(decode_linear(path, megapixels), expected.astype(np.float32))
+        np.testing.assert_array_equal(decode_linear(path), expected.astype(np.float32))
+        with monkeypatch.context() as patch:
+            patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
+            with pytest.raises(UnreadablePicture, match="11 x 7 px"):
+                decode_linear(path)
         path.write_bytes(path.read_bytes()[:200])
         fault = r"a\.exr"
     with pytest.raises(UnreadablePicture, match=fault):
-        decode_linear(path, megapixels)
+        decode_linear(path)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import RENDERED_SIZE_PX, Picture, PictureSet, rendered_signs, rendered_texts
-from blurnoise_eval.datasets.backgrounds import background
+from blurnoise_eval.datasets.rendered import background
 from numpy.typing import NDArray
 
 KINDS = 4  # of backgrounds, in turn: plain, graded, 1/f, cluttered

@@ -160,7 +160,7 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None
         frame(Run(run.folder, moved), row)
 
 
-@pytest.mark.parametrize("what", ["images", "labels", "plates", "model"])
+@pytest.mark.parametrize("what", ["images", "labels", "model"])
 def test_files_outside_a_foreign_run_are_not_opened(
     what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,13 +169,10 @@ def test_files_outside_a_foreign_run_are_not_opened(
     os.mkfifo(pipe := tmp_path / "pipe")
     with Store(folder) as store:
         manifest, identity = store.about("manifest"), store.about("identity")
-        if what in ("images", "labels", "plates"):
+        if what in ("images", "labels"):
             manifest["images"] |= {"kind": "coco" if what == "labels" else "folder", "source": str(pipe)}
             name = run.pictures[0]
             store.note_picture(name, f"{name} 1 2 3 4", store.pictures()[name][1])
-        if what == "plates":
-            identity["plan"] |= {"objects": {"plates": str(pipe)}}
-            identity["plan"]["grid"] |= {"moves": [1.0]}
         if what == "model":
             manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
         store.set_about("manifest", manifest)

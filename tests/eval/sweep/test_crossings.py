@@ -105,7 +105,6 @@ def test_rows_say_each_targets_own_blur_and_the_plan_its_speed(tmp_path: Path) -
             "stop sign: kmh = 360 with width_m = 1e-06:",
         ),
         ({"speeds": {"car": 2}}, "speeds: car: no target is one"),
-        ({"mattes": "fog"}, "objects.mattes = 'fog'"),
     ],
 )
 def test_refused(objects: Any, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

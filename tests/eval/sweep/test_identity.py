@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
@@ -47,7 +46,7 @@ CHANGED: Mapping[str, Any] = {
 IN_IDENTITY = {
     "model", "contract", "dictionary", "text_detector",  # the model's sha256 and contract
     "images", "labels",  # pictures, choice of targets, annotations
-    "camera", "objects", "trajectory",  # camera, plates, and the plan
+    "camera", "objects", "trajectory",  # camera, and the plan
 }  # fmt: skip
 HARMLESS = {"split", "engine"}  # words of data.yaml; nothing that is computed
 NAMES_FILES = re.compile(r"FILE|DIR|PATH|RUN|\.onnx|\bfile\b|\bfolder\b")
@@ -74,7 +73,7 @@ def swept(run: Path, shown: PictureSet, plan: SweepPlan, part: str | None = None
 @pytest.fixture(scope="module")
 def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("cut") / "run"
-    swept(run, pictures(), cutting(mattes="segmentation"))
+    swept(run, pictures(), cutting())
     return run
 
 
@@ -97,24 +96,13 @@ def test_every_field_of_a_target_is_in_the_identity(cut: Path, name: str) -> Non
 
     with Store(cut) as store:
         camera = Camera.from_dict(store.about("manifest")["camera"])
-        model, plan = Detector(STOP_SIGN), cutting(mattes="segmentation")
+        model, plan = Detector(STOP_SIGN), cutting()
         run_folder.open_run(store, [model], camera, pictures(), plan, {})
         with pytest.raises(StoreError, match=r"another (choice of targets|annotations)"):
             run_folder.open_run(store, [model], camera, pictures(changed), plan, {})
         for harmless in run_folder.HARMLESS:
             also = replace(TARGET, annotation={**TARGET.annotation, harmless: 7})
             run_folder.open_run(store, [model], camera, pictures(also), plan, {})
-
-
-def test_a_replaced_plate_is_another_run(tmp_path: Path) -> None:
-    plan, plates = cutting(plates=str(tmp_path)), tmp_path / "a.png"
-    datasets.write_picture(plates, image())
-    swept(tmp_path / "run", pictures(), plan)
-    datasets.write_picture(plates, image())  # the same in a new file
-    swept(tmp_path / "run", pictures(), plan)
-    datasets.write_picture(plates, 255 - image())
-    with pytest.raises(StoreError, match=r"another picture 'a\.png' or its plate"):
-        swept(tmp_path / "run", pictures(), plan)
 
 
 def computed_with(run: Path, **others: str) -> None:
@@ -134,7 +122,7 @@ def test_other_software_is_named(cut: Path, tmp_path: Path, name: str) -> None:
     run = shutil.copytree(cut, tmp_path / "run")
     computed_with(run, **{name: "0.0.7"})
     with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
-        swept(run, pictures(), cutting(mattes="segmentation"))
+        swept(run, pictures(), cutting())
     with pytest.raises(StoreError, match=rf"differs from .* in software\.{name} \(.*0\.0\.7"):
         merge([cut, run], tmp_path / "merged")
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import torch
 from blurnoise_eval.system import machine
-from blurnoise_eval.system.machine import is_out_of_memory, usable_cores
+from blurnoise_eval.system.machine import is_out_of_memory, limited_threads, usable_cores
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is Linux's")
@@ -39,3 +40,17 @@ def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.M
         found.append(machine.sources.__wrapped__())
     assert found[0] == found[1] != found[2]
     assert found[0] != machine.versions()["sources"]
+
+
+def settings() -> tuple[int, int]:
+    return torch.get_num_threads(), cv2.getNumThreads()
+
+
+def test_settings_hold_inside_and_come_back() -> None:
+    before = settings()
+    with limited_threads(before[0] + 1):
+        assert settings() == (before[0] + 1, before[0] + 1)
+        with limited_threads(1):
+            assert settings() == (1, 1)
+        assert settings() == (before[0] + 1, before[0] + 1)
+    assert settings() == before

@@ -21,7 +21,7 @@ root = location("gs://{BUCKET}")
 large = root / "sub/größe b.bin"
 assert local_file(large, known=version(large)).read_bytes() == b"first"
 assert list(listing(root)) == ["a.bin", "c.bin", "sub/größe b.bin"]
-assert list(listing(location("gcs://{BUCKET}/sub/"))) == ["größe b.bin"]
+assert list(listing(location("gs://{BUCKET}/sub/"))) == ["größe b.bin"]
 assert (root / "sub").is_dir() and (root / "a.bin").is_file() and not (root / "none").exists()
 assert versions(root, ["a.bin", "none"]) == {{"a.bin": listing(root)["a.bin"]}}
 for missing in (root / "none", location("gs://other/a.bin")):

@@ -19,7 +19,7 @@ from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.work import Work, Worker
-from blurnoise_eval.system.threads import limited_threads
+from blurnoise_eval.system.machine import limited_threads
 
 T = TypeVar("T")
 Answers = Generator[tuple[Block, list[CellResult] | Exception], None, None]
