@@ -43,7 +43,7 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
         target_shares,
     )
     from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.score_tables import criterion_of
+    from blurnoise_eval.sweep.score_tables import question_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     limits = Limits(
@@ -59,9 +59,8 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder, as_json: Json =
     )
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         advance.note("reads the run")
-        inputs = inputs_of(
-            store, criterion_of(store, given.threshold, given.keep, given.score), given.cluster, given.model
-        )
+        question = question_of(store, given.threshold, given.keep, given.score, given.cluster)
+        inputs = inputs_of(store, *question, given.model)
         camera = inputs.metering.camera
         if given.least_exposure_us is None:
             limits = replace(limits, least_exposure_s=camera.row_time_s or PREGIUS_LEAST_S)

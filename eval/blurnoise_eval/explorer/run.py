@@ -32,7 +32,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import open as opened
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
-from blurnoise_eval.sweep.score_tables import asked_enough, criterion_of
+from blurnoise_eval.sweep.score_tables import question_of
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 _LABELS = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd, "text": datasets.texts}
@@ -73,15 +73,14 @@ class Run:
             self._plan, self._grid, self._batches = run.plan, run.grid, run.asked
             self._lost = run.planned.get("trajectory") if run.trajectory is None else None
             self._held = run.store.pictures()
-            self._enough = asked_enough(run.store)
-            self.criterion = criterion_of(run.store, **self._enough)
+            self.criterion, _ = question_of(run.store)
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))
 
     @cached_property
     def answer(self) -> str:
         """What the run's report opens with. Raises :class:`StoreError`."""
-        opened_with = opening(Decision(self.folder, **self._enough, progress=False).data)
+        opened_with = opening(Decision(self.folder, progress=False).data)
         notes = (f"{title}: {text}" for title, text in opened_with.notes)
         return "\n".join((*opened_with.sentences, *notes))
 
