@@ -136,7 +136,7 @@ def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> Non
     physics = (tmp_path / "physics.html").read_text(encoding="utf-8")
     assert "<math" in physics
     assert "arithmatex" not in physics
-    assert '<span class="option">--map</span>' in (tmp_path / "motion.html").read_text(encoding="utf-8")
+    assert '<span class="option">--ego-kmh</span>' in (tmp_path / "motion.html").read_text(encoding="utf-8")
     if browsers.CHROMIUM is not None:
         assert "matching documents" in _answer_from_disk(tmp_path / "index.html", "flicker")
 

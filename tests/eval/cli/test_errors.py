@@ -18,7 +18,6 @@ from blurnoise.optics.camera import Camera
 Output = pytest.CaptureFixture[str]
 
 
-ROAD = "--speed-kmh 50 --yaw-deg-s 10 --hfov-deg 60 --lens rectilinear --mount 1.5,2"
 CROSSING = "motion --speed-kmh 50 --distance-m 20 --target-width-m 1 --exposure-ms 10"
 COMMANDS = {
     "sweep -o run": [
@@ -121,26 +120,9 @@ COMMANDS = {
     ],
     CROSSING: [
         ("--width-px 100", "--hfov-deg: needed"),
-        ("--map a.png", "--distance-m, --target-width-m: go without --map"),
         ("--width-px 9 --hfov-deg 9 --speed-kmh -1", "--speed-kmh = -1"),
         ("--width-px 9 --hfov-deg 9 --distance-m 0", "--distance-m = "),
         ("--width-px 9 --hfov-deg 9 --exposure-ms nan", "--exposure-ms = "),
-    ],
-    f"motion --map a.png {ROAD}": [
-        ("--max-blur-px 0", "--max-blur-px = 0.0: must be finite and > 0"),
-        ("--mount -1", "height_m = -1.0"),
-        ("--mount 1,2,3,4", "mount = '1,2,3,4': must be M[,DEG[,DEG]]"),
-        ("--planes-m 0", "--planes-m = 0.0"),
-        ("--planes-m 1:9:1", "planes-m: at most 7"),
-        ("--hfov-deg 190", "--hfov-deg = 190"),
-        ("--exposure-ms -1", "--exposure-ms = -1.0"),
-        ("--width-px 1", "a map needs 2 px each way"),
-        ("--camera leica", "camera = 'leica'"),
-        ("--map a.txt", "suffix of a.txt"),
-        ("--map none/a.png", "none/a.png"),
-    ],
-    "motion --speed-kmh 50": [
-        ("", "--distance-m, --target-width-m, --exposure-ms, --width-px, --hfov-deg: needed"),
     ],
     "report": [("nowhere", "blurnoise sweep"), ("file", "blurnoise sweep")],
     "chart": [
