@@ -241,7 +241,7 @@ class Evaluation:
 
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
-        from blurnoise_eval.report import figures, page  # matplotlib and plotly
+        from blurnoise_eval.report import charts, page  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder, shared=True) as store:
@@ -249,7 +249,7 @@ class Evaluation:
         write_tables(self.data, self.output)
         summary = json.dumps(self.summary, indent=1)
         write_whole(self.output / "summary.json", summary.encode("utf-8"))
-        with progress_bar("draw", len(figures.figures_of(self._shown)), self._progress) as advance:
+        with progress_bar("draw", len(charts.views(self._shown)), self._progress) as advance:
             return page.write_report(self._shown, self.output, advance)
 
     @property

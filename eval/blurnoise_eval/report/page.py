@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.plots.annotate import OTHER_SCORE, drawn_example
-from blurnoise_eval.report import figures, findings, interactive, tables, words
+from blurnoise_eval.report import charts, figures, findings, tables, words
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import TABLES, RunData
 from blurnoise_eval.system.files import path_within, write_whole
@@ -42,8 +42,10 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
     """
     path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn: dict[str, bytes] = {}
-    for name, draw in figures.figures_of(data).items():
-        drawn[name] = _png(draw(data))
+    groups = data.largest_groups(MAX_GROUPS)
+    numbers = charts.numbers(data, groups)
+    for name, draw in figures.figures_of(data, groups, numbers).items():
+        drawn[name] = _png(draw())
         progress(1)
     for name, png in drawn.items():
         write_whole(folder / "figures" / name, png)
@@ -54,7 +56,6 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    groups = data.largest_groups(MAX_GROUPS)
     text = environment.get_template("report.html.j2").render(
         data=data,
         findings=findings,
@@ -62,7 +63,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         words=words,
         opening=opening(data),
         groups=groups,
-        numbers=interactive.numbers(data, groups),
+        numbers=numbers,
         examples=list(_examples(data, folder)),
         figures=list(drawn),
         files=TABLES,
