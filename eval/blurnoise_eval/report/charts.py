@@ -16,7 +16,6 @@ from blurnoise_eval.grid.axes import BLUR, MOVES, velocity_of
 from blurnoise_eval.plots.style import line_colours, spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import axis_label, word
-from blurnoise_eval.report.words import title_text
 from blurnoise_eval.scoring.scores import Score, of_conditions
 from blurnoise_eval.system.tables import finite
 
@@ -79,8 +78,8 @@ def views(data: RunData) -> list[View]:
     for place in further:
         tested, name = data.axes[place], word(data.axes[place].axis)
         if tested.axis is MOVES and tested.count > 1:
-            of = {"word": name, "file": "score_moves.png", "lines": place, "panels": (EXPOSURES,)}
-            found.append(replace(speed, **of, bands=True))
+            moved = replace(speed, word=name, file="score_moves.png", lines=place)
+            found.append(replace(moved, panels=(EXPOSURES,), bands=True))
         elif tested.count > 1:
             others = tuple(each for each in further if each != place)
             of = name, axis_label(tested.axis), f"confidence_{tested.axis.name}.png", place, EXPOSURES, others
@@ -113,13 +112,16 @@ def numbers(data: RunData, groups: list[str]) -> Row:
     most = max(
         [1.0, *(float(answer["best_value"]) for answer in data.answers)]
     )  # what is kept may be more than 1
-    measures: list[Row] = [{"name": title_text(data.criterion), "better": "higher", "most": most}]
+    title = data.criterion.title[0].upper() + data.criterion.title[1:]
+    measures: list[Row] = [{"name": title, "better": "higher", "most": most}]
     of_targets: dict[tuple[int, int], list[Any]] = {}
+    clean: dict[tuple[int, int], float | None] = {}
     windows = []
     for answer in data.answers:
         if answer["group"] not in group_of:
             continue
         whose, velocity = (models[answer["model"]], group_of[answer["group"]]), velocity_of(answer)
+        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_value"]))
         unknown = [None] * len(answer["exposures_s"])
         columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
         for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
@@ -130,26 +132,23 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         ends = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
         bars = [[*_seconds(both), _seconds(of_low), _seconds(of_high)] for both, of_low, of_high in ends]
         sure = [*map(_seconds, answer["sure_windows_s"])]
-        found = answer["verdict"] == WORKS, answer["recommended_s"], sure, bars
-        windows.append([*whose, data.at(answer, None, velocity), *found])
-    series = [
-        [0, model, group, _short(_clean(data, data.model_names[model], groups[group])), values]
-        for (model, group), values in of_targets.items()
-    ]
+        use = answer["verdict"] == WORKS, answer["recommended_s"]
+        windows.append([*whose, data.at(answer, None, velocity), *use, sure, bars])
+    series = [[0, *whose, clean[whose], values] for whose, values in of_targets.items()]
     named = [(score.name, f"{score.title} (all targets)", score.better) for score in choices(data)]
     for name, title, better in [*named, *((each, text, None) for each, text in OF_PICTURES.items())]:
         of_models: dict[str, list[Any]] = {model: [] for model in models}
         for row in data.exposed_scores:
             if (y := _short(row.get(name))) is not None:
-                ends = (_short(row.get(f"{name}{end}")) for end in ("_low", "_high"))
+                bounds = (_short(row.get(f"{name}{end}")) for end in ("_low", "_high"))
                 at = place(data.at(row, row["exposure_s"], velocity_of(row)))
-                of_models[row["model"]].append([at, y, *ends, row["n_images"]])
+                of_models[row["model"]].append([at, y, *bounds, row["n_images"]])
         for model, values in of_models.items():
-            clean = _short(data.clean_scores.get(model, {}).get(name))
-            series += [[len(measures), models[model], 0, clean, values]] * bool(values)
+            original = _short(data.clean_scores.get(model, {}).get(name))
+            series += [[len(measures), models[model], 0, original, values]] * bool(values)
         most = max([row[1] for each in of_models.values() for row in each], default=0.0)
         measures.append({"name": title, "better": better, "most": most or 1.0})
-    found = {
+    found: Row = {
         "threshold": data.criterion.level,
         "axes": [
             {"word": word(each.axis), "title": axis_label(each.axis)}
@@ -202,11 +201,3 @@ def _short(value: float | None) -> float | None:
 
 def _seconds(ends_s: Sequence[float | None]) -> list[float | None]:
     return [None if end is None else round(end, 7) for end in ends_s]
-
-
-def _clean(data: RunData, model: str, group: str) -> float | None:
-    """The score in the original pictures, in the unit of the answers: of what is kept, all."""
-    if data.criterion.kept:
-        return 1.0
-    known = (each["clean_value"] for each in data.answers if (each["model"], each["group"]) == (model, group))
-    return finite(next(known, None))

@@ -17,7 +17,15 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
 from blurnoise_eval.plots.annotate import short_text
-from blurnoise_eval.plots.style import MAX_LINES, plain_numbers, say_only, small_multiples, spread, tidy
+from blurnoise_eval.plots.style import (
+    MAX_LINES,
+    legend_above,
+    plain_numbers,
+    say_only,
+    small_multiples,
+    spread,
+    tidy,
+)
 from blurnoise_eval.report.charts import EXPOSURES, VELOCITIES, Row, x_of
 from blurnoise_eval.report.run import RunData
 
@@ -88,10 +96,7 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
         title += "; tick: the recommended exposure"
     figure.supxlabel("\n".join([view["title"], *notes, view["reading"]]), fontsize=9)
     figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the threshold)", fontsize=9)
-    columns = min(len(handles), 3 if len(keys) == 1 else 6)
-    figure.legend(
-        handles=handles, title=title, loc="outside upper center", fontsize=8, ncols=columns, frameon=False
-    )
+    legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
     return figure
 
 

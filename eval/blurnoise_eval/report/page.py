@@ -27,6 +27,7 @@ from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import TABLES, RunData
 from blurnoise_eval.system.files import path_within, write_whole
 
+_TEMPLATES = Path(__file__).parent / "templates"
 MAX_GROUPS = 12  # target groups on the page
 MAX_PICTURES = 40
 PICTURE_PX, PICTURE_BYTES = (
@@ -49,14 +50,10 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         progress(1)
     for name, png in drawn.items():
         write_whole(folder / "figures" / name, png)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    text = environment.get_template("report.html.j2").render(
+    page = folder / "report.html"
+    write_page(
+        page,
+        _TEMPLATES / "report.html.j2",
         data=data,
         findings=findings,
         tables=tables,
@@ -70,9 +67,17 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         other_score=OTHER_SCORE,
         plotly_packed=_plotly(),
     )
-    page = folder / "report.html"
-    write_whole(page, text.encode("utf-8", errors="replace"))
     return page
+
+
+def write_page(page: Path, template: Path, **shown: Any) -> None:
+    """Write what a template shows, which may include those of reports; raises ``OSError``."""
+    environment = Environment(
+        loader=FileSystemLoader([template.parent, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    text = environment.get_template(template.name).render(**shown)
+    write_whole(page, text.encode("utf-8", errors="replace"))
 
 
 @cache

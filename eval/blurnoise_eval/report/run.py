@@ -275,7 +275,7 @@ def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Row]:
             ],
             "targets": [
                 {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
-                | {name: row[name] for name in ("label", "confidence", "truth", "text", "read_confidence")}
+                | {name: row[name] for name in ("label", "confidence", "text")}
                 for row in targets
             ],
         }
