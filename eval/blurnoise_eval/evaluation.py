@@ -39,7 +39,7 @@ from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
-from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
+from blurnoise_eval.sweep.score_tables import ENOUGH, question_of
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.progress import Advance, progress_bar
 from blurnoise_eval.system.tables import plain
@@ -120,7 +120,7 @@ def evaluate(
         opened, comparisons = contracts_chosen(opened, whole, say=progress)
         facts = {"command": command, **engine_facts(engine, threads)}
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
-        store.set_about(ENOUGH, enough)
+        store.set_about(ENOUGH, {**enough, "cluster": cluster})
 
         def compute(plan: SweepPlan, advance: Advance) -> Outcome:
             how: dict[str, Any] = {"progress": advance, "resumed": advance.already}
@@ -131,7 +131,7 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
-            wanted = criterion_of(store, **enough)
+            wanted, _ = question_of(store)
             refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
     return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
@@ -144,8 +144,9 @@ class Evaluation:
     per model and condition. ``curves``: one per curve over exposure or blur, with its area and where it fails.
     ``models``: a row per model. ``answers``: one per model, target group, light and velocity: where the ``criterion``
     of ``threshold``, ``keep`` and ``score`` (as :func:`evaluate` takes them) is fulfilled, and the exposure to use.
-    ``threshold``: its level. ``outcome``: what was computed now, None for a run
-    opened again. ``cluster``: as :func:`evaluate` takes it. ``pandas.DataFrame`` takes each list as it is.
+    ``threshold``: its level. ``outcome``: what was computed now, None for a run opened again. ``cluster``: as
+    :func:`evaluate` takes it. What is not given is as the sweep was asked. ``pandas.DataFrame`` takes each list as it
+    is.
     ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
     can only be read. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
@@ -168,12 +169,11 @@ class Evaluation:
         self._run = working_folder(folder)
         self._written = self._run if output is None else working_folder(output)
         self.folder, self.output = self._run.path, self._written.path
-        self.cluster = cluster
         self.outcome = outcome
         self._progress = progress
         with Store(self.folder, shared=True) as store:
-            check_cluster(cluster, store.pictures())
-            self.criterion = criterion_of(store, threshold, keep, score)
+            self.criterion, self.cluster = question_of(store, threshold, keep, score, cluster)
+            check_cluster(self.cluster, store.pictures())
         self.threshold = self.criterion.level
 
     @cached_property
@@ -240,7 +240,7 @@ class Evaluation:
 
     def report(self) -> Path:
         """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
-        from blurnoise_eval.report import figures, page  # matplotlib and plotly
+        from blurnoise_eval.report import charts, page  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder, shared=True) as store:
@@ -248,7 +248,7 @@ class Evaluation:
         write_tables(self.data, self.output)
         summary = json.dumps(self.summary, indent=1)
         write_whole(self.output / "summary.json", summary.encode("utf-8"))
-        with progress_bar("draw", len(figures.figures_of(self._shown)), self._progress) as advance:
+        with progress_bar("draw", len(charts.views(self._shown)), self._progress) as advance:
             return page.write_report(self._shown, self.output, advance)
 
     @property

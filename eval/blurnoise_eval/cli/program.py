@@ -33,12 +33,12 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.score_tables import criterion_of
+    from blurnoise_eval.sweep.score_tables import question_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
-        criterion = criterion_of(store, given.threshold, given.keep, given.score)
-        inputs = inputs_of(store, criterion, given.cluster, given.model)
+        question = question_of(store, given.threshold, given.keep, given.score, given.cluster)
+        inputs = inputs_of(store, *question, given.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
         limits = of.Limits(

@@ -47,7 +47,7 @@ def report(
       blurnoise report run --coco                  what was found, as COCO
       blurnoise report /media/disc/run -o here     a run that can only be read
 
-    The sweep itself is not repeated.
+    The sweep itself is not repeated. What no option states is as the sweep was asked.
     """
     from blurnoise_eval.deciding.decision import Decision
     from blurnoise_eval.system.files import path_within

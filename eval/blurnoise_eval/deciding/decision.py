@@ -114,7 +114,7 @@ def decided(
         facts = {"command": command, **engine_facts(engine, threads)}
         open_run(store, models, camera, pictures, nodes, facts)
         store.set_about(_QUESTION, asdict(question))
-        store.set_about(ENOUGH, enough)
+        store.set_about(ENOUGH, {**enough, "cluster": cluster})
         of_question = question, criterion, cluster
         run = _Run(store, models, camera, pictures, nodes, *of_question, engine_kept, progress)
         run.compute()

@@ -27,7 +27,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import open as opened
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
-from blurnoise_eval.sweep.score_tables import asked_enough, criterion_of
+from blurnoise_eval.sweep.score_tables import question_of
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 USUAL = Criterion(KEPT, kept=True)
@@ -61,7 +61,7 @@ class Run:
             self.manifest, self.camera, self.objects = run.manifest, run.camera, run.objects
             self._plan, self._grid, self._batches = run.plan, run.grid, run.asked
             self._held = run.store.pictures()
-            asked = criterion_of(run.store, **asked_enough(run.store))
+            asked, _ = question_of(run.store)
         if any(model["kind"] != "detector" for model in self.manifest["models"]):
             raise ValueError(f"run = {str(folder)!r}: is of text recognisers; the explorer shows detectors")
         self.criterion = asked if asked.score == CONFIDENCE else USUAL

@@ -110,8 +110,8 @@ def maps_of(
     store: Store,
     nodes: Nodes,
     criterion: Criterion,
-    *,
     cluster: str | None = None,
+    *,
     threads: int = 1,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Maps:

@@ -6,15 +6,14 @@ import base64
 import io
 from collections import Counter
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.figure import Figure as Drawn
 
 from blurnoise_eval.paper.item import COLUMNS, NOT_RUN, VERDICTS, Figure, Outcome
 from blurnoise_eval.paper.items import NOT_COMPARED
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, tidy
+from blurnoise_eval.report.page import write_page
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -22,16 +21,10 @@ from blurnoise_eval.system.tables import csv_lines
 def write(outcomes: Sequence[Outcome], how: str, folder: Path) -> None:
     """Write paper.csv and paper.html; raises ``OSError``."""
     folder.mkdir(parents=True, exist_ok=True)
-    folders = [str(Path(__file__).parent / "templates"), str(files("blurnoise_eval.report") / "templates")]
-    environment = Environment(
-        loader=FileSystemLoader(folders), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-        lstrip_blocks=True,
-    )  # fmt: skip
-    page = environment.get_template("paper.html.j2").render(
-        outcomes=outcomes, summary=summary(outcomes), how=how, png=png, not_compared=NOT_COMPARED
-    )
     write_whole(folder / "paper.csv", (line.encode() for line in csv_lines(COLUMNS, rows_of(outcomes))))
-    write_whole(folder / "paper.html", page.encode())
+    shown = {"outcomes": outcomes, "summary": summary(outcomes), "not_compared": NOT_COMPARED}
+    template = Path(__file__).parent / "templates" / "paper.html.j2"
+    write_page(folder / "paper.html", template, how=how, png=png, **shown)
 
 
 def rows_of(outcomes: Sequence[Outcome]) -> list[dict[str, str]]:

@@ -1,14 +1,12 @@
-"""The figures of a run for print: curves and latency.
+"""The figures of a run for print: the score in each view of the page.
 
-Every function takes the run and returns a matplotlib ``Figure``. Figures hold at most ``MAX_PANELS`` panels and
-``MAX_LINES`` lines each and say so when they leave some out.
-Domain: scores in the criterion's unit, exposures in s (drawn in ms), speeds in px/s, blur in px, latency in ms per
-picture.
+Figures hold at most ``MAX_PANELS`` panels and ``MAX_LINES`` lines each and say so when they leave some out.
+Domain: as of :mod:`.charts`, whose numbers they draw.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from operator import itemgetter
 from typing import Any
@@ -18,203 +16,158 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
-from blurnoise_eval.answers.exposure_window import WORKS
-from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.plots.annotate import short_text
 from blurnoise_eval.plots.style import (
-    COLOURS,
     MAX_LINES,
-    line_colours,
+    legend_above,
     plain_numbers,
     say_only,
     small_multiples,
     spread,
     tidy,
 )
-from blurnoise_eval.report.run import Place, Point, Row, RunData
-from blurnoise_eval.report.views import EXPOSURES, View, common_windows, joined, ticks, views
-from blurnoise_eval.report.words import title_text
-from blurnoise_eval.system.tables import finite
+from blurnoise_eval.report.charts import EXPOSURES, VELOCITIES, Row, x_of
+from blurnoise_eval.report.run import RunData
 
 MAX_PANELS, MAX_COLUMNS = 12, 4
-MAX_TICKS = 8  # of an axis whose tested values are its ticks
 _BAR, _BAR_STEP = 0.05, 0.045  # of the first window below zero, and from bar to bar
 _TICKS = (0, 0.2, 0.4, 0.6, 0.8, 1.0)
-Panel = tuple[str, str, Place]  # model, group, places on the axes that have panels
+Panel = tuple[int, int, tuple[int, ...]]  # model, group, places on the axes that have panels
 
 
-def figures_of(data: RunData) -> dict[str, Callable[[RunData], Figure]]:
-    """The figures of this run by file name: one for each view that is printed, and what stands beside them."""
-    found: dict[str, Callable[[RunData], Figure]]
-    found = {view.file: partial(score_curves, view=view) for view in views(data) if view.file}
-    if len(timed(data)) > 1:
-        found["latency_robustness.png"] = latency_robustness
-    return found
+def figures_of(data: RunData, groups: Sequence[str], numbers: Row) -> dict[str, Callable[[], Figure]]:
+    """The figures of this run by file name, one for each view."""
+    return {view["file"]: partial(score_curves, data, groups, numbers, view) for view in numbers["views"]}
 
 
-def score_curves(data: RunData, view: View) -> Figure:
+def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) -> Figure:
     """The score in one view: a panel per model, group and setting, a line per value of the view's lines.
 
     Over exposure, bars below zero are the window of each velocity, pale where the pictures cannot tell, thin over
     the intervals of its ends, with a tick at the recommended exposure; the shaded range is surely in the window of
     every velocity tested there.
     """
-    held, lines = view.held(data), data.axes[view.lines]
-    panels: dict[Panel, dict[int, list[Point]]] = {}
-    grid_alone = view.along != EXPOSURES  # beside the grid, exposures refine the curves over exposure only
-    for point in data.points:
-        at = point.at
-        if grid_alone and at[EXPOSURES] >= data.axes[EXPOSURES].count:
-            continue
-        if all(at[axis] == place for axis, place in held.items()):
-            key = point.model, point.group, tuple(at[axis] for axis in view.panels)
-            panels.setdefault(key, {}).setdefault(at[view.lines], []).append(point)
-    keys, columns = _chosen(data, list(panels))
+    tested = numbers["axes"]
+    drawn = {view["along"], view["lines"], *view["panels"]}
+    held = {axis: each["count"] // 2 for axis, each in enumerate(tested) if axis not in drawn}
+    of_grid = tested[EXPOSURES]["count"]  # exposures beyond it refine the curves over exposure only
+    panels: dict[Panel, dict[int, list[Any]]] = {}
+    for measure, model, group, _, rows in numbers["series"]:
+        for place, *values in rows if measure == 0 else ():
+            at = numbers["conditions"][place]
+            if view["along"] != EXPOSURES and at[EXPOSURES] >= of_grid:
+                continue
+            if all(at[axis] == middle for axis, middle in held.items()):
+                key = model, group, tuple(at[axis] for axis in view["panels"])
+                line = panels.setdefault(key, {}).setdefault(at[view["lines"]], [])
+                line.append((x_of(view, tested, at), *values))
+    keys, columns = _chosen(list(panels))
     cell = (3.5 if columns < MAX_COLUMNS else 3.0, 2.7)
     around = max(5.0, cell[0] * columns) + 0.4 - cell[0] * columns
     figure, grid = small_multiples(max(1, len(keys)), columns, cell, (around, 1.5), sharey=True)
     if not keys:
         say_only(grid[0], "No targets in these pictures.")
         return figure
-    tested = sorted({at for key in keys for at in panels[key]})
-    shown = spread(tested, MAX_LINES)
-    colours = line_colours("plasma" if view.lines == EXPOSURES else "viridis", len(shown))
-    style = "o" if not joined(data, view) else "-" if data.manifest.get("searched") else "o-"
+    every = sorted({at for key in keys for at in panels[key]})
+    shown, of_lines = spread(every, MAX_LINES), tested[view["lines"]]
+    colours = {place: of_lines["colours"][place] for place in shown}
+    style = "o" if not view["joined"] else "-" if data.manifest.get("searched") else "o-"
     for key, axes in zip(keys, grid, strict=True):
-        for place, colour in zip(shown, colours, strict=True):
-            line = [(view.x(data, p.at), p.y, p.low, p.high) for p in panels[key].get(place, ())]
-            _draw_line(axes, line, style, colour, lines.texts[place], bands=view.bands)
-        _frame(data, view, axes, key, max(point.n_targets for line in panels[key].values() for point in line))
-        if view.along == EXPOSURES:
-            _draw_windows(data, view, axes, key, dict(zip(shown, colours, strict=True)))
-    texts = [data.axes[axis].texts[place] for axis, place in held.items() if data.axes[axis].count > 1]
+        for place, colour in colours.items():
+            line = sorted(panels[key].get(place, ()), key=itemgetter(0))
+            _draw_line(axes, line, style, colour, of_lines["texts"][place], bands=view["bands"])
+        model, group, at = key
+        texts = [tested[axis]["texts"][place] for axis, place in zip(view["panels"], at, strict=True)]
+        n_targets = max(point[-1] for line in panels[key].values() for point in line)
+        titles = [short_text(data.model_names[model], 36)] * (len(data.model_names) > 1)
+        titles += [short_text(groups[group], 36), " · ".join([*texts, f"n = {n_targets}"])]
+        _frame(axes, view, numbers, "\n".join(titles))
+        if view["along"] == EXPOSURES:
+            _draw_windows(axes, numbers, key, colours)
+    texts = [tested[axis]["texts"][place] for axis, place in held.items() if tested[axis]["count"] > 1]
     notes = [f"Held: {' · '.join(texts)}."] * bool(texts)
-    for what, count, of in (("panels", len(keys), len(panels)), ("lines", len(shown), len(tested))):
+    known = {answer["group"] for answer in data.answers}
+    parts = ("groups of targets", len(groups), len(known)), ("panels", len(keys), len(panels))
+    for what, count, of in (*parts, ("lines", len(shown), len(every))):
         notes += [f"{count} of {of} {what} shown."] * (count < of)
-    handles, title = grid[0].get_legend_handles_labels()[0], lines.axis.title
-    if view.along == EXPOSURES:
+    handles, title = grid[0].get_legend_handles_labels()[0], of_lines["word"].capitalize()
+    if view["along"] == EXPOSURES:
         handles.append(Patch(color="0.5", alpha=0.2, label="surely in the window at every speed"))
         title += "; tick: the recommended exposure"
-    figure.supxlabel("\n".join([view.title, *notes, view.reading]), fontsize=9)
-    figure.supylabel(f"{title_text(data.criterion)} (dashed: the threshold)", fontsize=9)
-    columns = min(len(handles), 3 if len(keys) == 1 else 6)
-    figure.legend(
-        handles=handles, title=title, loc="outside upper center", fontsize=8, ncols=columns, frameon=False
-    )
+    figure.supxlabel("\n".join([view["title"], *notes, view["reading"]]), fontsize=9)
+    figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the threshold)", fontsize=9)
+    legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
     return figure
 
 
-def _draw_line(
-    axes: Axes, line: Sequence[Sequence[Any]], style: str, colour: str, label: str, *, bands: bool = True
-) -> None:
-    """Draw (x, y, low, high), with the intervals, where there are any, as a band or as bars."""
-    line = sorted(line, key=itemgetter(0))
+def _draw_line(axes: Axes, line: Sequence[Any], style: str, colour: str, label: str, *, bands: bool) -> None:
+    """Draw (x, y, low, high, count), with the intervals, where there are any, as a band or as bars."""
     axes.plot([p[0] for p in line], [p[1] for p in line], style, color=colour, ms=3.2, lw=1.4, label=label)
     if bounded := [p for p in line if None not in p]:
-        x, _, low, high = zip(*bounded, strict=True)
+        x, _, low, high, _ = zip(*bounded, strict=True)
         if bands:
             axes.fill_between(x, low, high, color=colour, alpha=0.16, lw=0)
         else:
             axes.vlines(x, low, high, color=colour, alpha=0.45, lw=0.8)
 
 
-def _chosen(data: RunData, every: Sequence[Panel]) -> tuple[list[Panel], int]:
-    """At most ``MAX_PANELS`` panels, a row for a model and one of the largest groups; how many stand in a row."""
+def _chosen(every: Sequence[Panel]) -> tuple[list[Panel], int]:
+    """At most ``MAX_PANELS`` panels, a row for a model and group; how many stand in a row."""
     settings = spread(sorted({key[2] for key in every}), MAX_COLUMNS)
-    known = {key[:2] for key in every}
-    rows = [(name, group) for group in data.largest_groups(MAX_PANELS) for name in data.model_names]
-    rows = [row for row in rows if row in known][: MAX_PANELS // max(1, len(settings))]
-    rows.sort(key=lambda row: data.model_names.index(row[0]))
+    rows = sorted({key[:2] for key in every}, key=lambda row: row[::-1])
+    rows = sorted(rows[: MAX_PANELS // max(1, len(settings))])
     keys = [(*row, setting) for row in rows for setting in settings if (*row, setting) in every]
     return keys, len(settings) if len(settings) > 1 else min(3, max(1, len(keys)))
 
 
-def _frame(data: RunData, view: View, axes: Axes, key: Panel, n_targets: int) -> None:
+def _frame(axes: Axes, view: Row, numbers: Row, title: str) -> None:
     """Title, scales and level of one panel."""
-    model, group, at = key
-    texts = [data.axes[axis].texts[place] for axis, place in zip(view.panels, at, strict=True)]
-    lines = [short_text(model, 36)] * (len(data.model_names) > 1)
-    lines += [short_text(group, 36), f"{' · '.join([*texts, f'n = {n_targets}'])}"]
-    tidy(axes, title="\n".join(lines))
-    axes.set_ylim(-0.03, 1.03 * data.highest)
+    tidy(axes, title=title)
+    axes.set_ylim(-0.03, 1.03 * numbers["measures"][0]["most"])
     axes.set_yticks(_TICKS)
-    axes.axhline(data.criterion.level, color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
-    if view.scale == "symlog":
-        axes.set_xscale("symlog", linthresh=1)
-        plain_numbers(axes.xaxis)
-        axes.set_xlim(left=-0.08)
-    elif (shown := ticks(data, view, MAX_TICKS)) is not None:
-        axes.set_xscale(view.scale)
-        axes.set_xticks([x for x, _ in shown], [text for _, text in shown])
-    elif view.scale == "log":
-        low, high = (1e3 * end(data.axes[EXPOSURES].values) for end in (min, max))
+    axes.axhline(numbers["threshold"], color="0.25", lw=0.9, ls=(0, (4, 3)), zorder=1)
+    low, high = view["range"]
+    if view["scale"] == "log":
         axes.set_xscale("log")
-        axes.set_xlim(low / 1.15, high * 1.15)
-        plain_numbers(axes.xaxis, digits=(1, 2, 5) if high / low < 30 else (1, 3))
+        low, high = 10**low, 10**high
+        plain_numbers(axes.xaxis, digits=(1, 2, 5) if high / low < 40 else (1, 3))
+    if view["ticks"] is not None:
+        axes.set_xticks(*zip(*view["ticks"], strict=True))
+    axes.set_xlim(low, high)
     axes.xaxis.set_minor_locator(NullLocator())
 
 
-def _draw_windows(data: RunData, view: View, axes: Axes, key: Panel, colours: dict[int, str]) -> None:
-    answers = [
-        (place, answer)
-        for answer in data.answers
-        if (answer["model"], answer["group"]) == key[:2]
-        for _, place, *setting in [data.at(answer, None, velocity_of(answer))]
-        if tuple(setting) == key[2]
-    ]
-    for first, last in common_windows([answer["sure_windows_s"] for _, answer in answers]):
+def _draw_windows(axes: Axes, numbers: Row, key: Panel, colours: dict[int, str]) -> None:
+    of_panel = [row for row in numbers["windows"] if (row[0], row[1], tuple(row[2][2:])) == key]
+    for first, last in common_windows([sure for *_, sure, _ in of_panel]):
         axes.axvspan(1e3 * first, 1e3 * last, color="0.5", alpha=0.13, lw=0)
-    for place, answer in answers:
-        if place not in colours:
+    for *_, at, works, chosen_s, _, bars in of_panel:
+        if at[VELOCITIES] not in colours:
             continue
-        y, colour = -_BAR - _BAR_STEP * list(colours).index(place), colours[place]
-        first, last = answer["exposures_s"][0], answer["exposures_s"][-1]
-        alpha = 0.75 if answer["verdict"] == WORKS else 0.25
-        for low, high in answer["windows_s"]:
+        y = -_BAR - _BAR_STEP * list(colours).index(at[VELOCITIES])
+        colour = colours[at[VELOCITIES]]
+        for low, high, *bounds in bars:
+            alpha = 0.75 if works else 0.25
             axes.plot([1e3 * low, 1e3 * high], [y, y], color=colour, lw=3, alpha=alpha, solid_capstyle="butt")
-        for low, high in (*answer["windows_low_s"], *answer["windows_high_s"]):
-            if low is not None or high is not None:
-                ends = first if low is None else low, last if high is None else high
-                axes.plot([1e3 * end for end in ends], [y, y], color=colour, lw=1)
-        if answer["recommended_s"] is not None:
-            axes.plot(1e3 * answer["recommended_s"], y, "|", color="black", ms=6, mew=1.3)
+            for ends in bounds:
+                if any(end is not None for end in ends):
+                    axes.plot(_ends_ms(ends, numbers["axes"][EXPOSURES]["x"]), [y, y], color=colour, lw=1)
+        if chosen_s is not None:
+            axes.plot(1e3 * chosen_s, y, "|", color="black", ms=6, mew=1.3)
     axes.set_ylim(bottom=-0.07 - _BAR_STEP * len(colours))
 
 
-def pareto_front(points: Sequence[tuple[float, float]]) -> list[bool]:
-    """For each (cost, gain), whether no other point costs no more, gains no less and betters it in one of both."""
+def _ends_ms(ends_s: Sequence[float | None], tested_ms: Sequence[float]) -> list[float]:
+    """An interval up to the tested exposures where it has no end."""
     return [
-        not any(c <= cost and g >= gain and (c, g) != (cost, gain) for c, g in points)
-        for cost, gain in points
+        end(tested_ms) if each is None else 1e3 * each for each, end in zip(ends_s, (min, max), strict=True)
     ]
 
 
-def timed(data: RunData) -> list[Row]:
-    """The models that have both a latency and an mPC."""
-    return [row for row in data.models if None not in (finite(row["latency_ms"]), finite(row["mpc"]))]
-
-
-def latency_robustness(data: RunData) -> Figure:
-    """mPC with its interval against the median latency per picture.
-
-    Filled points, joined, are the Pareto front: no other model is faster and as robust, or as fast and more
-    robust.
-    """
-    figure, (axes,) = small_multiples(1, 1, (6.0, 4.0), (0.0, 0.0))
-    points = [(row["latency_ms"], row["mpc"]) for row in timed(data)]
-    best = pareto_front(points)
-    front = sorted(point for point, is_best in zip(points, best, strict=True) if is_best)
-    axes.plot(*zip(*front, strict=True), "-", color="0.7", lw=1)
-    for row, at, is_best in zip(timed(data), points, best, strict=True):
-        colour = COLOURS[0] if is_best else "0.45"
-        low, high = (finite(row.get(f"mpc_{end}")) for end in ("low", "high"))
-        if low is not None and high is not None:
-            axes.vlines(at[0], low, high, color=colour, lw=1, alpha=0.6)
-        axes.plot(*at, "o", color=colour, mfc=colour if is_best else "white", ms=6)
-        name = short_text(row["model"], 28)
-        axes.annotate(name, at, (5, 6), fontsize=8, textcoords="offset points", parse_math=False)
-    label = "Median latency of one picture / ms; filled: Pareto front"
-    tidy(axes, x=label, y="mPC, with its 95 % interval")
-    axes.margins(0.2)
-    axes.set_xlim(left=0)
-    return figure
+def common_windows(windows_s: Iterable[Sequence[Sequence[float]]]) -> list[tuple[float, float]]:
+    """The ranges, in s, that lie inside a window of every list; empty where there is none."""
+    first, *others = [[(low, high) for low, high in windows] for windows in windows_s] or [[]]
+    for windows in others:
+        overlaps = [(max(a, c), min(b, d)) for a, b in first for c, d in windows]
+        first = [(low, high) for low, high in overlaps if low <= high]
+    return first

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
@@ -23,21 +23,15 @@ from blurnoise_eval.system.tables import finite
 
 MAX_MODELS = 4
 MAX_ROWS, MAX_SPEEDS = 8, 3  # of the table in a terminal
-HARDLY_KNOWN = 0.1
-"""Mean score in the original pictures below which targets are named: what is kept of so little tells little."""
 MARKS = {SURE: "sure", FAILS: "no", CANNOT_TELL: "?"}
 Row = Mapping[str, Any]
 
 
-class Cell(NamedTuple):
-    """The exposure to use under one light, at one speed or at all: '3 ms 0.88 sure', and the interval."""
-
-    text: str
-    verdict: str
-    interval: str
-
-
-TableRow = tuple[str, tuple[Cell | None, ...]]
+Cell = tuple[str, str, list[str]]
+"""Of a table: its class, its text, and lines in small print."""
+TableRow = tuple[str, str, list[Cell]]
+"""Its name, a note on it, its cells."""
+UNTESTED: Cell = "", "–", []
 
 
 @dataclass(frozen=True)
@@ -45,7 +39,7 @@ class Opening:
     """What comes first.
 
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
-    table of light x speed, a first cell of text and :class:`Cell` (None: not tested); legend: what its marks mean.
+    table of light x speed, of the exposures to use: '3 ms 0.88 sure'; legend: what its marks mean.
     notes: (title, text) of what limits, and of what would make the answer surer.
     """
 
@@ -215,8 +209,8 @@ class _OfModel:
         rows = []
         for light in self.lights:
             own = [light] * several + [cells.get((key(light), speed)) for speed in self.speeds]
-            found = tuple(None if row is None else self._cell(row) for row in own)
-            rows.append((" · ".join(self._setting_texts(light)), found))
+            found = [UNTESTED if row is None else self._cell(row) for row in own]
+            rows.append((" · ".join(self._setting_texts(light)), "", found))
         title = "light" if len(self.axes) == 1 else "setting"
         return (title, *["any speed"] * several, *map(self._speed_text, self.speeds)), tuple(rows)
 
@@ -225,7 +219,7 @@ class _OfModel:
         if row[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row[GAIN.name]).removeprefix('gain ')}"
         interval = "" if row["low"] is None else f"{row['low']:.2f}–{row['high']:.2f}"
-        return Cell(f"{use} {row['value']:.2f} {MARKS[verdict]}", verdict, interval)
+        return MARKS[verdict], f"{use} {row['value']:.2f} {MARKS[verdict]}", [interval]
 
     def limits(self) -> str:
         """What holds back the conditions in which no exposure works, the most frequent first; else what ends the
@@ -240,13 +234,6 @@ class _OfModel:
                 places += [text(own.pop())] if len(own) == 1 < len(every) else []
             where = f" at {joined(places)}".replace("at at rest", "at rest") if places else ""
             parts.append(limit_text(limit) + where)
-        clean = {answer["group"]: answer["clean_value"] or 0.0 for answer in self.answers}
-        weak = [group for group, value in clean.items() if self.data.criterion.kept and value < HARDLY_KNOWN]
-        if weak and len(clean) > 1:
-            values = joined([f"{clean[group]:.2f}" for group in weak])
-            parts.append(
-                f"{joined(weak)} counts like the others, though it scores only {values} in the originals"
-            )
         if parts:
             return "; ".join(parts) + "."
         ends = []
@@ -275,9 +262,6 @@ def table_rows(shown: Opening, most: int, speeds: int) -> tuple[list[str], list[
     """Heads and rows of text for a terminal, of at most so many rows and speeds; how many cells are left out."""
     kept = [*range(len(shown.heads))[:2], *spread(range(2, len(shown.heads)), speeds)]
     rows = spread(shown.rows, most)
-    text = [[("-" if each is None else each.text) for each in cells] for _, cells in rows]
-    text = [
-        [name, *(own[place - 1] for place in kept[1:])] for (name, _), own in zip(rows, text, strict=True)
-    ]
+    text = [[name, *(cells[place - 1][1] for place in kept[1:])] for name, _, cells in rows]
     hidden = len(shown.rows) * (len(shown.heads) - 1) - len(rows) * (len(kept) - 1)
     return [shown.heads[place] for place in kept], text, hidden

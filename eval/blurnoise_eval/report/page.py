@@ -22,11 +22,12 @@ from matplotlib.figure import Figure
 from plotly.offline import get_plotlyjs
 
 from blurnoise_eval.plots.annotate import OTHER_SCORE, drawn_example
-from blurnoise_eval.report import figures, findings, interactive, tables, words
+from blurnoise_eval.report import charts, figures, findings, tables, words
 from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import TABLES, RunData
 from blurnoise_eval.system.files import path_within, write_whole
 
+_TEMPLATES = Path(__file__).parent / "templates"
 MAX_GROUPS = 12  # target groups on the page
 MAX_PICTURES = 40
 PICTURE_PX, PICTURE_BYTES = (
@@ -42,36 +43,41 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
     """
     path_within(folder, "figures").mkdir(parents=True, exist_ok=True)
     drawn: dict[str, bytes] = {}
-    for name, draw in figures.figures_of(data).items():
-        drawn[name] = _png(draw(data))
+    groups = data.largest_groups(MAX_GROUPS)
+    numbers = charts.numbers(data, groups)
+    for name, draw in figures.figures_of(data, groups, numbers).items():
+        drawn[name] = _png(draw())
         progress(1)
     for name, png in drawn.items():
         write_whole(folder / "figures" / name, png)
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    groups = data.largest_groups(MAX_GROUPS)
-    text = environment.get_template("report.html.j2").render(
+    page = folder / "report.html"
+    write_page(
+        page,
+        _TEMPLATES / "report.html.j2",
         data=data,
         findings=findings,
         tables=tables,
         words=words,
         opening=opening(data),
         groups=groups,
-        numbers=interactive.numbers(data, groups),
+        numbers=numbers,
         examples=list(_examples(data, folder)),
         figures=list(drawn),
         files=TABLES,
         other_score=OTHER_SCORE,
         plotly_packed=_plotly(),
     )
-    page = folder / "report.html"
-    write_whole(page, text.encode("utf-8", errors="replace"))
     return page
+
+
+def write_page(page: Path, template: Path, **shown: Any) -> None:
+    """Write what a template shows, which may include those of reports; raises ``OSError``."""
+    environment = Environment(
+        loader=FileSystemLoader([template.parent, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    text = environment.get_template(template.name).render(**shown)
+    write_whole(page, text.encode("utf-8", errors="replace"))
 
 
 @cache

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +41,7 @@ from blurnoise_eval.sweep.refining import exposures_of_grid
 from blurnoise_eval.sweep.run_scores import models_withheld, run_scores
 from blurnoise_eval.sweep.score_tables import dark_below, run_averages, score_tables
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.tables import csv_lines, finite
+from blurnoise_eval.system.tables import csv_lines
 
 _FINE = 12  # predicted exposures for each curve over blur
 _LISTED = 8  # labels that a warning names
@@ -51,20 +51,6 @@ TABLES = (
 """What stands beside the page; the last two are exports of the store."""
 Row = dict[str, Any]
 Tables = Iterator[ScoreTable]
-Place = tuple[int, ...]
-
-
-class Point(NamedTuple):
-    """The score of one model in one target group and condition (its places on the run's axes), with its 95 %
-    interval if there is one."""
-
-    model: str
-    group: str
-    at: Place
-    y: float
-    low: float | None
-    high: float | None
-    n_targets: int
 
 
 @dataclass(frozen=True)
@@ -113,11 +99,6 @@ class RunData:
         return self.criterion.level if by_level else FOUND_SCORE
 
     @cached_property
-    def highest(self) -> float:
-        """The greatest value of all answers, at least 1: what is kept may be more than that."""
-        return max([1.0, *(float(answer["best_value"]) for answer in self.answers)])
-
-    @cached_property
     def settings(self) -> Settings:
         """The settings that were tested."""
         return Settings([*self.answers, *self.exposed_scores])
@@ -161,23 +142,6 @@ class RunData:
     def model_names(self) -> list[str]:
         """The run's models, in its order."""
         return [model["name"] for model in self.manifest["models"]]
-
-    @cached_property
-    def points(self) -> list[Point]:
-        """The measured points of all answers; none where nothing was measured."""
-        found = []
-        for answer in self.answers:
-            unknown = [None] * len(answer["exposures_s"])
-            columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
-            velocity = velocity_of(answer)
-            for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
-                y, low, high = map(finite, values)
-                if y is not None:
-                    at: Any = self.at(answer, exposure_s, velocity)
-                    found.append(
-                        Point(answer["model"], answer["group"], at, y, low, high, answer["n_targets"])
-                    )
-        return found
 
     def largest_groups(self, count: int) -> list[str]:
         """At most ``count`` target groups, those with most targets, in the order of the answers."""
@@ -311,7 +275,7 @@ def _examples(store: Store, manifest: Mapping[str, Any]) -> Iterator[Row]:
             ],
             "targets": [
                 {"box_xyxy": [row[edge] for edge in ("x0", "y0", "x1", "y1")]}
-                | {name: row[name] for name in ("label", "confidence", "truth", "text", "read_confidence")}
+                | {name: row[name] for name in ("label", "confidence", "text")}
                 for row in targets
             ],
         }

@@ -1,6 +1,6 @@
-"""The tables of the page: the exposures to use, the models, the answers for each kind of target.
+"""Tables of the page: the models, and the answers for each kind of target.
 
-A row is its name, a note on it, and cells of (class, text, lines in small print). Texts are plain, never markup.
+Texts are plain, never markup.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 from blurnoise_eval.answers.exposure_window import NONE_WORKS, WORKS
 from blurnoise_eval.grid.axes import velocity_of
 from blurnoise_eval.plots.style import spread
-from blurnoise_eval.report.opening import MARKS, Opening
+from blurnoise_eval.report.opening import Cell, TableRow
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.words import answer_lines, counted
 from blurnoise_eval.scoring.scores import Score, of_models
@@ -18,18 +18,6 @@ from blurnoise_eval.system.tables import finite
 
 MAX_SETTINGS = 24  # rows of one target group
 Row = dict[str, Any]
-Cell = tuple[str, str, list[str]]
-TableRow = tuple[str, str, list[Cell]]
-
-
-def lights(opening: Opening) -> list[TableRow]:
-    """The exposure to use under each light, at any speed and at each."""
-    untested: Cell = "", "–", []
-    rows = (
-        (name, [c and (MARKS[c.verdict], c.text, [c.interval]) for c in cells])
-        for name, cells in opening.rows
-    )
-    return [(name, "", [cell or untested for cell in cells]) for name, cells in rows]
 
 
 def model_rows(data: RunData) -> list[TableRow]:

@@ -33,11 +33,6 @@ def reached_text(value: str, criterion: Criterion) -> str:
     return f"keeps {value} of its {criterion.noun}" if criterion.kept else f"reaches {criterion.noun} {value}"
 
 
-def title_text(criterion: Criterion) -> str:
-    """What the values are, as a title: 'Mean confidence', 'Kept AP50'."""
-    return criterion.title[0].upper() + criterion.title[1:]
-
-
 def counted(count: int, noun: str) -> str:
     """'1 picture', '24 pictures'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

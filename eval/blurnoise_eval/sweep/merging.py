@@ -16,6 +16,7 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import read_truth, write_instances
 from blurnoise_eval.sweep.open import Batch, Run, ask
 from blurnoise_eval.sweep.run_folder import computed_by, differences, listed, other_software
+from blurnoise_eval.sweep.score_tables import ENOUGH
 from blurnoise_eval.system.files import write_whole, written_whole
 
 
@@ -51,6 +52,9 @@ def merge(
             "identity": identity,
             "manifest": {**parts[0].manifest, "images": images, "command": origin},
         }
+        questions = [part.store.about(ENOUGH) for part in parts]
+        if all(each == questions[0] for each in questions):
+            about[ENOUGH] = questions[0]
         try:
             with written_whole(output, over=False) as folder:
                 write_instances(folder, truth)

@@ -30,27 +30,34 @@ from blurnoise_eval.sweep.coco_export import truths
 from blurnoise_eval.sweep.run_scores import RunScores, run_scores
 
 ENOUGH = "enough"
-"""Under which a run's store keeps what was asked to be enough last."""
+"""Under which a run's store keeps what its sweep was asked last: threshold, keep, score and cluster."""
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
-def criterion_of(
-    store: Store, threshold: float | None = None, keep: float | None = None, score: str | None = None
-) -> Criterion:
-    """The criterion of a run, see :func:`.criterion_for`. Raises ``StoreError`` for none that began."""
+def question_of(
+    store: Store,
+    threshold: float | None = None,
+    keep: float | None = None,
+    score: str | None = None,
+    cluster: str | None = None,
+) -> tuple[Criterion, str | None]:
+    """The criterion of a run, see :func:`.criterion_for`, and the pattern of its clusters: as given here, and for the
+    rest as its sweep was asked. A threshold replaces a share to keep, and the other way round.
+
+    Raises ``StoreError`` for a run that never began.
+    """
     manifest = store.about("manifest")
     if manifest is None:
         raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
     reads = any(model["kind"] == "reader" for model in manifest["models"])
     rendered = manifest["images"]["kind"] == "rendered"
     labelled = manifest["images"]["labelled"]
-    return criteria.criterion_for(threshold, keep, score, rendered=rendered, reads=reads, labelled=labelled)
-
-
-def asked_enough(store: Store) -> dict[str, Any]:
-    """What was asked to be enough when the run was computed: threshold, keep and score; none of an old run."""
-    held: dict[str, Any] = store.about(ENOUGH) or {}
-    return held
+    asked: dict[str, Any] = store.about(ENOUGH) or {}
+    if threshold is None and keep is None:
+        threshold, keep = asked.get("threshold"), asked.get("keep")
+    of = {"rendered": rendered, "reads": reads, "labelled": labelled}
+    found = criteria.criterion_for(threshold, keep, score or asked.get("score"), **of)
+    return found, cluster or asked.get("cluster")
 
 
 def score_tables(

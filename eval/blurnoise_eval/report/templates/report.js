@@ -30,10 +30,10 @@ const xAxis = ({title, scale, ticks, range}) => ({...axisStyle, title: {text: ti
 // What is chosen; the axes that a chart does not use stand at the value of their select.
 function chosen() {
   const value = id => Number(byId(id)?.value ?? 0);
-  const view = views[value("view")], up = views[value("up")], measure = value("measure");
+  const view = views[value("view")], up = value("up"), measure = value("measure");
   const besides = used => axes.map((_, axis) => axis).filter(axis => !used.includes(axis));
   return {view, up, measure, group: measure ? 0 : value("group"),
-    held: besides([view.along, view.lines]), mapHeld: besides([EXPOSURE, up.along])};
+    held: besides([view.along, view.lines]), mapHeld: besides([EXPOSURE, up])};
 }
 const selectOf = axis => document.querySelector(`[data-axis="${axis}"]`);
 const standing = (rows, held) => rows.filter(({at}) => held.every(axis => at[axis] === Number(selectOf(axis)?.value ?? 0)));
@@ -61,16 +61,19 @@ function lineTraces(line, name, colour, now) {
   return traces;
 }
 
-// Bars below zero: windows of each line, and the intervals of their ends.
+// Bars below zero: windows of each line, the intervals of their ends, and a tick at the exposure to use.
 function windowBars(model, now) {
   const bars = [], ms = axes[EXPOSURE].x, [first, last] = [Math.min(...ms) / 1e3, Math.max(...ms) / 1e3];
-  for (const [of, group, at, low, high, sure, bounds] of run.windows) {
+  for (const [of, group, at, works, chosen, , windows] of run.windows) {
     const line = at[now.view.lines], y = -0.05 - 0.035 * line, colour = axes[now.view.lines].colours[line];
     if (of !== model || group !== now.group || !standing([{at}], now.held).length) continue;
     const bar = (from, to, half, opacity) => bars.push({type: "rect", x0: 1e3 * from, x1: 1e3 * to, y0: y - half, y1: y + half,
       line: {width: 1, color: colour}, fillcolor: colour, opacity});
-    bar(low, high, 0.011, sure ? 1 : 0.35);
-    for (const [from, to] of bounds) if (from !== null || to !== null) bar(from ?? first, to ?? last, 0.002, 1);
+    for (const [low, high, ...bounds] of windows) {
+      bar(low, high, 0.011, works ? 1 : 0.35);
+      for (const [from, to] of bounds) if (from !== null || to !== null) bar(from ?? first, to ?? last, 0.002, 1);
+    }
+    if (chosen !== null) bars.push({type: "line", x0: 1e3 * chosen, x1: 1e3 * chosen, y0: y - 0.018, y1: y + 0.018, line: {width: 2, color: "#000"}});
   }
   return bars;
 }
@@ -92,41 +95,24 @@ function drawCurve(panel, now) {
   Plotly.react(panel.curve, traces, {...layout, xaxis: xAxis(view), yaxis, shapes}, config);
 }
 
-// A heat map has a column per exposure; up, a tile around each tested value, its edges half-way to its neighbours.
-function tilesOf(rows, up) {
-  const speeds = [...new Set(axes[VELOCITY].x)].sort((a, b) => a - b);
-  const place = at => ofBlur(up) ? height(blurOf(at)) : up.along === VELOCITY ? speeds.indexOf(xOf(up, at)) : at[up.along];
-  const labels = up.along === VELOCITY ? speeds.map(String) : axes[up.along].texts, most = ofBlur(up) ? 0.25 : 0.5, tiles = [];
-  for (let column = 0; column < axes[EXPOSURE].count; column++) {
-    const own = rows.filter(p => p.at[EXPOSURE] === column), places = [...new Set(own.map(p => place(p.at)))].sort((a, b) => a - b);
-    places.forEach((y, i) => {
-      const same = own.filter(p => place(p.at) === y), reach = other => Math.min(most, Math.abs((other ?? Infinity) - y) / 2);
-      tiles.push({column, from: y - reach(places[i - 1]), to: y + reach(places[i + 1]), p: same[0], several: same.length,
-        value: same.reduce((sum, p) => sum + p.y, 0) / same.length});
-    });
-  }
-  return {tiles, labels};
-}
-
+// A heat map has a column per exposure of the grid and a row per value of another axis.
 function drawMap(panel, now) {
-  const {up, measure} = now, {name, better, most} = measures[measure], exposures = axes[EXPOSURE];
-  const {tiles, labels} = tilesOf(standing(seriesOf(panel.model, now).rows, now.mapHeld), up);
+  const {up, measure} = now, {name, better, most} = measures[measure];
+  const tiles = standing(seriesOf(panel.model, now).rows, now.mapHeld).filter(({at}) => at[EXPOSURE] < axes[EXPOSURE].count);
   const t = Math.min(Math.max(run.threshold / most, 0.01), 0.99);
   const colorscale = !measure ? [[0, "#8c4a0b"], [t - 0.001, "#fbeedd"], [t, "#d5e5f1"], [1, "#1f5f99"]]
     : better === "lower" ? [[0, "#faf5ee"], [1, "#8c4a0b"]] : [[0, "#f1f5f9"], [1, "#1f5f99"]];
   // A tile cannot tell where its interval holds the threshold, or there is none.
-  const unsure = ({p, several}) => !measure && several === 1 && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
-  const text = ({p, several, value}) => (several > 1 ? `mean of ${several} conditions: ${value.toFixed(3)}<br>` : "") + hover(p, now);
-  const thinned = (texts, every) => ({tickvals: texts.map((_, i) => i).filter(i => i % every === 0), ticktext: texts.filter((_, i) => i % every === 0)});
-  const columns = exposures.texts.slice(0, exposures.count).map(label => label.replace(" ms", ""));
-  Plotly.react(panel.map, [{type: "bar", x: tiles.map(({column}) => column), width: 0.96,
-    base: tiles.map(({from}) => from), y: tiles.map(({from, to}) => to - from),
-    text: tiles.map(tile => tile.value.toFixed(2) + (unsure(tile) ? "?" : "")), customdata: tiles.map(text),
+  const unsure = p => !measure && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
+  const ticks = ({title, texts, count}, most) => {
+    const shown = texts.slice(0, count).map((_, i) => i).filter(i => i % Math.ceil(count / most) === 0);
+    return {...axisStyle, title: {text: title, standoff: 8}, showgrid: false, range: [-0.5, count - 0.5], tickvals: shown, ticktext: shown.map(i => texts[i])};
+  };
+  Plotly.react(panel.map, [{type: "bar", x: tiles.map(({at}) => at[EXPOSURE]), width: 0.96, base: tiles.map(({at}) => at[up] - 0.5), y: tiles.map(() => 1),
+    text: tiles.map(p => p.y.toFixed(2) + (unsure(p) ? "?" : "")), customdata: tiles.map(p => hover(p, now)),
     texttemplate: "%{text}", hovertemplate: "%{customdata}<extra></extra>", textposition: "inside", insidetextanchor: "middle", textangle: 0,
-    marker: {color: tiles.map(tile => tile.value), colorscale, cmin: 0, cmax: most, line: {color: "#fff", width: 0.8}}}], {
-    ...layout, barmode: "overlay", uniformtext: {minsize: 10, mode: "hide"},
-    xaxis: {...axisStyle, title: {text: views[0].title}, showgrid: false, ...thinned(columns, Math.ceil(columns.length / 12))},
-    yaxis: {...xAxis(up), type: "linear", showgrid: false, ...(ofBlur(up) ? {range: [up.range[0] - 0.2, up.range[1] + 0.2]} : {range: [-0.5, labels.length - 0.5], ...thinned(labels, Math.ceil(labels.length / 16))})}}, config);
+    marker: {color: tiles.map(p => p.y), colorscale, cmin: 0, cmax: most, line: {color: "#fff", width: 0.8}}}], {
+    ...layout, barmode: "overlay", uniformtext: {minsize: 10, mode: "hide"}, xaxis: ticks(axes[EXPOSURE], 8), yaxis: ticks(axes[up], 16)}, config);
 }
 
 function addPlot(parent, title, kind) {
@@ -159,7 +145,7 @@ function layWords({view, up, measure, held, mapHeld}) {
   const text = axesHeld => axesHeld.filter(axis => axis <= VELOCITY && several(axis)).map(axis => `, at ${axes[axis].texts[Number(selectOf(axis).value)]}`).join("");
   byId("reading").textContent = `One line per ${axes[view.lines].word}${text(held)}. ${view.reading} Dotted: the original pictures. `
     + (measure ? "Of all targets together." : "Dashed: the threshold.");
-  byId("map-axes").textContent = `exposure × ${up.word}`;
+  byId("map-axes").textContent = `exposure × ${axes[up].word}`;
   byId("colours").textContent = `${measures[measure].name}, for the choice above: a column per exposure${text(mapHeld)}. ` + (measure ? "Darker is more."
     : `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold, or there is none.`);
   axes.forEach((_, axis) => {
