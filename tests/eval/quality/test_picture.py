@@ -189,12 +189,25 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 
 
-def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path: Path, capsys: Output) -> None:
-    (row,) = told(capsys, raw(tmp_path / "edge.png", charts.slanted_edge(80, 80)), *RAW)["regions"]
+@pytest.mark.parametrize("coded", [False, True], ids=["linear", "sRGB"])
+def test_no_noise_leaves_no_number_that_would_have_no_bound(
+    tmp_path: Path, capsys: Output, coded: bool
+) -> None:
+    """Of sRGB 8 bits the levels are fractions, whose rounding made a CNR of 1e31."""
+    path, out = tmp_path / "edge.png", tmp_path / "edges.csv"
+    if coded:
+        assert main(["chart", "slanted-edge", "-o", str(path)]) == 0
+        capsys.readouterr()
+    else:
+        raw(path, charts.slanted_edge(80, 80))
+    (row,) = told(capsys, path, *(() if coded else RAW), "--csv", out)["regions"]
     assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
+    read = pd.read_csv(out).iloc[0]
     for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_integral", "snri"):
-        assert row[name] is None
+        assert row[name] is row[f"{name}_low"] is row[f"{name}_high"] is None, name
+        assert math.isnan(read[name])
     assert "no noise" in row["flags"]
+    assert "no noise" in read["flags"]
 
 
 def test_figures_show_four_edges_and_every_region() -> None:

@@ -191,6 +191,18 @@ def test_without_light_nothing_is_available_but_why() -> None:
             assert row.estimate.flags, row.metric
 
 
+def test_without_noise_what_rests_on_it_is_withheld_with_a_flag() -> None:
+    """Shot noise of 0.02 DN rounds to none."""
+    silent: Any = {"read_noise_e": 0.0, "prnu": 0.0, "dsnu_e": 0.0, "dark_current_e_s": 0.0}
+    camera = replace(
+        CAMERA, full_well_e=1e8, system_gain_dn_per_e=2.4e-6, black_level_dn=0.0, bit_depth=8, **silent
+    )
+    rows = measured(swept((0.1,), (5e4,), (0.0,)), camera)
+    for row in rows:
+        assert row.estimate.told or "noiseless" in row.record()["flags"], row.metric
+    assert not reading(rows, "edge_snr_db", 0.1).told
+
+
 def test_motion_beyond_the_chart_is_withheld() -> None:
     rows = measured(swept((0.03,), (LUX,), (0.0,), (5000.0,)))
     for metric in ("mtf50_x", "sic_radial_x", "sic_square", "snri"):
