@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, NewFolder, settings
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.grid.axes import AXES, EGO, MOVES
+from blurnoise_eval.grid.plan_file import WHAT, PlanFile, with_axes
+from blurnoise_eval.grid.settings import setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -12,14 +16,28 @@ USUAL = {
     "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
     "lux": "5,50,500",
     "dx": "0,200,500,1000",
+    "dy": "0",
     "gain": "0",
 }
+_AXES = tuple(replace(each, auto="") for each in AXES)  # charts have no one mean that a camera would meter
 
 
-@settings(PlanFile, "camera", "*", save=False)
+@dataclass(frozen=True)
+class ChartPlan(with_axes(USUAL, axes=_AXES), PlanFile):  # type: ignore[misc]  # its fields are those of the table
+    """A plan whose camera and axes are this command's where none are stated."""
+
+    camera: str | None = setting(
+        None, "a preset or a file; see 'blurnoise cameras' (default: imx250m)", "NAME|FILE", panel=WHAT,
+        complete="cameras",
+    )  # fmt: skip
+
+
+@settings(
+    ChartPlan, "camera", *(each.key for each in _AXES if each.name not in (MOVES.name, EGO.name)), save=False
+)
 def quality(
     *,
-    given: PlanFile,
+    given: ChartPlan,
     output: NewFolder,
     as_json: Json = False,
 ) -> None:
@@ -29,10 +47,9 @@ def quality(
       blurnoise quality -o quality                     5, 50 and 500 lux
       blurnoise quality -o quality --camera mine.yaml --lux 20 --dx 0,100
 
-    Unless told otherwise, exposures of 0.5 to 90 ms, 5, 50 and 500 lux, 0 to 1000 px/s, gain 0 and two noise
-    fields per chart. Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light a
-    picture in DIR/figures: every metric against exposure, a line per speed. Where a number is not available
-    (saturated, lost in noise, blurred beyond its chart) the flags say why.
+    Each chart has two noise fields unless the plan states repeats. Writes DIR/quality.csv (a row per condition and
+    metric), DIR/quality.json, and per light a picture in DIR/figures: every metric against exposure, a line per
+    speed. Where a number is not available (saturated, lost in noise, blurred beyond its chart) the flags say why.
     """
     camera = given_by.camera(given.camera, given.cfa, colour=False)
     workers = given_by.threads(given.threads)

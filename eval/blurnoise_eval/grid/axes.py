@@ -27,10 +27,10 @@ class Axis:
     ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
     unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: where it stands
     when nobody states it. default: what a sweep tests if not told; empty: its own.
-    automatic: it may be left to the camera, as ``AUTOMATIC``. text: for captions, unit included; slug: for file
-    names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails
-    for good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files.
-    without: axes whose default gives way where this one is stated.
+    auto: what the camera does where it is left to it, as ``AUTOMATIC``; empty: it cannot be. text: for captions,
+    unit included; slug: for file names. logarithmic: how it is drawn. fails: more of it is worse, so a curve over
+    it has a point at which it fails for good. choices: of an axis of names; its values are their places, 0, 1, ...,
+    and names in options and files. without: axes whose default gives way where this one is stated.
     """
 
     name: str
@@ -48,10 +48,15 @@ class Axis:
     positive: bool = False
     logarithmic: bool = False
     fails: bool = False
-    automatic: bool = False
+    auto: str = ""
     default: tuple[float, ...] = ()
     choices: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+
+    @property
+    def automatic(self) -> bool:
+        """Whether it may be left to the camera."""
+        return bool(self.auto)
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
         """``values`` sorted, each once; "auto" is ``AUTOMATIC`` where that is allowed, a choice may be a name.
@@ -138,9 +143,9 @@ _MOVE = ("all moves", "targets move", "background moves")
 
 AXES: tuple[Axis, ...] = (
     Axis(
-        "exposure_s", "exposure_s", "--exposure-ms",
-        "exposure times, ms; auto: as the camera sets it for each picture", "Exposure", "ms",
-        1e-3, 0.0, 3600.0, own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True, automatic=True,
+        "exposure_s", "exposure_s", "--exposure-ms", "exposure times, ms", "Exposure", "ms",
+        1e-3, 0.0, 3600.0, own=lambda camera: math.nan, positive=True, logarithmic=True, fails=True,
+        auto="as the camera sets it for each picture",
         text=lambda value: "automatic exposure" if value == AUTOMATIC else f"{milliseconds(value)} ms",
         slug=lambda value: "auto" if value == AUTOMATIC else f"{1e3 * value:g}ms",
         default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
@@ -181,8 +186,8 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "gain_db", "gain_db", "--gain",
-        "dB, analogue as far as the camera goes, then digital; auto: for each picture what brings its mean to 18 %",
-        "Gain", "dB", 1.0, -120.0, 120.0, own=lambda camera: 0.0, automatic=True, default=(AUTOMATIC,),
+        "dB, analogue as far as the camera goes, then digital", "Gain", "dB", 1.0, -120.0, 120.0,
+        own=lambda camera: 0.0, auto="for each picture what brings its mean to 18 %", default=(AUTOMATIC,),
         text=lambda value: "automatic gain" if value == AUTOMATIC else f"gain {value:g} dB",
         slug=lambda value: "auto" if value == AUTOMATIC else f"{value:g}dB",
     ),

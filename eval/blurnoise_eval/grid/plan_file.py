@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.grid.axes import AXES, Axis
 from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
@@ -21,18 +21,24 @@ CONDITIONS = "Conditions, each as 1,5,10, start:stop:step or low:high"
 MODEL_TIMEOUT_S = 60.0
 
 
-def with_axes(usual: Mapping[str, str] | None = None, metavar: str = "LIST", panel: str = CONDITIONS) -> Any:
+def with_axes(
+    usual: Mapping[str, str] | None = None,
+    metavar: str = "LIST",
+    panel: str = CONDITIONS,
+    axes: tuple[Axis, ...] | None = None,
+) -> Any:
     """Settings with a field for each axis, named as its option; usual: what it is unless stated, by that name, in
     place of what a sweep tests."""
-    fields = []
-    for each in AXES:
+    fields, axes = [], AXES if axes is None else axes
+    for each in axes:
         default = each.default_text if usual is None else usual.get(each.key, "")
-        about = f"{each.about} (default: {default})" if default else each.about
+        about = f"{each.about}; auto: {each.auto}" if each.auto else each.about
+        about = f"{about} (default: {default})" if default else about
         kind = "NAME" if each.choices and metavar == "NUMBER" else metavar
         shown = f"auto|{kind}" if each.automatic else kind
         made = setting(None, about, shown, panel=panel, check=each.values)
         fields.append((each.key, "float | str | list[float | str] | None", made))
-    return make_dataclass("Axes", fields, bases=(Settings,), frozen=True, namespace={"AXES": AXES})
+    return make_dataclass("Axes", fields, bases=(Settings,), frozen=True, namespace={"AXES": axes})
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
+from blurnoise_eval.grid.axes import EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.files import write_records
@@ -301,13 +301,7 @@ def measure(
 
 
 def check(camera: Camera, plan: SweepPlan) -> None:
-    """Raise ``ValueError`` for conditions that the camera cannot take, or a gain that is left to it.
-
-    Its meter would set another for every chart.
-    """
-    for name in plan.grid:
-        if AUTOMATIC in plan.values(name):
-            raise ValueError(f"{name} = 'auto': must be numbers; charts have no one mean to meter")
+    """Raise ``ValueError`` for conditions that charts or the camera cannot take."""
     if plan.cuts:
         raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
     if any(plan.values(EGO.name)):

@@ -145,7 +145,7 @@ def test_a_camera_that_drives_takes_the_place_of_the_usual_motion(monkeypatch: p
 def test_a_new_axis_is_one_entry(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
     """Its option, its setting and its values follow."""
     fog = replace(axis("gain_db"), name="fog_m", option="--fog-km", about="how far one sees")
-    fog = replace(fog, per_option=1e3, automatic=False, default=(1e3, 2e3))
+    fog = replace(fog, per_option=1e3, default=(1e3, 2e3))
     monkeypatch.setattr(plan_file, "AXES", (*AXES, fog))
     asked: list[Any] = []
 

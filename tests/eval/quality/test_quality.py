@@ -353,6 +353,15 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
     assert len(pd.read_csv(tmp_path / "q" / "quality.csv")) == told["rows"]
 
 
+def test_help_shows_this_commands_defaults_and_offers_nothing_else(capsys: Output) -> None:
+    assert main(["quality", "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for usual in ("0.5,1,2,5,10,15,20,30,45,60,90", "5,50,500", "0,200,500,1000", "0", "imx250m"):
+        assert f"(default: {usual})" in shown
+    for other in ("auto", "1,30,1000,20000", "--moves", "--ego-kmh", "of the pictures"):
+        assert other not in shown
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [
@@ -361,7 +370,9 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
         (["--camera", "nosuch"], "nosuch"),
         (["--camera", "hdr.yaml"], "captures"),
         (["--threads", "0"], "threads"),
-        (["--gain", "0,auto"], "--gain ="),
+        (["--gain", "0,auto"], "--gain = '0,auto': must be numbers"),
+        (["--exposure-ms", "auto"], "--exposure-ms = 'auto': must be numbers"),
+        (["--moves", "targets"], "moves: must be all"),
     ],
 )
 def test_wrong_input_is_one_line(
