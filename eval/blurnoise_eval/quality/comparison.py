@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.luminance import LUMINANCE
 from blurnoise_eval.datasets import Image
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE
-from blurnoise_eval.quality.picture import Coding, Linear
+from blurnoise_eval.quality.linear import Coding, Linear, linear
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
@@ -88,13 +87,13 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
         raise ValueError(f"simulated is {one}; real {other}: must be alike, of the same chart")
     if min(simulated.shape[:2]) < SMALLEST_PX:
         raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
-    return measuring.linear(simulated, coding, **levels), measuring.linear(real, coding, **levels)
+    return linear(simulated, coding, **levels), linear(real, coding, **levels)
 
 
 def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
     """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures; and notes."""
     notes = list(dict.fromkeys(note for light in pair for note in light.notes))
-    shares = np.stack([_share(light) for light in pair])
+    shares = np.stack([light.grey / (light.full_scale - light.black_level) for light in pair])
     noise = _noise(shares)
     if not noise:
         notes.append("no squares that are even in both pictures: noise is not compared")
@@ -109,13 +108,6 @@ def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
     quantities = [mean, *noise, *sharpness, *_octaves(shares, white if noise else None)]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
     return [replace(each, chance=wider * each.chance) for each in quantities], notes
-
-
-def _share(light: Linear) -> Floats:
-    """(H, W), shares of full scale above black."""
-    planes = light.picture.numpy()
-    grey = np.tensordot(np.array(LUMINANCE), planes, 1) if len(planes) == 3 else planes[0]
-    return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 
 def _noise(shares: Floats) -> list[Quantity]:

@@ -1,6 +1,6 @@
 """Slanted edges that can be measured, found in a picture of a chart or of anything else.
 
-Domain: linear pictures (C, H, W), C = 1 or 3, finite. A line detector proposes, :func:`slanted_edge` and a check of
+Domain: linear pictures, finite. A line detector proposes, :func:`slanted_edge` and a check of
 what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width, height), px.
 
 An edge nearer to horizontal is handled in the transposed picture, so that below every edge runs down its region.
@@ -12,18 +12,15 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from blurnoise._core.luminance import LUMINANCE
-from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics import Flag, SlantedEdge
 from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.metrics.values import Roi
+from blurnoise_eval.quality.linear import Linear
 
 SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""
@@ -79,16 +76,16 @@ class _Box:
         return (left, top, right - left, bottom - top) if large_enough else None
 
 
-def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) -> Found:
+def find_edges(light: Linear) -> Found:
     """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
 
-    picture: (C, H, W) linear floats; full_scale and black_level as for :func:`slanted_edge`. Edges are
+    Edges are
     ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they miss
     phases; regions grow as far as the sides stay even. The same picture gives the same regions.
     """
     kept: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
-    frames = [_Frame(each, full_scale, black_level) for each in (picture, picture.mT)]
+    frames = [_Frame(each) for each in (light, light.transposed)]
     for lying, line in _lines(frames[0].plane):
         alike = [(roi, known) for roi, other, known in kept if other == lying]
         if any(_crosses(line, roi) for roi, _ in alike):
@@ -119,19 +116,14 @@ def _crosses(line: Segment, roi: Roi) -> bool:
 class _Frame:
     """The picture, upright or transposed, as the edges in it see it."""
 
-    def __init__(self, picture: Tensor, full_scale: float, black_level: float) -> None:
-        self.picture, self.full_scale, self.black_level = picture, full_scale, black_level
-        weights = picture.new_tensor(LUMINANCE if len(picture) == 3 else [1.0])
-        plane = torch.einsum("chw,c->hw", picture, weights).sub(black_level).float()
-        self.plane: NDArray[np.float32] = np.ascontiguousarray(plane.numpy())
+    def __init__(self, light: Linear) -> None:
+        self.light, self.plane = light, np.ascontiguousarray(light.grey, np.float32)
 
     def grown(self, line: Segment) -> Roi | Flag:
         """The largest region about ``line`` in which the edge can be used, or why there is none."""
         _, top, _, bottom = line
-        spare = (bottom - top) / 4
         why = []
-        # a blurred corner begins before its line ends
-        for ends_px in (_END_PX, spare) if spare > _END_PX else (_END_PX,):
+        for ends_px in sorted({_END_PX, max(_END_PX, (bottom - top) / 4)}):  # a blurred corner begins earlier
             box, edge = self._widest(_Box(line, top + ends_px, bottom - ends_px))
             if not isinstance(edge, Flag):
                 box = self._stretched(box, float(edge.distance_px[-1]))
@@ -144,9 +136,7 @@ class _Frame:
         roi = box.roi(*self.plane.shape)
         if roi is None:
             return Flag.REGION_TOO_SMALL
-        levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
-        found = slanted_edge(self.picture, roi=roi, bootstrap=0, **levels)
-        edge = found[0] if isinstance(found, list) else found
+        edge = self.light.edge(roi)
         if bad := edge.flags & UNUSABLE:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
@@ -226,20 +216,17 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
         return []
     shown = np.sqrt(np.clip((plane - low) / (high - low), 0, 1)).astype(np.float32)
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
-    longer = max(plane.shape)
-    scale = min(1.0, _FINEST_PX / longer)
+    scales = [min(1.0, _FINEST_PX / max(plane.shape))]
+    while max(plane.shape) * scales[-1] >= 2 * _COARSEST_PX:
+        scales.append(scales[-1] / 2)
     found: set[tuple[bool, Segment]] = set()
-    while True:
+    for scale in scales:
         size = tuple(max(1, round(side * scale)) for side in plane.shape[::-1])
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
         segments = detector.detect((255 * small).round().astype(np.uint8))[0]
-        every = np.asarray([] if segments is None else segments, np.float64).reshape(-1, 4) / scale
-        for x0, y0, x1, y1 in every:
+        for x0, y0, x1, y1 in np.reshape([] if segments is None else segments, (-1, 4)) / np.float64(scale):
             lying = bool(abs(x1 - x0) > abs(y1 - y0))
             (top, first), (bottom, last) = sorted([(x0, y0), (x1, y1)] if lying else [(y0, x0), (y1, x1)])
             if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
                 found.add((lying, (first, top, last, bottom)))
-        scale /= 2
-        if longer * scale < _COARSEST_PX:
-            break
     return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]

@@ -1,7 +1,6 @@
 """A picture's slanted edges in numbers: sharpness, contrast, noise and what both leave of the information.
 
-Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit, made linear here; frequencies in cycles/px.
-Regions are (left, top, width, height), px.
+Domain: linear pictures; frequencies in cycles/px. Regions are (left, top, width, height), px.
 """
 
 from __future__ import annotations
@@ -9,53 +8,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
-
-import numpy as np
-import torch
-from torch import Tensor
+from typing import Any, NamedTuple
 
 from blurnoise._core import checks
-from blurnoise._core.files import read_samples
-from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
+from blurnoise.metrics import Flag, SlantedEdge, information
 from blurnoise.metrics.edge.measurement import Mode
-from blurnoise.metrics.values import CLIPPED_SHARE, Estimate, Roi
-from blurnoise.optics.colour import linear_from_srgb
-from blurnoise_eval.datasets import Image
+from blurnoise.metrics.values import Estimate, Roi
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.quality.linear import Linear
 from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.tables import finite
 
-Coding = Literal["auto", "srgb", "linear"]
-
 LARGEST_TARGET_PX = 64
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
 _DOUBTS = {
     "noiseless": "no noise: what is measured against it has no bound",
     information.NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it "
     "for white",
 }
 """Flags of numbers, in words."""
-_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
 _RESAMPLES = 200
-_FEWEST_LEVELS = 255  # of a converter
-
-
-@dataclass(frozen=True)
-class Linear:
-    """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
-
-    notes: what had to be assumed, a sentence each.
-    """
-
-    picture: Tensor
-    full_scale: float
-    black_level: float
-    unit: Literal["DN", "of white"]
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -78,16 +49,13 @@ class Pair(NamedTuple):
     target: Square
 
 
-def _edge(measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
-    return lambda pair: measure(pair.edge)
-
-
-def _both(measure: Callable[[SlantedEdge, SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
-    return lambda pair: measure(pair.edge, pair.second)  # in either order: seen from the side all is the same
-
-
 def _scalar(name: str) -> Callable[[Pair], Estimate]:
     return lambda pair: pair.edge.estimate(name)
+
+
+def _of(measure: Callable[..., Estimate], edges: int) -> Callable[[Pair], Estimate]:
+    """A number of the edge, or of both in either order: seen from the side all is the same."""
+    return lambda pair: measure(*pair[:edges])
 
 
 def _square_snr(pair: Pair) -> Estimate:
@@ -105,10 +73,12 @@ EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
     Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
     Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
     Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
-    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _edge(information.capacity_radial)),
-    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _both(information.capacity_square)),
-    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _edge(information.neq_0), "log"),
-    Metric("neq_integral", "NEQ sum", "quanta/px", "all frequencies", _both(information.neq_integral), "log"),
+    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _of(information.capacity_radial, 1)),
+    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _of(information.capacity_square, 2)),
+    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _of(information.neq_0, 1), "log"),
+    Metric(
+        "neq_integral", "NEQ sum", "quanta/px", "all frequencies", _of(information.neq_integral, 2), "log"
+    ),
     Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
 )
 """The numbers of a region in their order: a new one is a line here."""
@@ -141,81 +111,12 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-class Oecf(NamedTuple):
-    """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
-
-    numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
-    """
-
-    numbers: tuple[float, ...]
-    light: tuple[float, ...]
-
-
-def read_oecf(path: Path) -> Oecf:
-    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-    Raises ``OSError``, and ``ValueError`` for other content.
-    """
-    oecf = Oecf(*read_samples(path, 1, "a digital number"))
-    for name, values in oecf._asdict().items():
-        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-        if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
-    return oecf
-
-
-def linear(
-    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
-    oecf: Oecf | None = None,
-) -> Linear:  # fmt: skip
-    """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
-
-    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
-    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
-    coding, and for numbers that do not fit.
-    """
-    bits = 8 * picture.itemsize
-    planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
-    levels = {"black_level": black_level, "full_scale": full_scale}
-    given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
-    if oecf is not None:
-        if given or coding != "auto":
-            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
-        least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
-        light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
-        note = f"made linear by a grey scale of {len(oecf.light)} fields"
-        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
-    notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
-    coded = coding == "srgb" or (coding == "auto" and bits == 8)
-    if coding == "auto":
-        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
-        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
-        notes.append(f"{bits} bits: taken as {usual}")
-    if coded and given:
-        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
-    if coded:
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
-    largest, most = float(planes.max()), 2.0**bits - 1
-    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
-    if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
-        full_scale = largest  # that of a converter of fewer bits
-        notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
-    top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
-    if largest > top:
-        raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
-    black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
-    if full_scale is None and largest <= most / 4:
-        text = f"full scale taken as {most:g}, the largest number is {largest:g}"
-        notes.append(f"{text}: clipping at fewer bits goes unseen without --full-scale")
-    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
-
-
 def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
     """The regions of ``light`` that hold a usable slanted edge, and a note on what was passed over.
 
     Raises ``ValueError`` that says what was looked for where there is none.
     """
-    found = find_edges(light.picture, full_scale=light.full_scale, black_level=light.black_level)
+    found = find_edges(light)
     if not found.rois:
         reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
         raise ValueError(
@@ -234,11 +135,7 @@ def measure(
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    scale: Any = {"full_scale": light.full_scale, "black_level": light.black_level}
-    edges: list[SlantedEdge] = []
-    for roi in rois:
-        edge = slanted_edge(light.picture, mode=mode, roi=roi, bootstrap=_RESAMPLES, **scale)
-        edges += edge if isinstance(edge, list) else [edge]
+    edges = [light.edge(roi, mode, _RESAMPLES) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
