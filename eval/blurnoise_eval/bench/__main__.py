@@ -54,7 +54,7 @@ def bench(
     """Measure on this machine: who does the same work, in which time and with which error.
 
       blur     ways to blur by straight motion, beside Kornia and OpenCV
-      motion   ways to move an object, a picture, its rows or its road
+      motion   ways to move a picture, its rows or its road
       noise    ways to draw a noisy digital number, beside the exact law
       edges    ways to measure MTF50 of a slanted edge
       decide   the search of 'blurnoise decide' beside grids: conditions asked, and how far off the windows are

@@ -1,4 +1,4 @@
-"""Benches of motion: ways to blur a picture, and to move an object, a camera, its rows or its road.
+"""Benches of motion: ways to blur a picture, and to move a camera, its rows or its road.
 
 Units: errors in 8-bit sRGB numbers, RMS off the borders, against 256 moments of a picture rendered four times finer.
 Convention: px, x right, y down.
@@ -9,17 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import cv2
 import kornia
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise import Camera, Layer, motion_blur
+from blurnoise import Camera, motion_blur
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.ego import Vehicle, View
@@ -38,7 +37,6 @@ _GLOBAL = Camera(
     name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0, full_well_e=1e4,
     system_gain_dn_per_e=0.4, read_noise_e=2.0, black_level_dn=0.0, bit_depth=12, width_px=WIDTH, height_px=HEIGHT,
 )  # fmt: skip
-_SIGN_PX, _SIGN_MOVES_PX = 64, (30.6, 9.4)
 _ROLLED_PX_S = (900.0, -500.0)
 _SPEED_M_S = 100.0 / 3.6
 _MARGIN_PX = 36  # of the border, which is not compared
@@ -52,8 +50,8 @@ def blur(*, quick: bool) -> Contest:
 
 
 def motion(*, quick: bool) -> Contest:
-    """What moves in its own way: a hand, an object before a background, the rows of a rolling shutter, a road."""
-    cases = [_object] if quick else [_hand_shake, _object, _rolling_shutter, _road]
+    """What moves in its own way: a hand, the rows of a rolling shutter, a road."""
+    cases = [_hand_shake] if quick else [_hand_shake, _rolling_shutter, _road]
     return _contest("motion", "Things that move", cases)
 
 
@@ -68,84 +66,45 @@ def straight(length_px: float) -> Case:
     shown, where = picture(), _uniformly(moved[0] / EXPOSURE_S, moved[1] / EXPOSURE_S)
     ways = [
         Contender("motion_blur", lambda: motion_blur(shown, moved), True),
-        _point_spread(shown, np.outer(moved, _moments().ravel() / EXPOSURE_S)),
-        _frames(shown, where),
+        _point_spread(np.outer(moved, _moments().ravel() / EXPOSURE_S)),
     ]
     if length_px < 50:  # beyond it takes many seconds
         turned = torch.tensor([-ANGLE_DEG])
         kornias = partial(kornia.filters.motion_blur, shown, taps, turned, torch.zeros(1), "reflect")
         ways.append(Contender("Kornia, nearest odd length", kornias))
-    return _judged(f"{length_px:g} px", ways, where, math.ceil(length_px / 2) + 16)
+    return _against_truth(f"{length_px:g} px", ways, where, math.ceil(length_px / 2) + 16)
 
 
 def _hand_shake() -> Case:
-    held, shown, at = shake(3, 32.0, EXPOSURE_S), picture(), _moments().ravel()
+    held, at = shake(3, 32.0, EXPOSURE_S), _moments().ravel()
     path = np.stack([np.interp(at, held.time_s, along) for along in (held.x_px, held.y_px)])
     path -= path.mean(axis=1, keepdims=True)
 
     def where(x: Picture, y: Picture, time: Picture) -> tuple[Picture, Picture]:
         return x - np.interp(time, at, path[0]), y - np.interp(time, at, path[1])
 
-    ways = [_ours(shown, trajectory=held), _point_spread(shown, path), _frames(shown, where)]
-    return _judged("hand shake, 32 px", ways, where)
-
-
-def _object() -> Case:
-    left, top = (WIDTH - _SIGN_PX) // 2 - 6, (HEIGHT - _SIGN_PX) // 2 - 6
-    drawn, fine = scenes.sign(_SIGN_PX), scenes.FINE
-    sign = np.zeros((HEIGHT * fine, WIDTH * fine, 4), np.float32)
-    sign[top * fine :, left * fine :][: len(drawn), : len(drawn)] = drawn
-    sheet, own, whole = scenes.pixels(_leaves()), scenes.pixels(drawn), scenes.pixels(sign)
-    velocity = _SIGN_MOVES_PX[0] / EXPOSURE_S, _SIGN_MOVES_PX[1] / EXPOSURE_S
-    moved = _uniformly(*velocity)
-    colour = _tensor(own / np.maximum(own[..., 3:], np.float32(1e-6)))[0, :3].clamp(0, 1)
-    layer = Layer(colour, torch.from_numpy(own[..., 3]), velocity, (left, top))
-    still, matte = _tensor(scenes.over(whole, sheet)), _tensor(whole[..., 3:])
-
-    def naive() -> Tensor:
-        share = motion_blur(matte, _SIGN_MOVES_PX).clamp(0, 1)
-        return share * motion_blur(still, _SIGN_MOVES_PX) + (1 - share) * still
-
-    around = slice(top - 30, top + _SIGN_PX + 42), slice(left - 30, left + _SIGN_PX + 42)
-    x, y = (along[around] for along in scenes.places(HEIGHT, WIDTH))
-
-    def frames() -> Picture:
-        out, total = sheet.copy(), np.zeros_like(sheet[around])
-        for time in _moments(FRAMES):
-            total += scenes.over(scenes.remapped(whole, *moved(x, y, time)), sheet[around])
-        out[around] = total / FRAMES  # beyond it all is at rest
-        return out
-
-    ways = [
-        _ours(_tensor(sheet), objects=((layer,),)),
-        Contender("blend by the blurred matte", naive),
-        Contender(f"mean of {FRAMES} frames", frames),
-    ]
-    return _judged("sign", ways, _uniformly(0.0, 0.0), around, before=(sign, moved))
+    return _against_truth("hand shake, 32 px", [_ours(trajectory=held), _point_spread(path)], where)
 
 
 def _rolling_shutter() -> Case:
-    shown, where = picture(), _uniformly(*_ROLLED_PX_S)
+    where, moved = _uniformly(*_ROLLED_PX_S), tuple(along * EXPOSURE_S for along in _ROLLED_PX_S)
     rows_s = ((np.arange(HEIGHT) - (HEIGHT - 1) / 2) * ROW_S)[:, None]
     x, y = scenes.places(HEIGHT, WIDTH)
-    moved = tuple(along * EXPOSURE_S for along in _ROLLED_PX_S)
 
     def remapped() -> Picture:
-        return scenes.remapped(_pixels(motion_blur(shown, moved)), *where(x, y, rows_s), cv2.INTER_CUBIC)
+        blurred = _pixels(motion_blur(picture(), moved))
+        return scenes.remapped(blurred, *where(x, y, rows_s), cv2.INTER_CUBIC)
 
-    ways = [
-        _ours(shown, replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S), velocity_px_s=_ROLLED_PX_S),
-        Contender("motion_blur, then cv2.remap", remapped),
-        _frames(shown, where, rows_s),
-    ]
-    return _judged("rolling shutter", ways, where, rows_s=rows_s)
+    camera = replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S)
+    ways = [_ours(camera, velocity_px_s=_ROLLED_PX_S), Contender("motion_blur, then cv2.remap", remapped)]
+    return _against_truth("rolling shutter", ways, where, rows_s=rows_s)
 
 
 def _road() -> Case:
     view, mount = View(WIDTH, HEIGHT, 60.0, "rectilinear"), Vehicle(1.4)
     focal_px, pixels = WIDTH / 2 / math.tan(math.radians(30.0)), view.pixels()
     flow = view.flow_px_s(pixels, mount.road_m(view.rays(pixels)), mount.driving(_SPEED_M_S))
-    shown, mean = picture(), tuple(flow.mean((1, 2)) * EXPOSURE_S)
+    mean = tuple(flow.mean((1, 2)) * EXPOSURE_S)
     middle_x, middle_y = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
 
     def where(x: Picture, y: Picture, time: Picture) -> tuple[Picture, Picture]:
@@ -153,24 +112,18 @@ def _road() -> Case:
         scale = 1 / (1 + _SPEED_M_S * time * np.maximum(y - middle_y, 0) / (1.4 * focal_px))
         return scale * (x - middle_x) + middle_x, scale * (y - middle_y) + middle_y
 
-    ways = [
-        _ours(shown, velocity_px_s=torch.from_numpy(flow).float()),
-        Contender("one blur for all", lambda: motion_blur(shown, mean)),
-        _frames(shown, where),
-    ]
-    return _judged("road at 100 km/h", ways, where)
+    one = Contender("one blur for all", lambda: motion_blur(picture(), mean))
+    ours = _ours(velocity_px_s=torch.from_numpy(flow).float())
+    return _against_truth("road at 100 km/h", [ours, one], where)
 
 
-def _leaves() -> Picture:
-    return scenes.leaves(HEIGHT, WIDTH)
-
-
+@cache
 def picture() -> Tensor:
     """What moves, linear (1, 3, H, W)."""
-    return _tensor(scenes.pixels(_leaves()))
+    return _tensor(scenes.pixels(scenes.leaves(HEIGHT, WIDTH)))
 
 
-def _tensor(pixels: NDArray[np.floating]) -> Tensor:
+def _tensor(pixels: Picture) -> Tensor:
     return torch.from_numpy(pixels).permute(2, 0, 1)[None].contiguous()
 
 
@@ -187,32 +140,19 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
     return lambda x, y, time: (x - x_px_s * time, y - y_px_s * time)
 
 
-def _ours(shown: Tensor, camera: Camera = _GLOBAL, **moving: Any) -> Contender:
+def _ours(camera: Camera = _GLOBAL, **moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
     def call() -> Tensor:
-        at = Conditions.of(shown, camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
-        return effects.through(shown, at)
+        at = Conditions.of(picture(), camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        return effects.through(picture(), at)
 
     return Contender("blurnoise", call, True)
 
 
-def _frames(shown: Tensor, where: Where, rows_s: Floats = 0.0) -> Contender:
-    """The mean of warped pictures, as one writes it with OpenCV."""
-    pixels, (x, y) = _pixels(shown), scenes.places(HEIGHT, WIDTH)
-
-    def mean() -> Picture:
-        total = np.zeros_like(pixels)
-        for time in _moments(FRAMES):
-            cv2.accumulate(scenes.remapped(pixels, *where(x, y, time + rows_s)), total)
-        return np.asarray(total / FRAMES)
-
-    return Contender(f"mean of {FRAMES} frames", mean)
-
-
-def _point_spread(shown: Tensor, path_px: Floats) -> Contender:
+def _point_spread(path_px: Floats) -> Contender:
     """The path's places (2, n), each shared among four pixels as in DeblurGAN (Kupyn et al., CVPR 2018)."""
-    pixels = _pixels(shown)
+    pixels = _pixels(picture())
     reach = math.ceil(float(np.abs(path_px).max())) + 1
 
     def call() -> Picture:
@@ -227,22 +167,25 @@ def _point_spread(shown: Tensor, path_px: Floats) -> Contender:
     return Contender("cv2.filter2D by the path", call)
 
 
-def _judged(
-    name: str,
-    ways: Sequence[Contender],
-    where: Where,
-    within: int | tuple[slice, slice] = _MARGIN_PX,
-    *,
-    rows_s: Floats = 0.0,
-    before: tuple[Picture, Where] | None = None,
+def _against_truth(
+    name: str, ways: Sequence[Contender], where: Where, margin_px: int = _MARGIN_PX, rows_s: Floats = 0.0
 ) -> Case:
-    """Errors within these rows and columns, or off a margin, from the picture that moves as ``where`` says."""
-    places = within if isinstance(within, tuple) else (slice(within, -within),) * 2
-    truth = scenes.truth(_leaves(), where, _moments() + rows_s, before)
+    """The ways, and the mean of warped pictures as one writes it with OpenCV; errors off a margin from the picture
+    that moves as ``where`` says."""
+    pixels, (x, y) = _pixels(picture()), scenes.places(HEIGHT, WIDTH)
+    truth = scenes.truth(scenes.leaves(HEIGHT, WIDTH), where, _moments() + rows_s)
+
+    def mean() -> Picture:
+        total = np.zeros_like(pixels)
+        for time in _moments(FRAMES):
+            cv2.accumulate(scenes.remapped(pixels, *where(x, y, time + rows_s)), total)
+        return np.asarray(total / FRAMES)
 
     def coded(seen: Tensor | Picture) -> Tensor:
         planes = seen if isinstance(seen, Tensor) else _tensor(seen)
-        return srgb_from_linear(planes[..., *places].double().clamp(0, 1))
+        inside = slice(margin_px, -margin_px)
+        return srgb_from_linear(planes[..., inside, inside].double().clamp(0, 1))
 
     expected = coded(truth)
-    return Case(name, ways, lambda seen: 255 * float((coded(seen) - expected).square().mean().sqrt()))
+    every = [*ways, Contender(f"mean of {FRAMES} frames", mean)]
+    return Case(name, every, lambda seen: 255 * float((coded(seen) - expected).square().mean().sqrt()))

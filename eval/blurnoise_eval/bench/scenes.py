@@ -7,14 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from blurnoise import charts
 from blurnoise.optics.colour import linear_from_srgb
 
 Picture = NDArray[np.float32]
@@ -47,19 +45,9 @@ def leaves(height: int, width: int, seed: int = 0) -> Picture:
         place = -10 * FINE * line, round(sheet.shape[0] * (line + 0.8) / 16)
         ink = (15, 15, 15) if line % 2 else (240, 240, 240)
         cv2.putText(sheet, _TEXT, place, cv2.FONT_HERSHEY_SIMPLEX, capital / 21, ink, round(capital / 8))
-    return _through_lens(linear_from_srgb(torch.arange(256) / 255).numpy()[sheet])
-
-
-def sign(size_px: int) -> Picture:
-    """A stop sign, (h, w, 4), ``FINE`` times finer: light times matte, and the matte, with a margin of 6 px."""
-    side = (size_px + 12) * FINE
-    size: Any = {"height_px": side, "width_px": side, "supersample": 2}
-    black, white = (
-        charts.stop_sign(size_px * FINE, background=level, **size)[0].permute(1, 2, 0).numpy()
-        for level in (0.0, 1.0)
-    )
-    matte = (1 - (white - black).mean(2, keepdims=True)).clip(0, 1)
-    return _through_lens(np.concatenate([black, matte], 2))
+    fine = linear_from_srgb(torch.arange(256) / 255).numpy()[sheet]
+    blurred = cv2.GaussianBlur(fine, (0, 0), _LENS_PX * FINE, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(blurred, np.float32)
 
 
 def pixels(fine: Picture) -> Picture:
@@ -68,26 +56,17 @@ def pixels(fine: Picture) -> Picture:
     return np.asarray(fine.reshape(height, FINE, width, FINE, -1).mean((1, 3)))
 
 
-def truth(
-    fine: Picture, where: Where, times_s: Picture, before: tuple[Picture, Where] | None = None
-) -> Picture:
+def truth(fine: Picture, where: Where, times_s: Picture) -> Picture:
     """The mean of moments of what pixels see, (H, W, C): ``FINE`` times finer than they, averaged over their area.
 
-    times_s: (n, H, 1), for every row its own moments. before: an object, (H, W, C + 1) with its matte, and where it
-    was. What lies beyond the picture is reflected.
+    times_s: (n, H, 1), for every row its own moments. What lies beyond the picture is reflected.
     """
-    layers = [(fine, where), *([before] if before else [])]
-    averaged = [
-        (cv2.blur(layer, (FINE, FINE)), at) for layer, at in layers
-    ]  # sample i is the mean about i - 1/2
+    averaged = cv2.blur(fine, (FINE, FINE))  # sample i is the mean about i - 1/2
     x, y = places(fine.shape[0] // FINE, fine.shape[1] // FINE)
     total = np.zeros((*x.shape, fine.shape[2]))
     for times in times_s:
-        back, *front = (
-            remapped(layer, FINE * (across + 0.5), FINE * (down + 0.5), cv2.INTER_CUBIC)
-            for layer, (across, down) in ((layer, at(x, y, times)) for layer, at in averaged)
-        )
-        total += over(front[0], back) if front else back
+        across, down = where(x, y, times)
+        total += remapped(averaged, FINE * (across + 0.5), FINE * (down + 0.5), cv2.INTER_CUBIC)
     return np.asarray(total / len(times_s), np.float32)
 
 
@@ -101,13 +80,3 @@ def remapped(picture: Picture, x: Picture, y: Picture, how: int = cv2.INTER_LINE
     """What a picture shows at x, y."""
     x, y = (np.ascontiguousarray(along, np.float32) for along in np.broadcast_arrays(x, y))
     return np.asarray(cv2.remap(picture, x, y, how, borderMode=cv2.BORDER_REFLECT_101), np.float32)
-
-
-def over(front: Picture, back: Picture) -> Picture:
-    """An object, light times matte and matte, (H, W, C + 1), before (H, W, C)."""
-    return front[..., :-1] + (1 - front[..., -1:]) * back
-
-
-def _through_lens(fine: NDArray[np.floating]) -> Picture:
-    blurred = cv2.GaussianBlur(fine, (0, 0), _LENS_PX * FINE, borderType=cv2.BORDER_REFLECT_101)
-    return np.asarray(blurred, np.float32)

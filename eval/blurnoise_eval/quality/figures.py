@@ -21,8 +21,8 @@ from matplotlib.patches import Patch, Rectangle
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.plots import style
-from blurnoise_eval.quality.measure import CLIPPED, METRICS, Row
 from blurnoise_eval.quality.linear import Linear
+from blurnoise_eval.quality.measure import CLIPPED, METRICS, Row
 from blurnoise_eval.quality.picture import Measured
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
