@@ -50,12 +50,9 @@ def camera_of(
         bits = "stated with the frames"
     elif found.clip_dn == full_scale:
         bits = f"measured: frames clip at {full_scale} DN"
-    (width, height), size = found.size_px, "measured: size of the frames"
-    known: Known = {
-        "bit_depth": (found.bit_depth, bits),
-        "width_px": (width, size),
-        "height_px": (height, size),
-    }
+    known: Known = {"bit_depth": (found.bit_depth, bits)}
+    for name_px, side in zip(("width_px", "height_px"), found.size_px, strict=True):
+        known[name_px] = (side, "measured: size of the frames")
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
         if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
