@@ -12,7 +12,7 @@ from typer import Argument, Option
 from blurnoise_eval.cli import given, run_alone
 from blurnoise_eval.cli._options import Contract, Json, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
-from blurnoise_eval.system.terminal import say, say_json, say_wrapped, show
+from blurnoise_eval.system.terminal import say, say_json, show
 
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Case, Contest
@@ -91,8 +91,6 @@ def bench(
         say_json(result.document())
         return
     show(result.table())
-    for line in result.losses():
-        say_wrapped(line, hanging=2)
     say(f"open {folder / f'{what}.png'}")
 
 

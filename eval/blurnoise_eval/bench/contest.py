@@ -6,7 +6,6 @@ load meets them alike, and each result is compared with the case's truth.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -91,22 +90,6 @@ class Result:
     rows: list[Row]
     machine: dict[str, Any]
 
-    def losses(self) -> list[str]:
-        """Where a contender that is not ours beats every one of ours in cost or in error, by 2 % or more."""
-        found = []
-        for row in self.rows:
-            own = [each for each in self.rows if each.case == row.case and each.ours and not row.ours]
-            less = [
-                verb
-                for verb, of in (("costs", lambda each: each.cost), ("errs", lambda each: each.error))
-                if own and of(row) is not None and of(row) < 0.98 * min(map(of, own))
-            ]
-            if less:
-                error = "" if row.error is None else f", error {digits(row.error)} {self.contest.error_unit}"
-                of_first = f"{row.to_first:.2f} of the first's {self.contest.cost_unit}{error}"
-                found.append(f"{row.case}: {row.contender} {' and '.join(less)} less, {of_first}")
-        return found
-
     def write(self, folder: Path) -> None:
         """Write NAME.csv, a row per contender and case, NAME.json and NAME.png; raises ``OSError``."""
         name = self.contest.name
@@ -117,7 +100,7 @@ class Result:
         """Everything, ready for JSON."""
         about = {name: getattr(self.contest, name) for name in ("title", "cost_unit", "error_unit")}
         rows = [asdict(row) for row in self.rows]
-        return {**about, "machine": self.machine, "losses": self.losses(), "rows": rows}
+        return {**about, "machine": self.machine, "rows": rows}
 
     def cases(self) -> dict[str, list[Row]]:
         """The rows by the name of their case."""
@@ -177,8 +160,7 @@ def run(
     contest: Contest, *, quick: bool = False, threads: int = 2, progress: Progress = lambda share: None
 ) -> Result:
     """Let all contenders do all cases; ``progress`` receives each finished share of a case."""
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    machine = {**hardware(), "threads": threads, "load": load, "versions": versions()}
+    machine = {**hardware(), "threads": threads, "versions": versions()}
     rows = list[Row]()
     with limited_threads(threads):
         for make in contest.cases:

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Image
-from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.find_edges import UNUSABLE
+from blurnoise_eval.quality.find_edges import UNUSABLE, find_edges
 from blurnoise_eval.quality.linear import Coding, Linear, linear
+from blurnoise_eval.quality.picture import RESAMPLES
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
@@ -160,20 +160,15 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
 
     A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.
     """
-    try:
-        regions, _ = measuring.found_regions(pair[0])
-    except ValueError:  # there is none
-        return []
     found = []
-    for both in zip(*(measuring.measure(light, regions) for light in pair), strict=True):
-        edges = [each.edge for each in both]
+    for roi in find_edges(pair[0]).rois:
+        edges = [light.edge(roi, bootstrap=RESAMPLES) for light in pair]
         usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
         if usable and edges[0].bright_side == edges[1].bright_side:
             one, other = (edge.mtf50 for edge in edges)
             ranges = [edge.noise_intervals["mtf50"] for edge in edges]
             chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / (one, other))
-            name = "MTF50 at {},{}".format(*both[0].roi)
-            found.append(Quantity(name, "cycles/px", one, other, chance))
+            found.append(Quantity(f"MTF50 at {roi[0]},{roi[1]}", "cycles/px", one, other, chance))
     return found[:MOST_EDGES]
 
 

@@ -118,7 +118,7 @@ def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
 
 
 def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
-    """The picture, its brightest white, above a row of panels for each of the first ``MOST_EDGES`` regions."""
+    """The picture, its brightest white, above three panels for each of the first ``MOST_EDGES`` regions."""
     shown = measured[:MOST_EDGES]
     above = (light.picture - light.black_level).clamp_min(0)
     white = srgb_from_linear(above / above.max().clamp_min(1e-12))
@@ -126,47 +126,41 @@ def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
     picture_in = min(_TALLEST_IN, 0.85 * _WIDTH_IN * coded.shape[0] / coded.shape[1])
     heights = [picture_in + 0.4] + [_ROW_IN] * len(shown)
     figure = Figure(figsize=(_WIDTH_IN, sum(heights) + 0.3), layout="constrained")
-    grid = figure.add_gridspec(len(heights), 4, height_ratios=heights)
+    grid = figure.add_gridspec(len(heights), 3, height_ratios=heights)
     whole = figure.add_subplot(grid[0, :], xticks=[], yticks=[])
     whole.imshow(coded, interpolation="nearest" if max(coded.shape) < 400 else "antialiased")
     for region in measured:
         left, top, width, height = region.roi
         colour = _USABLE if region.edge.sfr.numel() else _NOT
         whole.add_patch(Rectangle((left - 0.5, top - 0.5), width, height, fill=False, ec=colour, lw=1.5))
-        tag = {"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"}
-        middle = left + width / 2, top + height / 2
-        whole.text(*middle, str(region.number), color="white", fontsize=9, ha="center", va="center", bbox=tag)
+        tag: Any = {"color": "white", "fontsize": 9, "ha": "center", "va": "center"}
+        tag["bbox"] = {"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"}
+        whole.text(left + width / 2, top + height / 2, str(region.number), **tag)
     whole.set_title(f"regions: {len(measured)}; below: 1 to {len(shown)}", fontsize=10)
-    notes = []
     for row, region in enumerate(shown, start=1):
-        left, top, width, height = region.roi
-        crop = figure.add_subplot(grid[row, 0], xticks=[], yticks=[])
-        crop.imshow(coded[top : top + height, left : left + width], interpolation="nearest")
-        crop.set_title(f"{region.number}: {width} x {height} px", fontsize=9)
-        if region.edge.sfr.numel():
-            _draw_edge([figure.add_subplot(grid[row, column]) for column in (1, 2, 3)], region, light.unit)
-        else:
-            figure.add_subplot(grid[row, 1:]).set_axis_off()
-        notes += [f"{region.number}: {doubt}" for doubt in region.doubts]
-    figure.supxlabel("\n".join(notes), fontsize=9)
+        _draw_edge([figure.add_subplot(grid[row, column]) for column in range(3)], region, light.unit)
     return figure
 
 
 def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
-    """Edge spread, line spread and response of one region."""
+    """Edge spread, line spread and response of one region, or why it has none."""
     edge, (esf, lsf, response) = region.edge, panels
-    curves = ((esf, edge.esf, f"edge spread, {unit}"), (lsf, edge.lsf, "line spread, 1/px"))
-    for axes, values, title in curves:
+    if not edge.sfr.numel():
+        for axes in panels:
+            style.say_only(axes, "")
+        style.say_only(lsf, f"{region.number}: {'; '.join(region.doubts)}")
+        return
+    for axes, values, title in (
+        (esf, edge.esf, f"edge spread, {unit}"),
+        (lsf, edge.lsf, "line spread, 1/px"),
+    ):
         axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
-        style.tidy(axes, title=title, x="distance from the edge, px")
-    for level in (edge.dark, edge.bright):
-        esf.axhline(level, color=style.GREY, lw=0.8, ls=":")
+        style.tidy(axes, title=f"{region.number}: {title}", x="distance from the edge, px")
     if edge.resamples is not None:
         ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
         low, high = torch.quantile(edge.resamples.power, ends, dim=0).clamp_min(0).sqrt().numpy()
         response.fill_between(edge.frequencies.numpy(), low, high, color=_LINE, alpha=0.25, lw=0)
     response.plot(edge.frequencies, edge.sfr, color=_LINE, lw=1.3)
-    response.plot([0, edge.mtf50, edge.mtf50], [0.5, 0.5, 0], color=style.GREY, lw=0.8, ls="--")
     response.set(xlim=(0, 1), ylim=(0, max(1.05, 1.05 * float(edge.sfr.max()))))
     flagged = " (flagged)" if region.doubts else ""
     style.tidy(response, title=f"SFR, 95 %; MTF50 {edge.mtf50:.4g}{flagged}", x="frequency, cycles/px")

@@ -46,14 +46,10 @@ Segment = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Found:
-    """rois: the regions, top to bottom and left to right. turned_down: lines that are no usable edge, by reason.
-
-    left_out: usable regions beyond the ``MOST`` largest.
-    """
+    """rois: the ``MOST`` largest regions, top to bottom. turned_down: lines that are no usable edge, by reason."""
 
     rois: list[Roi]
     turned_down: Mapping[Flag, int]
-    left_out: int
 
 
 @dataclass(frozen=True)
@@ -79,9 +75,8 @@ class _Box:
 def find_edges(light: Linear) -> Found:
     """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
 
-    Edges are
-    ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they miss
-    phases; regions grow as far as the sides stay even. The same picture gives the same regions.
+    Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they
+    miss phases; regions grow as far as the sides stay even. The same picture gives the same regions.
     """
     kept: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
@@ -96,14 +91,8 @@ def find_edges(light: Linear) -> Found:
         elif not any(_crosses(known, found) for _, known in alike):
             kept.append((found, lying, line))
     rois = [(roi[1], roi[0], roi[3], roi[2]) if lying else roi for roi, lying, _ in kept]
-    rois.sort(key=lambda roi: (-roi[2] * roi[3], roi))
-    waiting, ordered = sorted(rois[:MOST], key=lambda roi: (roi[1], roi[0])), list[Roi]()
-    while waiting:  # top to bottom, and left to right what starts above the middle of the first of its line
-        middle = waiting[0][1] + waiting[0][3] / 2
-        line_of = [roi for roi in waiting if roi[1] <= middle]
-        ordered += sorted(line_of)
-        waiting = waiting[len(line_of) :]
-    return Found(ordered, dict(reasons.most_common()), max(0, len(rois) - MOST))
+    largest = sorted(rois, key=lambda roi: (-roi[2] * roi[3], roi))[:MOST]
+    return Found(sorted(largest, key=lambda roi: (roi[1], roi[0])), dict(reasons.most_common()))
 
 
 def _crosses(line: Segment, roi: Roi) -> bool:
@@ -141,9 +130,6 @@ class _Frame:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
 
-    def _usable(self, box: _Box) -> bool:
-        return not isinstance(self._edge_in(box), Flag)
-
     def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
         """Whether no block of the region stands off what the edge's shape along a straight line says of it.
 
@@ -166,7 +152,7 @@ class _Frame:
 
     def _widest(self, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
         """The widest of the regions with as much on both sides, or why there is none."""
-        best: tuple[_Box, SlantedEdge] | None = None
+        best: tuple[_Box, SlantedEdge | Flag] | None = None
         why: list[Flag] = []
         for width in _WIDTHS_PX:
             wider = replace(box, left=width, right=width)
@@ -185,25 +171,28 @@ class _Frame:
         reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the
         blur of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
         """
-        size = self.plane.shape
         for end, sign in (("top", -1.0), ("bottom", 1.0)):
             step = sign * (_GROWTH - 1) * (box.bottom - box.top)
-            while self._usable(longer := replace(box, **{end: getattr(box, end) + step})):
-                if longer.roi(*size) == box.roi(*size):
+            while longer := self._if_usable(box, **{end: getattr(box, end) + step}):
+                if longer.roi(*self.plane.shape) == box.roi(*self.plane.shape):
                     break
                 box = longer
         cut = min(reach_px, (box.bottom - box.top) / 4)
-        shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
-        box = shorter if self._usable(shorter) else box
+        box = self._if_usable(box, top=box.top + cut, bottom=box.bottom - cut) or box
         most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
         box = replace(box, left=min(box.left, most), right=min(box.right, most))
         for side in ("left", "right"):
             while (width := getattr(box, side)) < most:
-                wider = replace(box, **{side: min(_GROWTH * width, most)})
-                if not self._usable(wider):
+                wider = self._if_usable(box, **{side: min(_GROWTH * width, most)})
+                if not wider:
                     break
                 box = wider
         return box
+
+    def _if_usable(self, box: _Box, **moved: float) -> _Box | None:
+        """``box`` with other sides, where the edge in it can be used."""
+        other = replace(box, **moved)
+        return None if isinstance(self._edge_in(other), Flag) else other
 
 
 def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:

@@ -14,8 +14,8 @@ E = TypeVar("E")
 class Metric(Generic[S, E]):
     """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
 
-    of: from what it is measured on to its estimate, or estimates. scale: of its axis; a share lies between 0 and 1.
-    better: the direction of good pictures.
+    of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
+    share lies between 0 and 1.
     """
 
     name: str
@@ -24,12 +24,6 @@ class Metric(Generic[S, E]):
     about: str
     of: Callable[[S], E]
     scale: Literal["linear", "log", "share"] = "linear"
-    better: Literal["higher", "lower"] = "higher"
-
-    @property
-    def sign(self) -> int:
-        """1, or -1 where lower is better: values times it rise with quality."""
-        return 1 if self.better == "higher" else -1
 
     @property
     def label(self) -> str:

@@ -26,7 +26,7 @@ _DOUBTS = {
     "for white",
 }
 """Flags of numbers, in words."""
-_RESAMPLES = 200
+RESAMPLES = 200
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
-    """The regions of ``light`` that hold a usable slanted edge, and a note on what was passed over.
+def found_regions(light: Linear) -> list[Roi]:
+    """The regions of ``light`` that hold a usable slanted edge.
 
     Raises ``ValueError`` that says what was looked for where there is none.
     """
@@ -124,8 +124,7 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
             f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that do "
             f"not clip ({reasons or 'no straight line at all'}); name a region with --roi x,y,w,h to see its flags"
         )
-    left_out = f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any"
-    return found.rois, (left_out,) * (found.left_out > 0)
+    return found.rois
 
 
 def measure(
@@ -135,7 +134,7 @@ def measure(
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    edges = [light.edge(roi, mode, _RESAMPLES) for roi in rois]
+    edges = [light.edge(roi, mode, RESAMPLES) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)
