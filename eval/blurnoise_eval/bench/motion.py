@@ -16,6 +16,7 @@ import cv2
 import kornia
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise import Camera, motion_blur
@@ -23,10 +24,8 @@ from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise_eval.bench import scenes
+from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.contest import Case, Contender, Contest
-from blurnoise_eval.bench.scenes import Picture, Where
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 480, 640, 0.01, 30e-6
 LENGTHS_PX = (1.5, 6.0, 25.0, 100.0)
@@ -40,6 +39,13 @@ _GLOBAL = Camera(
 _ROLLED_PX_S = (900.0, -500.0)
 _SPEED_M_S = 100.0 / 3.6
 _MARGIN_PX = 36  # of the border, which is not compared
+Picture = NDArray[np.float32]
+Where = Callable[[Picture, Picture, Picture], tuple[Picture, Picture]]
+"""Where what pixels x, y show at a time was at mid-exposure."""
+FINE = 4
+"""Samples to a pixel's side of the truth's pictures."""
+_LENS_PX = 0.6  # sigma of a Gaussian: with the pixel's own area 0.24 of 0.4 cycles/px is left
+_TEXT = "Speed limit 50 km/h, keep RIGHT & yield. " * 8
 Floats = Any
 
 
@@ -89,14 +95,14 @@ def _hand_shake() -> Case:
 def _rolling_shutter() -> Case:
     where, moved = _uniformly(*_ROLLED_PX_S), tuple(along * EXPOSURE_S for along in _ROLLED_PX_S)
     rows_s = ((np.arange(HEIGHT) - (HEIGHT - 1) / 2) * ROW_S)[:, None]
-    x, y = scenes.places(HEIGHT, WIDTH)
+    x, y = places(HEIGHT, WIDTH)
 
-    def remapped() -> Picture:
+    def in_two_steps() -> Picture:
         blurred = _pixels(motion_blur(picture(), moved))
-        return scenes.remapped(blurred, *where(x, y, rows_s), cv2.INTER_CUBIC)
+        return remapped(blurred, *where(x, y, rows_s), cv2.INTER_CUBIC)
 
     camera = replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S)
-    ways = [_ours(camera, velocity_px_s=_ROLLED_PX_S), Contender("motion_blur, then cv2.remap", remapped)]
+    ways = [_ours(camera, velocity_px_s=_ROLLED_PX_S), Contender("motion_blur, then cv2.remap", in_two_steps)]
     return _against_truth("rolling shutter", ways, where, rows_s=rows_s)
 
 
@@ -120,7 +126,7 @@ def _road() -> Case:
 @cache
 def picture() -> Tensor:
     """What moves, linear (1, 3, H, W)."""
-    return _tensor(scenes.pixels(scenes.leaves(HEIGHT, WIDTH)))
+    return _tensor(pixels(leaves(HEIGHT, WIDTH)))
 
 
 def _tensor(pixels: Picture) -> Tensor:
@@ -172,13 +178,12 @@ def _against_truth(
 ) -> Case:
     """The ways, and the mean of warped pictures as one writes it with OpenCV; errors off a margin from the picture
     that moves as ``where`` says."""
-    pixels, (x, y) = _pixels(picture()), scenes.places(HEIGHT, WIDTH)
-    truth = scenes.truth(scenes.leaves(HEIGHT, WIDTH), where, _moments() + rows_s)
+    pixels, (x, y) = _pixels(picture()), places(HEIGHT, WIDTH)
 
     def mean() -> Picture:
         total = np.zeros_like(pixels)
         for time in _moments(FRAMES):
-            cv2.accumulate(scenes.remapped(pixels, *where(x, y, time + rows_s)), total)
+            cv2.accumulate(remapped(pixels, *where(x, y, time + rows_s)), total)
         return np.asarray(total / FRAMES)
 
     def coded(seen: Tensor | Picture) -> Tensor:
@@ -186,6 +191,64 @@ def _against_truth(
         inside = slice(margin_px, -margin_px)
         return srgb_from_linear(planes[..., inside, inside].double().clamp(0, 1))
 
-    expected = coded(truth)
+    expected = coded(truth(leaves(HEIGHT, WIDTH), where, _moments() + rows_s))
     every = [*ways, Contender(f"mean of {FRAMES} frames", mean)]
     return Case(name, every, lambda seen: 255 * float((coded(seen) - expected).square().mean().sqrt()))
+
+
+@cache
+def leaves(height: int, width: int, seed: int = 0) -> Picture:
+    """Dead leaves with text on them, ``FINE`` times finer than (H, W); not to be written to.
+
+    Discs that cover one another, their radii of density r^-3, have the spectrum and the edges of photographs (Lee,
+    Mumford and Huang, Int. J. Computer Vision 41, 2001).
+    """
+    drawn = np.random.default_rng(seed)
+    sheet = np.full((height * FINE, width * FINE, 3), 90, np.uint8)
+    least, largest = 1.5 * FINE, height * FINE / 4
+    count = round(9 * sheet[..., 0].size / (2 * np.pi * np.log(largest / least) / (least**-2 - largest**-2)))
+    radii = (least**-2 - drawn.random(count) * (least**-2 - largest**-2)) ** -0.5
+    x, y = drawn.random((2, count)) * np.array([[sheet.shape[1]], [sheet.shape[0]]])
+    colours = np.clip(drawn.uniform(10, 235, (count, 1)) + drawn.uniform(-20, 20, (count, 3)), 0, 255)
+    for radius, left, top, colour in zip(radii, x, y, colours, strict=True):
+        cv2.circle(sheet, (round(left), round(top)), round(radius), colour.tolist(), -1)
+    for line in range(16):
+        capital = (10, 14, 20, 28)[line % 4] * FINE
+        place = -10 * FINE * line, round(sheet.shape[0] * (line + 0.8) / 16)
+        ink = (15, 15, 15) if line % 2 else (240, 240, 240)
+        cv2.putText(sheet, _TEXT, place, cv2.FONT_HERSHEY_SIMPLEX, capital / 21, ink, round(capital / 8))
+    fine = linear_from_srgb(torch.arange(256) / 255).numpy()[sheet]
+    blurred = cv2.GaussianBlur(fine, (0, 0), _LENS_PX * FINE, borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(blurred, np.float32)
+
+
+def pixels(fine: Picture) -> Picture:
+    """The mean of each ``FINE`` x ``FINE`` samples."""
+    height, width = (side // FINE for side in fine.shape[:2])
+    return np.asarray(fine.reshape(height, FINE, width, FINE, -1).mean((1, 3)))
+
+
+def truth(fine: Picture, where: Where, times_s: Picture) -> Picture:
+    """The mean of moments of what pixels see, (H, W, C): ``FINE`` times finer than they, averaged over their area.
+
+    times_s: (n, H, 1), for every row its own moments. What lies beyond the picture is reflected.
+    """
+    averaged = cv2.blur(fine, (FINE, FINE))  # sample i is the mean about i - 1/2
+    x, y = places(fine.shape[0] // FINE, fine.shape[1] // FINE)
+    total = np.zeros((*x.shape, fine.shape[2]))
+    for times in times_s:
+        across, down = where(x, y, times)
+        total += remapped(averaged, FINE * (across + 0.5), FINE * (down + 0.5), cv2.INTER_CUBIC)
+    return np.asarray(total / len(times_s), np.float32)
+
+
+def places(height: int, width: int) -> tuple[Picture, Picture]:
+    """x and y of all pixels, (H, W) each."""
+    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
+    return x, y
+
+
+def remapped(picture: Picture, x: Picture, y: Picture, how: int = cv2.INTER_LINEAR) -> Picture:
+    """What a picture shows at x, y."""
+    x, y = (np.ascontiguousarray(along, np.float32) for along in np.broadcast_arrays(x, y))
+    return np.asarray(cv2.remap(picture, x, y, how, borderMode=cv2.BORDER_REFLECT_101), np.float32)

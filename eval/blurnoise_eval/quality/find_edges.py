@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -189,7 +190,7 @@ class _Frame:
                 box = wider
         return box
 
-    def _if_usable(self, box: _Box, **moved: float) -> _Box | None:
+    def _if_usable(self, box: _Box, **moved: Any) -> _Box | None:
         """``box`` with other sides, where the edge in it can be used."""
         other = replace(box, **moved)
         return None if isinstance(self._edge_in(other), Flag) else other

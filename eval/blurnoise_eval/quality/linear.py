@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -59,7 +59,7 @@ class Linear:
 
     def edge(self, roi: Roi, mode: Mode = "exact", bootstrap: int = 0) -> SlantedEdge:
         """The slanted edge in a region. Raises ``ValueError`` for one outside the picture or below 8 x 8 px."""
-        levels = {"full_scale": self.full_scale, "black_level": self.black_level}
+        levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
         edge = slanted_edge(self.picture[None], mode=mode, roi=roi, bootstrap=bootstrap, **levels)
         return edge[0] if isinstance(edge, list) else edge
 

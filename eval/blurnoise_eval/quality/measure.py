@@ -36,7 +36,7 @@ from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
 from blurnoise_eval.grid.axes import EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.picture import Metric
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.tables import finite
 from blurnoise_eval.system.threads import limited_threads
@@ -88,18 +88,17 @@ class Charts:
         return ((dn - self._black) * self._gain + self._black).clamp(0.0, self._camera.full_scale_dn)
 
     @cached_property
-    def edges(self) -> tuple[list[SlantedEdge], list[SlantedEdge]]:
+    def edges(self) -> tuple[list[SlantedEdge], ...]:
         """The edge that motion along x blurs, and that which motion along y does."""
-        cut = slice(SPARE_PX, SPARE_PX + ALONG_PX)
-        x, y = self.frames("across_x")[..., cut, :], self.frames("across_y")[..., cut]
-        return self._edges(x, self._moved_px[1], seed=0), self._edges(y, self._moved_px[0], seed=1)
+        return tuple(self._edges(axis) for axis in (0, 1))
 
-    def _edges(self, dn: Tensor, along_px: float, seed: int) -> list[SlantedEdge]:
-        if along_px > 2 * SPARE_PX:
-            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
+    def _edges(self, axis: int) -> list[SlantedEdge]:
+        if self._moved_px[1 - axis] > 2 * SPARE_PX:
+            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
+        dn = self.frames("across_y" if axis else "across_x").narrow(2 + axis, SPARE_PX, ALONG_PX)
         levels: Any = {"full_scale": self._full, "black_level": self._black}
-        edges = slanted_edge(dn.clamp(max=self._full), **levels, seed=seed)
-        return edges if isinstance(edges, list) else [edges]
+        edges: Any = slanted_edge(dn.clamp(max=self._full), **levels, seed=axis)
+        return list(edges)
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
@@ -173,10 +172,6 @@ def _both(measure: Callable[..., Estimate], **how: int) -> Measure:
     return lambda charts: [measure(*pair, **how) for pair in zip(*charts.edges, strict=True)]
 
 
-def _patch(which: int) -> Measure:
-    return lambda charts: estimates_of(charts.snr[which])
-
-
 def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Measure:
     return lambda charts: charts.of_patches(measure(*charts.patches))
 
@@ -203,9 +198,13 @@ METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
         "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), "log",
     ),
     Metric(
-        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", _patch(0), "log",
+        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", 
+        lambda charts: estimates_of(charts.snr[0]), "log",
     ),
-    Metric("patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}", _patch(1), "log"),
+    Metric(
+        "patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}",
+        lambda charts: estimates_of(charts.snr[1]), "log",
+    ),
     Metric(
         "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x",
         _edge(0, information.capacity_radial),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 from blurnoise._core import checks
 from blurnoise.metrics import Flag, SlantedEdge, information
@@ -16,9 +16,10 @@ from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import Estimate, Roi
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
 from blurnoise_eval.quality.linear import Linear
-from blurnoise_eval.quality.metrics import Metric
 from blurnoise_eval.system.tables import finite
 
+S = TypeVar("S")
+E = TypeVar("E")
 LARGEST_TARGET_PX = 64
 _DOUBTS = {
     "noiseless": "no noise: what is measured against it has no bound",
@@ -27,6 +28,27 @@ _DOUBTS = {
 }
 """Flags of numbers, in words."""
 RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Metric(Generic[S, E]):
+    """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
+
+    of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
+    share lies between 0 and 1.
+    """
+
+    name: str
+    title: str
+    unit: str
+    about: str
+    of: Callable[[S], E]
+    scale: Literal["linear", "log", "share"] = "linear"
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return self.title if self.unit == "1" else f"{self.title} / {self.unit}"
 
 
 @dataclass(frozen=True)

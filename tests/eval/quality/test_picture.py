@@ -20,7 +20,7 @@ from blurnoise_eval.cli.measure import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import figures as edge_figures
 from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.picture import Metric
 from edge_cases import Draw, Setting
 from torch import Tensor
 

@@ -16,7 +16,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.picture import Metric
 from closed_edges import closed_mtf, closed_mtf50
 from commands import main
 from matplotlib.colors import to_hex
