@@ -147,8 +147,9 @@ def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
     edge, (esf, lsf, response) = region.edge, panels
     if not edge.sfr.numel():
         for axes in panels:
-            style.say_only(axes, "")
-        style.say_only(lsf, f"{region.number}: {'; '.join(region.doubts)}")
+            axes.set_axis_off()
+        text = f"{region.number}: {'; '.join(region.doubts)}"
+        esf.text(0, 0.5, text, fontsize=9, transform=esf.transAxes).set_in_layout(False)
         return
     for axes, values, title in (
         (esf, edge.esf, f"edge spread, {unit}"),
