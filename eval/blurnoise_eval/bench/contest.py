@@ -9,23 +9,23 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
 from blurnoise_eval.system.machine import hardware, versions
+from blurnoise_eval.system.terminal import table_lines
 from blurnoise_eval.system.threads import limited_threads
 
 Progress = Callable[[float], object]
 FEWEST, MOST = 3, 12
 """Timed rounds of a case."""
 _MARKERS = "osX^DPv<ph"
-_COLUMNS = 3
 _LEAST = 1e-6  # the smallest error of a chart
 
 
@@ -99,32 +99,22 @@ class Result:
     def document(self) -> dict[str, Any]:
         """Everything, ready for JSON."""
         about = {name: getattr(self.contest, name) for name in ("title", "cost_unit", "error_unit")}
-        rows = [asdict(row) for row in self.rows]
-        return {**about, "machine": self.machine, "rows": rows}
+        return {**about, "machine": self.machine, "rows": [asdict(row) for row in self.rows]}
 
-    def cases(self) -> dict[str, list[Row]]:
-        """The rows by the name of their case."""
-        return {row.case: [each for each in self.rows if each.case == row.case] for row in self.rows}
-
-    def table(self) -> Table:
-        """A line per contender, under each case's name."""
-        table = Table(title=self.contest.title, title_justify="left")
-        table.add_column("", no_wrap=True)
-        with_errors = any(row.error is not None for row in self.rows)
-        for name in (self.contest.cost_unit, "to first", *([self.contest.error_unit] * with_errors)):
-            table.add_column(name, justify="right")
-        for case, rows in self.cases().items():
-            table.add_section()
-            table.add_row(f"{case}:")
-            for row in rows:
-                error = [] if row.error is None else [digits(row.error)]
-                table.add_row(row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
-        return table
+    def table(self) -> list[str]:
+        """A line per case and contender."""
+        heads = ("case", "contender", self.contest.cost_unit, "to first", self.contest.error_unit)
+        rows = [
+            (row.case, row.contender, digits(row.cost), f"{row.to_first:.2f}", digits(row.error))
+            for row in self.rows
+        ]
+        return list(table_lines(heads, rows, (False, False, True, True, True)))
 
     def chart(self) -> Figure:
         """A panel per case: cost against error, both logarithmic; down and left is better. Without errors, cost."""
-        cases, names = self.cases(), list(dict.fromkeys(row.contender for row in self.rows))
-        columns = min(_COLUMNS, len(cases) + 1)
+        names = list(dict.fromkeys(row.contender for row in self.rows))
+        cases = {case: list(rows) for case, rows in groupby(self.rows, lambda row: row.case)}
+        columns = min(3, len(cases) + 1)
         figure, (*panels, last) = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
         for axes, (case, rows) in zip(panels, cases.items(), strict=True):
             with_errors = rows[0].error is not None
@@ -205,6 +195,6 @@ def _time_ms(call: Callable[[], object]) -> float:
     return 1e3 * (time.perf_counter() - started)
 
 
-def digits(value: float) -> str:
-    """Two or three digits that count."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+def digits(value: float | None) -> str:
+    """Two or three digits that count; "-" for none."""
+    return "-" if value is None else f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

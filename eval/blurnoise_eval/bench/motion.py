@@ -1,4 +1,4 @@
-"""Benches of motion: ways to blur a picture, and to move a camera, its rows or its road.
+"""Benches of motion: ways to blur a picture, and to move a camera.
 
 Units: errors in 8-bit sRGB numbers, RMS off the borders, against 256 moments of a picture rendered four times finer.
 Convention: px, x right, y down.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -27,7 +26,7 @@ from blurnoise.motion.trajectory import shake
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 
-HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 480, 640, 0.01, 30e-6
+HEIGHT, WIDTH, EXPOSURE_S = 480, 640, 0.01
 LENGTHS_PX = (1.5, 6.0, 25.0, 100.0)
 ANGLE_DEG = 17.0
 FRAMES = 16
@@ -36,7 +35,6 @@ _GLOBAL = Camera(
     name="bench", pixel_pitch_um=3.45, f_number=1.4, transmission=1.0, quantum_efficiency=1.0, full_well_e=1e4,
     system_gain_dn_per_e=0.4, read_noise_e=2.0, black_level_dn=0.0, bit_depth=12, width_px=WIDTH, height_px=HEIGHT,
 )  # fmt: skip
-_ROLLED_PX_S = (900.0, -500.0)
 _SPEED_M_S = 100.0 / 3.6
 _MARGIN_PX = 36  # of the border, which is not compared
 Picture = NDArray[np.float32]
@@ -56,8 +54,8 @@ def blur(*, quick: bool) -> Contest:
 
 
 def motion(*, quick: bool) -> Contest:
-    """What moves in its own way: a hand, the rows of a rolling shutter, a road."""
-    cases = [_hand_shake] if quick else [_hand_shake, _rolling_shutter, _road]
+    """What moves in its own way: a hand, a road."""
+    cases = [_hand_shake] if quick else [_hand_shake, _road]
     return _contest("motion", "Things that move", cases)
 
 
@@ -90,20 +88,6 @@ def _hand_shake() -> Case:
         return x - np.interp(time, at, path[0]), y - np.interp(time, at, path[1])
 
     return _against_truth("hand shake, 32 px", [_ours(trajectory=held), _point_spread(path)], where)
-
-
-def _rolling_shutter() -> Case:
-    where, moved = _uniformly(*_ROLLED_PX_S), tuple(along * EXPOSURE_S for along in _ROLLED_PX_S)
-    rows_s = ((np.arange(HEIGHT) - (HEIGHT - 1) / 2) * ROW_S)[:, None]
-    x, y = places(HEIGHT, WIDTH)
-
-    def in_two_steps() -> Picture:
-        blurred = _pixels(motion_blur(picture(), moved))
-        return remapped(blurred, *where(x, y, rows_s), cv2.INTER_CUBIC)
-
-    camera = replace(_GLOBAL, shutter="rolling", row_time_s=ROW_S)
-    ways = [_ours(camera, velocity_px_s=_ROLLED_PX_S), Contender("motion_blur, then cv2.remap", in_two_steps)]
-    return _against_truth("rolling shutter", ways, where, rows_s=rows_s)
 
 
 def _road() -> Case:
@@ -146,11 +130,11 @@ def _uniformly(x_px_s: float, y_px_s: float) -> Where:
     return lambda x, y, time: (x - x_px_s * time, y - y_px_s * time)
 
 
-def _ours(camera: Camera = _GLOBAL, **moving: Any) -> Contender:
+def _ours(**moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
     def call() -> Tensor:
-        at = Conditions.of(picture(), camera, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        at = Conditions.of(picture(), _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
         return effects.through(picture(), at)
 
     return Contender("blurnoise", call, True)
@@ -173,9 +157,7 @@ def _point_spread(path_px: Floats) -> Contender:
     return Contender("cv2.filter2D by the path", call)
 
 
-def _against_truth(
-    name: str, ways: Sequence[Contender], where: Where, margin_px: int = _MARGIN_PX, rows_s: Floats = 0.0
-) -> Case:
+def _against_truth(name: str, ways: Sequence[Contender], where: Where, margin_px: int = _MARGIN_PX) -> Case:
     """The ways, and the mean of warped pictures as one writes it with OpenCV; errors off a margin from the picture
     that moves as ``where`` says."""
     pixels, (x, y) = _pixels(picture()), places(HEIGHT, WIDTH)
@@ -183,7 +165,7 @@ def _against_truth(
     def mean() -> Picture:
         total = np.zeros_like(pixels)
         for time in _moments(FRAMES):
-            cv2.accumulate(remapped(pixels, *where(x, y, time + rows_s)), total)
+            cv2.accumulate(remapped(pixels, *where(x, y, time)), total)
         return np.asarray(total / FRAMES)
 
     def coded(seen: Tensor | Picture) -> Tensor:
@@ -191,7 +173,7 @@ def _against_truth(
         inside = slice(margin_px, -margin_px)
         return srgb_from_linear(planes[..., inside, inside].double().clamp(0, 1))
 
-    expected = coded(truth(leaves(HEIGHT, WIDTH), where, _moments() + rows_s))
+    expected = coded(truth(leaves(HEIGHT, WIDTH), where, _moments()))
     every = [*ways, Contender(f"mean of {FRAMES} frames", mean)]
     return Case(name, every, lambda seen: 255 * float((coded(seen) - expected).square().mean().sqrt()))
 
@@ -231,7 +213,7 @@ def pixels(fine: Picture) -> Picture:
 def truth(fine: Picture, where: Where, times_s: Picture) -> Picture:
     """The mean of moments of what pixels see, (H, W, C): ``FINE`` times finer than they, averaged over their area.
 
-    times_s: (n, H, 1), for every row its own moments. What lies beyond the picture is reflected.
+    times_s: (n, 1, 1). What lies beyond the picture is reflected.
     """
     averaged = cv2.blur(fine, (FINE, FINE))  # sample i is the mean about i - 1/2
     x, y = places(fine.shape[0] // FINE, fine.shape[1] // FINE)

@@ -55,8 +55,6 @@ def camera_of(
         known[name_px] = (side, "measured: size of the frames")
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
-        if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
-            source += f"; linearity error {100 * linear.value:.2g} %"
         if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
             source += "; the converter clips there, the well may hold more"
         doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
@@ -64,8 +62,7 @@ def camera_of(
     known.pop("linearity_error", None)
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
-        brightest = (max(level.mean_dn for level in found.flat) - black) / gain
-        limit = f"assumed: the converter's limit; no frame clips, up to {brightest:.4g} electrons"
+        limit = "assumed: the converter's limit; no frame clips"
         known["full_well_e"] = ((full_scale - black) / gain, limit)
     if "dark_current_e_s" not in estimates:
         part = "assumed: dark frames of one exposure do not show it; part of the black level"

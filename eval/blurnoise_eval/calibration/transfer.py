@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -217,8 +217,8 @@ class _Data:
             return variance, spread_dn2, self.mean[: self.dark]
         means = np.concatenate([offset + slope * self.exposure_s[: self.dark], self.mean[self.dark :]])
         before = np.maximum(read_dn2 + gain * (means - offset), 0.0)
-        after = rounded(means, before, math.sqrt(max(spread_dn2, 0.0)))
-        return after.variance_dn2, spatial_variance(after.pixel_dn[: self.dark]), after.mean_dn[: self.dark]
+        mean, after, by_pixel = rounded(means, before, math.sqrt(max(spread_dn2, 0.0)))
+        return after, spatial_variance(by_pixel[: self.dark]), mean[: self.dark]
 
     def residuals(self, values: Floats) -> Floats:
         """Of the variances, of the pattern and of the dark means, over their errors."""
@@ -284,16 +284,11 @@ def _widened(residuals: Floats, fitted: int) -> float:
     return max(1.0, chi_square / freedom)
 
 
-class Rounded(NamedTuple):
-    """mean_dn, variance_dn2: (N,), averages over the pixels. pixel_dn: (N, nodes), the mean number by pixel."""
+def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> tuple[Floats, Floats, Floats]:
+    """What rounding makes of normal noise; pixels' means are normal, too, about ``mean_dn`` by ``spread_dn``.
 
-    mean_dn: Floats
-    variance_dn2: Floats
-    pixel_dn: Floats
-
-
-def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> Rounded:
-    """What rounding makes of normal noise; pixels' means are normal, too, about ``mean_dn`` by ``spread_dn``."""
+    Returns mean and variance, (N,), averages over the pixels, and the mean number by pixel, (N, nodes).
+    """
     places = mean_dn[:, None] + min(spread_dn, _WIDEST_DN) * _NODES
     sigma = np.sqrt(np.clip(variance_dn2, _LEAST_DN2, PLAIN_DN2))[:, None, None]
     off = np.round(places)[..., None] + _REACH - places[..., None]
@@ -303,7 +298,7 @@ def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> Rounded:
     low = variance_dn2 < PLAIN_DN2
     mean = np.where(low, mean_dn + shift @ _WEIGHTS, mean_dn)
     after = np.where(low, variance @ _WEIGHTS, variance_dn2 + 1 / 12)
-    return Rounded(mean, after, np.where(low[:, None], places + shift, places))
+    return mean, after, np.where(low[:, None], places + shift, places)
 
 
 def spatial_variance(pixel_dn: Floats) -> float:

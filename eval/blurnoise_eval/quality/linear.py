@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -64,14 +64,9 @@ class Linear:
         return edge[0] if isinstance(edge, list) else edge
 
 
-class Oecf(NamedTuple):
-    """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
-
-    numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
-    """
-
-    numbers: tuple[float, ...]
-    light: tuple[float, ...]
+Oecf = tuple[tuple[float, ...], tuple[float, ...]]
+"""A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale: digital numbers, and
+light in any unit, 0 for none; both rising, straight in between."""
 
 
 def read_oecf(path: Path) -> Oecf:
@@ -79,12 +74,12 @@ def read_oecf(path: Path) -> Oecf:
 
     Raises ``OSError``, and ``ValueError`` for other content.
     """
-    oecf = Oecf(*read_samples(path, 1, "a digital number"))
-    for name, values in oecf._asdict().items():
+    numbers, light = read_samples(path, 1, "a digital number")
+    for name, values in (("numbers", numbers), ("light", light)):
         rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
         if not rising or len(values) < FEWEST_FIELDS:
             raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
-    return oecf
+    return tuple(numbers), tuple(light)
 
 
 def linear(
@@ -104,9 +99,10 @@ def linear(
     if oecf is not None:
         if given or coding != "auto":
             raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
-        least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
-        light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
-        note = f"made linear by a grey scale of {len(oecf.light)} fields"
+        numbers, fields = oecf
+        least, most = fields[0], fields[-1]  # beyond them as if clipped
+        light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
+        note = f"made linear by a grey scale of {len(fields)} fields"
         return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     coded = coding == "srgb" or (coding == "auto" and bits == 8)

@@ -83,9 +83,8 @@ class Charts:
             encoding="linear",
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
-        if self._gain == 1:
-            return dn
-        return ((dn - self._black) * self._gain + self._black).clamp(0.0, self._camera.full_scale_dn)
+        amplified = (dn - self._black) * self._gain + self._black
+        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.full_scale_dn)
 
     @cached_property
     def edges(self) -> tuple[list[SlantedEdge], ...]:
@@ -184,7 +183,7 @@ _MTF50, _EDGE_SNR = (methodcaller("estimate", name) for name in ("mtf50", "edge_
 _CDP = partial(detection_probability, nominal=WEBER, tolerance=TOLERANCE)
 _UPRIGHT, _LYING = f"edge {TILT_DEG:g}° from vertical", f"edge {TILT_DEG:g}° from horizontal"
 _SIGN = f"{SIGN_PX} px stop sign against the scene"
-METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
+METRICS: tuple[Metric, ...] = (
     Metric("mtf50_x", "MTF50 across x", "cycles/px", _UPRIGHT, _edge(0, _MTF50), "log"),
     Metric(
         "mtf50_y", "MTF50 across y", "cycles/px", f"{_LYING}, so motion along x blurs it by its sine",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple
 
 from blurnoise._core import checks
 from blurnoise.metrics import Flag, SlantedEdge, information
@@ -18,8 +18,6 @@ from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_ed
 from blurnoise_eval.quality.linear import Linear
 from blurnoise_eval.system.tables import finite
 
-S = TypeVar("S")
-E = TypeVar("E")
 LARGEST_TARGET_PX = 64
 _DOUBTS = {
     "noiseless": "no noise: what is measured against it has no bound",
@@ -31,7 +29,7 @@ RESAMPLES = 200
 
 
 @dataclass(frozen=True)
-class Metric(Generic[S, E]):
+class Metric:
     """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
 
     of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
@@ -42,7 +40,7 @@ class Metric(Generic[S, E]):
     title: str
     unit: str
     about: str
-    of: Callable[[S], E]
+    of: Callable[[Any], Any]
     scale: Literal["linear", "log", "share"] = "linear"
 
     @property
@@ -87,7 +85,7 @@ def _square_snr(pair: Pair) -> Estimate:
     return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
 
 
-EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
+EDGE_METRICS: tuple[Metric, ...] = (
     Metric("mtf50", "MTF50", "cycles/px", "response half of that at 0", _scalar("mtf50"), "log"),
     Metric("mtf50p", "MTF50P", "cycles/px", "response half of its peak", _scalar("mtf50p"), "log"),
     Metric("mtf_nyquist_2", "MTF at Nyquist/2", "1", "at 1/4 cycles/px", _scalar("mtf_nyquist_2"), "share"),

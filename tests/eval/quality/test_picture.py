@@ -227,7 +227,7 @@ def test_a_new_metric_of_edges_is_one_entry(
     tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Weber contrast as the thirteenth: in JSON and CSV, and a line of the table."""
-    weber: Metric[measuring.Pair, Estimate] = Metric(
+    weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda pair: Estimate(pair.edge.bright / pair.edge.dark - 1),
     )  # fmt: skip

@@ -325,7 +325,7 @@ def test_a_picture_per_setting(tmp_path: Path) -> None:
 
 def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Weber contrast as the seventeenth: measured, written and drawn."""
-    weber: Metric[quality.Charts, list[Estimate]] = Metric(
+    weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda taken: [Estimate(float(b.mean() / d.mean()) - 1) for b, d in zip(*taken.patches, strict=True)],
     )  # fmt: skip
