@@ -15,6 +15,7 @@ from blurnoise.blur.layers import Layer, ObjectMotion, object_motion
 from blurnoise.blur.sub_exposures import flows
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PLANES
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
 
@@ -64,6 +65,9 @@ class Conditions(Generic[Number]):
         """
         of_one_exposure(camera)
         batch, size = len(image), (image.shape[-2], image.shape[-1])
+        if camera.cfa not in PLANES and min(size) < 2:
+            must = f"behind cfa = {camera.cfa!r} must be at least 2 x 2"
+            raise ValueError(f"image: {size[1]} x {size[0]} px; {must}")
         exposure = limited_per_image("exposure_s", exposure_s, batch, image)
         lux = limited_per_image("illuminance_lux", illuminance_lux, batch, image)
         temperature = limited_per_image("temperature_c", temperature_c, batch, image)

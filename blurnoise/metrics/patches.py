@@ -47,7 +47,7 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
     freedom = max(count - order, 1)
     noise_variance = (patch - trend).square().sum((-2, -1)) / freedom
     trend_variance = (trend - mean[..., None, None]).square().mean((-2, -1))
-    rounding = patch.abs().amax((-2, -1)) * 1e-12  # that double precision leaves of a constant patch
+    rounding = patch.abs().amax((-2, -1)) * values.ROUNDING
     std = noise_variance.sqrt()
     std = torch.where(rounding >= std, 0.0, std) if count > order else torch.full_like(std, math.nan)
     snr = torch.where(finite, mean / std, math.nan)
@@ -85,7 +85,7 @@ def patch_contrast(bright: Tensor, dark: Tensor) -> PatchContrast:
     """
     a, b = _pixels(bright=bright, dark=dark)
     n_a, n_b = a.shape[-1], b.shape[-1]
-    mean_a, mean_b, var_a, var_b = a.mean(-1), b.mean(-1), a.var(-1), b.var(-1)
+    mean_a, mean_b, var_a, var_b = a.mean(-1), b.mean(-1), _variance(a), _variance(b)
     step, total = mean_a - mean_b, mean_a + mean_b
     se_a, se_b = (var_a / n_a).sqrt(), (var_b / n_b).sqrt()
     # d/da (a - b)/(a + b) = 2b/(a + b)², d/db = -2a/(a + b)²
@@ -134,7 +134,7 @@ def detection_probability(
     centre = (p + Z**2 / (2 * flips)) / (1 + Z**2 / flips)
     margin = Z / (1 + Z**2 / flips) * torch.sqrt(p * (1 - p) / flips + (Z / (2 * flips)) ** 2)
     flags = {
-        "noiseless": a.var(-1) + b.var(-1) == 0,
+        "noiseless": _variance(a) + _variance(b) == 0,
         "too_few_pixels": torch.full_like(finite, min(n_a, n_b) < 30),
         "not_finite": ~finite,
     }
@@ -188,6 +188,12 @@ def _share_between(own: Tensor, other: Tensor, low: float, high: float) -> Tenso
     below = torch.searchsorted(ordered, (own * low).contiguous())
     up_to = torch.searchsorted(ordered, (own * high).contiguous(), right=True)
     return torch.where(own > 0, (up_to - below) / other.shape[-1], 0.0).double()
+
+
+def _variance(pixels: Tensor) -> Tensor:
+    """Variance of pixels (..., N); 0 where it is rounding alone."""
+    variance = pixels.var(-1)
+    return torch.where(variance.sqrt() <= pixels.abs().amax(-1) * values.ROUNDING, 0.0, variance)
 
 
 def _pixels(**patches: Tensor) -> list[Tensor]:

@@ -19,6 +19,8 @@ Roi = tuple[int, int, int, int]
 SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
 """Share of pixels at black or full scale above which a region counts as clipped."""
+ROUNDING = 1e-12
+"""Share of the largest value below which a deviation is what double precision leaves of a constant."""
 _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
 
 

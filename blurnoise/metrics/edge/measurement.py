@@ -124,9 +124,12 @@ class SlantedEdge:
     resamples: Resamples | None = None
 
     def estimate(self, name: str) -> Estimate:
-        """The scalar of that name with its interval, NaN without a bootstrap, and the flags of the edge."""
-        low, high = self.intervals.get(name, (math.nan, math.nan))
-        return Estimate(getattr(self, name), low, high, frozenset(flag.name.lower() for flag in self.flags))
+        """The scalar of that name with its interval, NaN without a bootstrap, and the flags of the edge; of a ratio
+        to noise, where there is none, "noiseless"."""
+        value, flags = getattr(self, name), frozenset(flag.name.lower() for flag in self.flags)
+        if name in ("cnr", "edge_snr_db") and value == math.inf:
+            return Estimate(value, flags=flags | {"noiseless"})
+        return Estimate(value, *self.intervals.get(name, (math.nan, math.nan)), flags)
 
 
 def slanted_edge(

@@ -14,6 +14,8 @@ from functools import cache
 import torch
 from torch import Tensor
 
+from blurnoise.metrics.values import ROUNDING
+
 MARGIN_PX = 2.0  # an edge that comes closer to the side of its region has left it
 FLAT_AT_LEAST = 0.05  # share of the width at either side, at first taken to be flat
 SIGNIFICANT = 6.0  # standard errors that a step must have
@@ -203,6 +205,8 @@ def measure_sides(values: Tensor, position_px: Tensor) -> tuple[Sides, Upright]:
         left.append((off, strip))
     level, place, count, total, square = (torch.stack(each, dim=-1) for each in zip(*of_sides, strict=True))
     pixels = count.sum(1)
+    least = (ROUNDING * values.abs().amax((1, 2))[:, None]) ** 2
+    square = torch.where((square.sum(1) <= least * pixels)[:, None], 0.0, square)
     variance = square.sum(1) / (pixels - 3).clamp_min(1)
     too_small |= (pixels < 2 * upright.values.shape[1]).any(1)
     noisy = variance.amax(1) > NOISELESS * (level[:, 1] - level[:, 0]) ** 2  # rounding errors are correlated

@@ -6,30 +6,25 @@ load meets them alike, and each result is compared with the case's truth.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.table import Table
 
 from blurnoise_eval.plots.style import plain_numbers, small_multiples, tidy
 from blurnoise_eval.system.files import write_figure, write_records
 from blurnoise_eval.system.machine import hardware, limited_threads, versions
+from blurnoise_eval.system.terminal import table_lines
 
 Progress = Callable[[float], object]
 FEWEST, MOST = 3, 12
-"""Timed calls of a contender."""
-_COLOURS = (
-    "#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c564b", "#777777", "#bcbd22",
-)  # fmt: skip
+"""Timed rounds of a case."""
 _MARKERS = "osX^DPv<ph"
-_COLUMNS = 3
 _LEAST = 1e-6  # the smallest error of a chart
 
 
@@ -94,23 +89,6 @@ class Result:
     rows: list[Row]
     machine: dict[str, Any]
 
-    def losses(self) -> list[str]:
-        """Where a contender that is not ours beats every one of ours in cost or in error, by 2 % or more."""
-        found = []
-        for row in self.rows:
-            own = [each for each in self.rows if each.case == row.case and each.ours]
-            if row.ours or not own:
-                continue
-            errors = [each.error for each in own if each.error is not None]
-            words = ["costs"] if row.cost < 0.98 * min(each.cost for each in own) else []
-            if row.error is not None and errors and row.error < 0.98 * min(errors):
-                words.append("errs")
-            if words:
-                of = f"{row.to_first:.2f} of the first's {self.contest.cost_unit}"
-                error = "" if row.error is None else f", error {digits(row.error)} {self.contest.error_unit}"
-                found.append(f"{row.case}: {row.contender} {' and '.join(words)} less, {of}{error}")
-        return found
-
     def write(self, folder: Path) -> None:
         """Write NAME.csv, a row per contender and case, NAME.json and NAME.png; raises ``OSError``."""
         name = self.contest.name
@@ -120,76 +98,58 @@ class Result:
     def document(self) -> dict[str, Any]:
         """Everything, ready for JSON."""
         about = {name: getattr(self.contest, name) for name in ("title", "cost_unit", "error_unit")}
-        rows = [asdict(row) for row in self.rows]
-        return {**about, "machine": self.machine, "losses": self.losses(), "rows": rows}
+        return {**about, "machine": self.machine, "rows": [asdict(row) for row in self.rows]}
 
-    def cases(self) -> dict[str, list[Row]]:
-        """The rows by the name of their case."""
-        return {row.case: [each for each in self.rows if each.case == row.case] for row in self.rows}
-
-    def table(self) -> Table:
-        """A line per contender, under each case's name."""
-        table = Table(title=self.contest.title, title_justify="left")
-        table.add_column("", no_wrap=True)
-        with_errors = any(row.error is not None for row in self.rows)
-        for name in (self.contest.cost_unit, "to first", *([self.contest.error_unit] * with_errors)):
-            table.add_column(name, justify="right")
-        for case, rows in self.cases().items():
-            table.add_section()
-            table.add_row(f"{case}:")
-            for row in rows:
-                error = [] if row.error is None else [digits(row.error)]
-                table.add_row(row.contender, digits(row.cost), f"{row.to_first:.2f}", *error)
-        return table
+    def table(self) -> list[str]:
+        """A line per case and contender."""
+        heads = ("case", "contender", self.contest.cost_unit, "to first", self.contest.error_unit)
+        rows = [
+            (row.case, row.contender, digits(row.cost), f"{row.to_first:.2f}", digits(row.error))
+            for row in self.rows
+        ]
+        return list(table_lines(heads, rows, (False, False, True, True, True)))
 
     def chart(self) -> Figure:
         """A panel per case: cost against error, both logarithmic; down and left is better. Without errors, cost."""
-        cases, names = self.cases(), list(dict.fromkeys(row.contender for row in self.rows))
-        looks: dict[str, dict[str, Any]] = {
-            name: {
-                "color": _COLOURS[place % len(_COLOURS)], "marker": _MARKERS[place % len(_MARKERS)], "ms": 7,
-                "mec": "white", "mew": 0.5,
-            }
-            for place, name in enumerate(names)
-        }  # fmt: skip
-        columns = min(_COLUMNS, len(cases) + 1)
+        names = list(dict.fromkeys(row.contender for row in self.rows))
+        cases = {case: list(rows) for case, rows in groupby(self.rows, lambda row: row.case)}
+        columns = min(3, len(cases) + 1)
         figure, (*panels, last) = small_multiples(len(cases) + 1, columns, (4.2, 3.4), (0.0, 0.6))
         for axes, (case, rows) in zip(panels, cases.items(), strict=True):
-            self._draw(axes, rows, looks)
+            with_errors = rows[0].error is not None
+            for row in rows:
+                number = names.index(row.contender)
+                place = -number if row.error is None else max(row.error, _LEAST)
+                axes.plot([row.low, row.high], [place, place], color=f"C{number}", lw=1.2, zorder=2)
+                axes.plot(row.cost, place, zorder=4 if row.ours else 3, **_look(number))
+            axes.set(xscale="log", yscale="log" if with_errors else "linear")
+            plain_numbers(axes.xaxis, digits=(1, 2, 5))
+            if with_errors:
+                plain_numbers(axes.yaxis, digits=(1,))
+            else:
+                axes.set_yticks([])
+            axes.margins(0.15)
+            tidy(axes, x=self.contest.cost_unit, y=self.contest.error_unit if with_errors else None)
             axes.set_title(case, fontsize=9.5, loc="left")
         last.set_axis_off()
-        points = [last.plot([], [], ls="", label=name, **look)[0] for name, look in looks.items()]
+        points = [last.plot([], [], ls="", label=name, **_look(n))[0] for n, name in enumerate(names)]
         last.legend(handles=points, loc="center", fontsize=8.5, frameon=False)
         better = "left" if self.rows[0].error is None else "down and left"
         figure.suptitle(f"{self.contest.title}: {better} is better", fontsize=10)
-        threads = self.machine["threads"]
-        where = f"{threads} thread{'s' * (threads != 1)}, {self.machine['processor']}"
+        where = f"threads: {self.machine['threads']}, {self.machine['processor']}"
         figure.supxlabel(where, fontsize=8, color="0.45")
         return figure
 
-    def _draw(self, axes: Axes, rows: Sequence[Row], looks: Mapping[str, Mapping[str, Any]]) -> None:
-        for row in rows:
-            look = looks[row.contender]
-            place = -list(looks).index(row.contender) if row.error is None else max(row.error, _LEAST)
-            axes.plot([row.low, row.high], [place, place], color=look["color"], lw=1.2, zorder=2)
-            axes.plot(row.cost, place, zorder=4 if row.ours else 3, **look)
-        axes.set_xscale("log")
-        plain_numbers(axes.xaxis, digits=(1, 2, 5))
-        if rows[0].error is None:
-            axes.set_yticks([])
-        else:
-            axes.set_yscale("log")
-            plain_numbers(axes.yaxis, digits=(1,))
-        axes.margins(0.15)
-        tidy(axes, x=self.contest.cost_unit, y=self.contest.error_unit if rows[0].error is not None else None)
+
+def _look(number: int) -> dict[str, Any]:
+    return {"color": f"C{number}", "marker": _MARKERS[number], "ms": 7, "mec": "white", "mew": 0.5}
 
 
 def run(
     contest: Contest, *, quick: bool = False, threads: int = 2, progress: Progress = lambda share: None
 ) -> Result:
     """Let all contenders do all cases; ``progress`` receives each finished share of a case."""
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    machine = {**hardware(), "threads": threads, "load": load, "versions": versions()}
+    machine = {**hardware(), "threads": threads, "versions": versions()}
     rows = list[Row]()
     with limited_threads(threads):
         for make in contest.cases:
@@ -216,20 +176,15 @@ def _rows(case: Case, seconds: float, progress: Progress) -> list[Row]:
 def in_turns_ms(
     calls: Mapping[str, Callable[[], object]], seconds: float, progress: Progress
 ) -> dict[str, list[float]]:
-    """Times of each call, ms, taken in turns.
-
-    After one call that does not count, a call is repeated as often as fits into ``seconds``, from ``FEWEST`` to
-    ``MOST`` times, spread evenly over the turns. ``progress`` receives each turn's share.
-    """
-    counts = {
-        name: int(np.clip(1e3 * seconds / _time_ms(call), FEWEST, MOST)) for name, call in calls.items()
-    }
+    """Times of each call, ms, in rounds of all of them, as many as fit into ``seconds`` for each on average, from
+    ``FEWEST`` to ``MOST``, after one that does not count. ``progress`` receives each round's share."""
+    first_ms = sum(map(_time_ms, calls.values()))
+    rounds = int(np.clip(1e3 * seconds * len(calls) / first_ms, FEWEST, MOST))
     times: dict[str, list[float]] = {name: [] for name in calls}
-    for turn in range(1, MOST + 1):
+    for _ in range(rounds):
         for name, call in calls.items():
-            if turn * counts[name] // MOST > len(times[name]):
-                times[name].append(_time_ms(call))
-        progress(1 / MOST)
+            times[name].append(_time_ms(call))
+        progress(1 / rounds)
     return times
 
 
@@ -239,6 +194,6 @@ def _time_ms(call: Callable[[], object]) -> float:
     return 1e3 * (time.perf_counter() - started)
 
 
-def digits(value: float) -> str:
-    """Two or three digits that count."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+def digits(value: float | None) -> str:
+    """Two or three digits that count; "-" for none."""
+    return "-" if value is None else f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

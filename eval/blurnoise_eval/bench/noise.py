@@ -32,7 +32,7 @@ Law = NDArray[np.float64]
 
 
 def noise(*, quick: bool) -> Contest:
-    """Ours, PyTorch's and NumPy's Poisson counts, and the plain normal, in the dark and in light."""
+    """Ours, PyTorch's Poisson counts, and the plain normal, in the dark and in light."""
     shape = (2, 3, 256, 256) if quick else (8, 3, 512, 512)
     cases = [partial(_case, shape, *each) for each in product(READ_NOISES_E, MEANS_E)]
     return Contest(
@@ -79,12 +79,6 @@ def _case(shape: tuple[int, ...], read_noise_e: float, mean_e: float) -> Case:
     def with_torch() -> Tensor:
         return digital(torch.poisson(means) + read_noise_e * torch.randn(shape))
 
-    def with_numpy() -> Tensor:
-        generator = np.random.default_rng(1)
-        read_e = read_noise_e * generator.standard_normal(shape, np.float32)
-        electrons = generator.poisson(means.numpy()) + read_e
-        return digital(torch.from_numpy(electrons.astype(np.float32)))
-
     def plain_normal() -> Tensor:
         return digital(means + math.hypot(mean_e**0.5, read_noise_e) * torch.randn(shape))
 
@@ -92,7 +86,6 @@ def _case(shape: tuple[int, ...], read_noise_e: float, mean_e: float) -> Case:
         Contender("blurnoise, auto", ours, True),
         Contender("blurnoise, full", partial(ours, fidelity="full"), True),
         Contender("torch.poisson + normal", with_torch),
-        Contender("numpy poisson + normal", with_numpy),
         Contender("one plain normal", plain_normal),
     ]
     name = f"{mean_e:g} e-, read noise {read_noise_e:g} e-"

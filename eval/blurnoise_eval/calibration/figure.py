@@ -1,4 +1,4 @@
-"""Figure of photon transfer: temporal variance over mean, SNR over electrons, and signal over light of frames."""
+"""Figure of photon transfer: temporal variance over mean, and signal over light, of frames."""
 
 from __future__ import annotations
 
@@ -19,39 +19,27 @@ _MODEL: Any = {"color": GREY, "lw": 1.2, "zorder": 1}
 def draw_fit(found: Measurement, name: str) -> Figure:
     """The levels, and the linear model that was fitted to them."""
     fit, linear = found.fit, found.linearity
-    panels = 3 if linear else 2
-    figure, (transfer, snr, *rest) = small_multiples(panels, panels, (5.4, 4.6), (0.0, 0.4))
+    panels = 2 if linear else 1
+    figure, (transfer, *rest) = small_multiples(panels, panels, (5.4, 4.6), (0.0, 0.4))
     used = [found.flat[place] for place in found.used]
     out = [level for level in found.flat if level not in used]
-    signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
-    line = fit.read_dn2 + 1 / 12 + fit.gain * signal
-    for label, colour, levels in (
-        ("dark", "black", found.dark),
-        ("flat", COLOURS[0], used),
-        ("flat, left out of the fit", COLOURS[1], out),
-    ):
-        noisy = [level for level in levels if level.variance_dn2 > 0]
+    shown = {"dark": found.dark, "flat": used, "flat, left out of the fit": out}
+    for (label, of_kind), colour in zip(shown.items(), ("black", *COLOURS), strict=False):
+        noisy = [level for level in of_kind if level.variance_dn2 > 0]
         mean, variance = columns(noisy, "mean_dn", "variance_dn2")
-        above = mean - fit.dark.offset
-        transfer.plot(above, variance, color=colour, label=label, **_HOLLOW)
-        if label != "dark":
-            snr.plot(above / fit.gain, above / np.sqrt(variance), color=colour, label=label, **_HOLLOW)
+        transfer.plot(mean - fit.dark.offset, variance, color=colour, label=label, **_HOLLOW)
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
     text = (
         f"K {gain.value:.4g} ({gain.low:.4g}-{gain.high:.4g}) DN/e⁻\n"
         f"read noise {read.value:.3g} ({read.low:.3g}-{read.high:.3g}) e⁻"
     )
+    signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
+    line = fit.read_dn2 + 1 / 12 + fit.gain * signal
     transfer.plot(signal, line, label=text, **_MODEL)
-    electrons, modelled = signal / fit.gain, signal / np.sqrt(line)
-    snr.plot(electrons, modelled, label="linear model of EMVA 1288", **_MODEL)
-    snr.plot(electrons, np.sqrt(electrons), label="shot noise alone", ls="--", **_MODEL)
     transfer.set_xscale("symlog", linthresh=1.0)
     transfer.set(yscale="log", ylim=(line[0] / 3, 5 * line[-1]))
-    snr.set(xscale="log", yscale="log", ylim=(modelled[0] / 2, 8 * modelled[-1]))
     tidy(transfer, x="Mean above the black level / DN", y="Temporal variance / DN²")
-    tidy(snr, x="Signal / e⁻", y="Temporal SNR")
-    for axes in (transfer, snr):
-        axes.legend(fontsize=8, frameon=False, loc="upper left")
+    transfer.legend(fontsize=8, frameon=False, loc="upper left")
     if linear:
         scale, label = (1.0, "Light / photons per pixel") if linear.by_photons else (1e3, "Exposure / ms")
         expected = linear.slope * linear.x + linear.offset

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,14 +105,14 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     doubts = [doubt for doubt in (first, checks.hot_pixels(pattern, found), stray) if doubt]
     for doubt in doubts:
         doubt.widen(estimates)
-    notes = _notes(found, files.step_dn, len(flat) - len(used))
+    notes = _notes(found, files.step_dn)
     return Measurement(
         estimates=estimates, dark=dark, flat=flat, used=usable, fit=found, linearity=linear, size_px=files.size_px,
         bit_depth=bits, bits_given=bit_depth is not None, clip_dn=clip_dn, notes=notes, doubts=doubts,
     )  # fmt: skip
 
 
-def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
+def _notes(fit: Transfer, step: int) -> list[str]:
     """What was assumed, and what else to know of the figures."""
     bounds = ", and are bounds only, with black level and dark current"
     bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
@@ -121,9 +120,7 @@ def _notes(fit: Transfer, step: int, left_out: int) -> list[str]:
     hidden = "the camera takes dark charge off the mean: dark current is that of the variance"
     every = (
         (step > 1, f"all numbers are multiples of {step}: counted in steps of {step}"),
-        (math.isnan(fit.dark.slope), "dark frames of one exposure: dark current is part of the black level"),
         (fit.rounding, f"{dark}: read noise and DSNU rest on the noise being normal{bounds}"),
-        (left_out > 0, f"{left_out} flat levels near or beyond saturation are left out of the fit"),
         (fit.hidden_dn2_s[0] > 0, hidden),
         (fit.widened, "the variances scatter beyond chance about the line: intervals are widened for that"),
     )

@@ -50,16 +50,11 @@ def camera_of(
         bits = "stated with the frames"
     elif found.clip_dn == full_scale:
         bits = f"measured: frames clip at {full_scale} DN"
-    (width, height), size = found.size_px, "measured: size of the frames"
-    known: Known = {
-        "bit_depth": (found.bit_depth, bits),
-        "width_px": (width, size),
-        "height_px": (height, size),
-    }
+    known: Known = {"bit_depth": (found.bit_depth, bits)}
+    for name_px, side in zip(("width_px", "height_px"), found.size_px, strict=True):
+        known[name_px] = (side, "measured: size of the frames")
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
-        if figure == "system_gain_dn_per_e" and (linear := estimates.get("linearity_error")):
-            source += f"; linearity error {100 * linear.value:.2g} %"
         if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
             source += "; the converter clips there, the well may hold more"
         doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
@@ -67,8 +62,7 @@ def camera_of(
     known.pop("linearity_error", None)
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
-        brightest = (max(level.mean_dn for level in found.flat) - black) / gain
-        limit = f"assumed: the converter's limit; no frame clips, up to {brightest:.4g} electrons"
+        limit = "assumed: the converter's limit; no frame clips"
         known["full_well_e"] = ((full_scale - black) / gain, limit)
     if "dark_current_e_s" not in estimates:
         part = "assumed: dark frames of one exposure do not show it; part of the black level"

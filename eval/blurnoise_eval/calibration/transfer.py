@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -156,34 +156,34 @@ def fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Trans
 def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Transfer:
     """The fit of one set of variances; where rounding rules, the dark line is fitted along, as both depend on it."""
     data = _Data(dark, flat, pattern)
-    line, lowest = data.line, float(data.seen[: data.dark].min())
-    rounding, sloped = lowest - 1 / 12 < PLAIN_DN2, not math.isnan(data.line.slope)
+    line, lowest, sloped = data.line, float(data.seen[: data.dark].min()), not math.isnan(data.line.slope)
+    free = 4 + sloped if data.rounding else 3
     least = 1e-6 * float(data.seen.max() / data.mean.max())
     gain = max(straight(data.mean - line.offset, data.seen, data.error).slope, least)
-    start = np.array([gain, max(lowest - 1 / 12, 1e-3), max(pattern.fixed_dn2, 1e-4)])
-    scale = np.array([gain, max(lowest, 0.05), max(pattern.variance_dn2, 0.05)])
-    if rounding:
-        start = data.best_start(np.array([*start, line.offset, line.slope if sloped else 0.0]))
-        scale = np.array([*scale, 1.0, 1 / max(float(data.exposure_s.max()), 1e-9)])
-        start, scale = start[: 4 + sloped], scale[: 4 + sloped]
-    low = np.array([1e-3, 0, 0, -np.inf, -np.inf][: len(start)])
+    noise, spread = max(lowest - 1 / 12, 1e-3), max(pattern.fixed_dn2, 1e-4)
+    values = np.array([gain, noise, spread, line.offset, line.slope if sloped else 0.0])
+    sizes = [gain, max(lowest, 0.05), max(pattern.variance_dn2, 0.05)]
+    scale = np.array([*sizes, 1.0, 1 / max(float(data.exposure_s.max()), 1e-9)])[:free]
+    low = np.array([1e-3, 0, 0, -np.inf, -np.inf])[:free]
+    if data.rounding:
+        values = data.best_start(values)
     for _ in range(3):
+        rest = values[free:]
         found = least_squares(
-            lambda unknown: data.residuals(unknown * scale),
-            np.maximum(start / scale, low), bounds=(low, np.inf), x_scale="jac",
+            lambda unknown: data.residuals(np.append(unknown * scale, rest)),  # noqa: B023  # called here
+            np.maximum(values[:free] / scale, low), bounds=(low, np.inf), x_scale="jac",
         )  # fmt: skip
-        start = found.x * scale
-        data.weigh(data.model(start)[0])
-    residuals = data.residuals(start)
-    if not rounding:  # the pattern, and its spread, always fit
-        residuals = residuals[: len(data.seen)]
-    factor = _widened(residuals, len(start) if rounding else 2)
+        values = np.append(found.x * scale, rest)
+        data.weigh(data.model(values)[0])
+    residuals = data.residuals(values)
+    # where rounding does not rule, the pattern, and its spread, always fit
+    factor = _widened(residuals, free) if data.rounding else _widened(residuals[: len(data.seen)], 2)
     covariance = factor * np.linalg.pinv(found.jac.T @ found.jac) * np.outer(scale, scale)
-    if rounding:
-        values, errors = ([*each[3:], math.nan][:2] for each in (start, np.sqrt(np.diag(covariance))))
-        line = Line(*values, *errors)
-    gain, read_dn2, spread_dn2 = start[:3].tolist()
-    return Transfer(gain, read_dn2, spread_dn2, covariance[:3, :3], line, factor > 1, rounding)
+    if data.rounding:
+        _, _, _, offset_error, slope_error = np.append(np.sqrt(np.diag(covariance)), math.nan)[:5]
+        line = Line(values[3], values[4] if sloped else math.nan, offset_error, slope_error)
+    gain, read_dn2, spread_dn2 = values[:3].tolist()
+    return Transfer(gain, read_dn2, spread_dn2, covariance[:3, :3], line, factor > 1, data.rounding)
 
 
 class _Data:
@@ -193,6 +193,7 @@ class _Data:
         names = ("exposure_s", "mean_dn", "variance_dn2", "mean_error_dn", "variance_error_dn2", "pixels")
         self.exposure_s, self.mean, self.seen, mean_error, noise, pixels = columns([*dark, *flat], *names)
         self.dark, self.pattern, self.line = len(dark), pattern, dark_line(dark)
+        self.rounding = float(self.seen[: self.dark].min()) - 1 / 12 < PLAIN_DN2
         self._counted = 1.5 / pixels  # variance of one pixel that is off by one
         self._relative = np.maximum(noise / np.maximum(self.seen, 1e-9), 1e-6)
         self.error = np.hypot(noise, self._counted)
@@ -208,26 +209,23 @@ class _Data:
     def model(self, values: Floats) -> tuple[Floats, float, Floats]:
         """Variance at each level, variance over pixels of the dark mean, mean at each dark level.
 
-        values: gain, read_dn2, spread_dn2, and where rounding rules the dark line's offset and slope.
+        values: gain, read_dn2, spread_dn2, the dark line's offset and slope, of which rounding takes the means.
         """
-        gain, read_dn2, spread_dn2 = values[:3]
-        if len(values) == 3:
+        gain, read_dn2, spread_dn2, offset, slope = values
+        if not self.rounding:
             variance = read_dn2 + 1 / 12 + gain * (self.mean - self.line.offset)
             return variance, spread_dn2, self.mean[: self.dark]
-        offset, slope = values[3], values[4] if len(values) > 4 else 0.0
         means = np.concatenate([offset + slope * self.exposure_s[: self.dark], self.mean[self.dark :]])
         before = np.maximum(read_dn2 + gain * (means - offset), 0.0)
-        after = rounded(means, before, math.sqrt(max(spread_dn2, 0.0)))
-        return after.variance_dn2, spatial_variance(after.pixel_dn[: self.dark]), after.mean_dn[: self.dark]
+        mean, after, by_pixel = rounded(means, before, math.sqrt(max(spread_dn2, 0.0)))
+        return after, spatial_variance(by_pixel[: self.dark]), mean[: self.dark]
 
     def residuals(self, values: Floats) -> Floats:
-        """Of the variances, of the pattern, and where rounding rules of the dark means; over their errors."""
+        """Of the variances, of the pattern and of the dark means, over their errors."""
         variance, spread, dark = self.model(values)
         pattern = (self.pattern.fixed_dn2 - spread) / max(self.pattern.error_dn2, 1e-9)
-        parts = [(self.seen - variance) / self.error, np.array([pattern])]
-        if len(values) > 3:
-            parts.append((self.mean[: self.dark] - dark) / self._mean_error[: self.dark])
-        return np.concatenate(parts)
+        means = (self.mean[: self.dark] - dark) / self._mean_error[: self.dark]
+        return np.concatenate([(self.seen - variance) / self.error, [pattern], means])
 
     def best_start(self, start: Floats) -> Floats:
         """Of starts over read noise and the phase of the black level the best: there are several minima."""
@@ -286,16 +284,11 @@ def _widened(residuals: Floats, fitted: int) -> float:
     return max(1.0, chi_square / freedom)
 
 
-class Rounded(NamedTuple):
-    """mean_dn, variance_dn2: (N,), averages over the pixels. pixel_dn: (N, nodes), the mean number by pixel."""
+def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> tuple[Floats, Floats, Floats]:
+    """What rounding makes of normal noise; pixels' means are normal, too, about ``mean_dn`` by ``spread_dn``.
 
-    mean_dn: Floats
-    variance_dn2: Floats
-    pixel_dn: Floats
-
-
-def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> Rounded:
-    """What rounding makes of normal noise; pixels' means are normal, too, about ``mean_dn`` by ``spread_dn``."""
+    Returns mean and variance, (N,), averages over the pixels, and the mean number by pixel, (N, nodes).
+    """
     places = mean_dn[:, None] + min(spread_dn, _WIDEST_DN) * _NODES
     sigma = np.sqrt(np.clip(variance_dn2, _LEAST_DN2, PLAIN_DN2))[:, None, None]
     off = np.round(places)[..., None] + _REACH - places[..., None]
@@ -305,7 +298,7 @@ def rounded(mean_dn: Floats, variance_dn2: Floats, spread_dn: float) -> Rounded:
     low = variance_dn2 < PLAIN_DN2
     mean = np.where(low, mean_dn + shift @ _WEIGHTS, mean_dn)
     after = np.where(low, variance @ _WEIGHTS, variance_dn2 + 1 / 12)
-    return Rounded(mean, after, np.where(low[:, None], places + shift, places))
+    return mean, after, np.where(low[:, None], places + shift, places)
 
 
 def spatial_variance(pixel_dn: Floats) -> float:

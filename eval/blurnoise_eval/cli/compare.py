@@ -23,13 +23,13 @@ def compare(
     full_scale: FullScale = None,
     as_json: Json = False,
 ) -> None:
-    """Compare a simulated picture with a real one of the same chart: mean, noise at each level, sharpness of slanted
-    edges, and power spectrum by octaves. Each quantity agrees, or differs by more than chance allows.
+    """Compare a simulated picture with a real one of the same chart: mean, noise at each level and sharpness of
+    slanted edges. Each quantity agrees, or differs by more than chance allows.
 
       blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095
 
-    Noise is looked for where both pictures are even. Align them to a few pixels: what is framed otherwise shows in
-    the lowest octaves. Simulate with --bit-depth native, and take the real one raw, so that both are linear.
+    Noise is looked for where both pictures are even. Align them to a few pixels. Simulate with --bit-depth native,
+    and take the real one raw, so that both are linear.
     """
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")

@@ -87,6 +87,7 @@ def measure(
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")
     from blurnoise_eval.datasets import decode
+    from blurnoise_eval.quality import linear as linearising
     from blurnoise_eval.quality import picture as measuring
     from blurnoise_eval.system.files import plot_suffix, write_figure, write_whole
     from blurnoise_eval.system.tables import csv_lines
@@ -94,16 +95,14 @@ def measure(
     if plot:
         plot_suffix(plot)  # before anything is measured
     target = measuring.Square(target_size, target_contrast)
-    light = measuring.linear(
+    light = linearising.linear(
         decode(image),
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=measuring.read_oecf(oecf) if oecf else None,
+        oecf=linearising.read_oecf(oecf) if oecf else None,
     )
-    rois, passed = (roi, ()) if roi else measuring.found_regions(light)
-    measured = measuring.measure(light, rois, mode=mode, target=target)
-    notes = [*light.notes, *passed]
+    measured = measuring.measure(light, roi or measuring.found_regions(light), mode=mode, target=target)
     rows = [region.row() for region in measured]
     if table:
         write_whole(table, "".join(csv_lines(list(rows[0]), rows)).encode())
@@ -113,10 +112,10 @@ def measure(
         write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
         facts = {"image": str(image), "mode": mode, "unit": light.unit, "target": vars(target)}
-        say_json({**facts, "notes": notes, "regions": rows})
+        say_json({**facts, "notes": list(light.notes), "regions": rows})
         return
     _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
-    say(*notes, error=True)
+    say(*light.notes, error=True)
     say(*filter(None, (table, plot)))
 
 

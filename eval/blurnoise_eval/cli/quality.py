@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 from blurnoise_eval.cli import given as given_by
 from blurnoise_eval.cli._options import Json, NewFolder, settings
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.grid.axes import AXES, EGO, MOVES
+from blurnoise_eval.grid.plan_file import LISTS, PlanFile, with_axes
+from blurnoise_eval.grid.settings import setting
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
@@ -12,14 +16,30 @@ USUAL = {
     "exposure_ms": "0.5,1,2,5,10,15,20,30,45,60,90",
     "lux": "5,50,500",
     "dx": "0,200,500,1000",
+    "dy": "0",
     "gain": "0",
 }
+_AXES = tuple(  # charts have no one mean that a camera would meter
+    replace(each, automatic=False, about=each.about.partition("; auto")[0]) for each in AXES
+)
 
 
-@settings(PlanFile, "camera", "*", template=False)
+@dataclass(frozen=True)
+class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: ignore[misc]  # its fields are the table's
+    """A plan with this command's defaults for camera and axes."""
+
+    camera: str | None = setting(None, "a preset or a file (default: imx250m)", "NAME|FILE")
+
+
+@settings(
+    ChartPlan,
+    "camera",
+    *(each.key for each in _AXES if each.name not in (MOVES.name, EGO.name)),
+    template=False,
+)
 def quality(
     *,
-    given: PlanFile,
+    given: ChartPlan,
     output: NewFolder,
     as_json: Json = False,
 ) -> None:
@@ -29,17 +49,16 @@ def quality(
       blurnoise quality -o quality                     5, 50 and 500 lux
       blurnoise quality -o quality --camera mine.yaml --lux 20 --dx 0,100
 
-    Unless told otherwise, exposures of 0.5 to 90 ms, 5, 50 and 500 lux, 0 to 1000 px/s, gain 0 and two noise
-    fields per chart. Writes DIR/quality.csv (a row per condition and metric), DIR/quality.json, and per light a
-    picture in DIR/figures: every metric against exposure, a line per speed. Where a number is not available
-    (saturated, lost in noise, blurred beyond its chart) the flags say why.
+    Each chart has two noise fields unless the plan states repeats. Writes DIR/quality.csv (a row per condition and
+    metric), DIR/quality.json, and per light a picture in DIR/figures: every metric against exposure, a line per
+    speed. Where a number is not available (saturated, lost in noise, blurred beyond its chart) the flags say why.
     """
     camera = given_by.camera(given.camera, given.cfa, colour=False)
     workers = given_by.threads(given.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
 
-    plan = given.sweep_plan(USUAL, repeats=2)
+    plan = given.sweep_plan(repeats=2)
     quality.check(camera, plan)
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:

@@ -22,6 +22,7 @@ Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
 """Conditions of a simulated picture that are not specified, by the setting's name."""
 MODEL_TIMEOUT_S = 60.0
+LISTS = "Conditions, each as 1,5,10 or low:high"
 
 
 class _Axes(Settings):
@@ -41,17 +42,20 @@ class _Axes(Settings):
         return {each.name: values for each, values in stated.items() if values is not None}
 
 
-def with_axes(panel: str, metavar: str, defaults: Mapping[str, str] | None = None) -> Any:
-    """The class of a table of axes; defaults: in place of a sweep's, by the setting's name."""
+def with_axes(
+    panel: str, metavar: str, defaults: Mapping[str, str] | None = None, axes: tuple[Axis, ...] = ()
+) -> Any:
+    """The class of a table of axes; defaults: in place of a sweep's, by the setting's name. axes: default all."""
+    axes = axes or AXES
     if defaults is None:
-        defaults = {each.key: each.default_text for each in AXES if each.default}
+        defaults = {each.key: each.default_text for each in axes if each.default}
     made = []
-    for each in AXES:
+    for each in axes:
         about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
         shown = f"auto|{metavar}" if each.automatic else "|".join(each.choices) or metavar
         field = setting(None, about, shown, panel=panel, read=each.values)
         made.append((each.key, "tuple[float, ...] | None", field))
-    held = {"AXES": AXES, "DEFAULTS": defaults}
+    held = {"AXES": axes, "DEFAULTS": defaults}
     return make_dataclass("Axes", made, bases=(_Axes,), frozen=True, namespace=held)
 
 
@@ -101,7 +105,7 @@ class Enough(Settings):
 
 
 @dataclass(frozen=True)
-class PlanFile(with_axes("Conditions, each as 1,5,10 or low:high", "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
+class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
     """A sweep: models, pictures, conditions, the score that is enough, and the workers."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"

@@ -36,7 +36,6 @@ RIGHT, MISLEADS = 0.8, 0.2
 """Rank correlation from which a metric seems to rank right along one axis, and the loss over both that misleads."""
 _DIGITS = 6  # of log2 H and log2 L by which nodes lie on one line
 _TITLE_OF = {metric.name: metric.title for metric in METRICS}
-_SIGN = {metric.name: metric.sign for metric in METRICS}
 
 
 class Rank(NamedTuple):
@@ -132,8 +131,7 @@ def maps_of(
 
 def map_of(nodes: Nodes, metrics: Mapping[str, Array], table: ScoreTable, score: str) -> Map:
     """The map of a table at the nodes. metrics: (N,) values by name."""
-    rising = {name: _SIGN.get(name, 1) * values for name, values in metrics.items()}  # with quality
-    ranks = (rank(name, values, table, score, nodes.places) for name, values in rising.items())
+    ranks = (rank(name, values, table, score, nodes.places) for name, values in metrics.items())
     return Map(table, tuple(ranks))
 
 

@@ -2,8 +2,7 @@
 
 Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. Quantities
 agree where they are no further apart than noise puts any of them in 5 of 100 comparisons (Bonferroni).
-The pictures must show the same at the same place to a few pixels; what is framed otherwise shows in the lowest
-octaves of the spectrum.
+The pictures must show the same at the same place to a few pixels.
 """
 
 from __future__ import annotations
@@ -16,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.luminance import LUMINANCE
 from blurnoise_eval.datasets import Image
-from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.find_edges import UNUSABLE
-from blurnoise_eval.quality.picture import Coding, Linear
+from blurnoise_eval.quality.find_edges import UNUSABLE, find_edges
+from blurnoise_eval.quality.linear import Coding, Linear, linear
+from blurnoise_eval.quality.picture import RESAMPLES
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
@@ -88,34 +86,27 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
         raise ValueError(f"simulated is {one}; real {other}: must be alike, of the same chart")
     if min(simulated.shape[:2]) < SMALLEST_PX:
         raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
-    return measuring.linear(simulated, coding, **levels), measuring.linear(real, coding, **levels)
+    return linear(simulated, coding, **levels), linear(real, coding, **levels)
 
 
 def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
-    """Mean, noise by level, MTF50 of slanted edges and relative power by octave of both pictures; and notes."""
+    """Mean, noise by level and MTF50 of slanted edges of both pictures; and notes."""
     notes = list(dict.fromkeys(note for light in pair for note in light.notes))
-    shares = np.stack([_share(light) for light in pair])
+    shares = np.stack([light.grey / (light.full_scale - light.black_level) for light in pair])
     noise = _noise(shares)
     if not noise:
         notes.append("no squares that are even in both pictures: noise is not compared")
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
-    white = np.mean([(each.simulated**2, each.real**2) for each in noise] or [(0.0, 0.0)], axis=0)
-    # chance of the mean: by the noise of the levels alone, the same in every pixel
     simulated, real = shares.mean((1, 2)).tolist()
-    error = math.sqrt(white.sum() / shares[0].size)
+    # chance of the mean: by the noise of the levels alone, the same in every pixel
+    variance = sum(each.simulated**2 + each.real**2 for each in noise) / max(1, len(noise))
+    error = math.sqrt(variance / shares[0].size)
     mean = Quantity("mean", "of full scale", simulated, real, _Z * error / abs(simulated or math.nan))
-    quantities = [mean, *noise, *sharpness, *_octaves(shares, white if noise else None)]
+    quantities = [mean, *noise, *sharpness]
     wider = NormalDist().inv_cdf(1 - 0.025 / len(quantities)) / _Z  # for all of them together
     return [replace(each, chance=wider * each.chance) for each in quantities], notes
-
-
-def _share(light: Linear) -> Floats:
-    """(H, W), shares of full scale above black."""
-    planes = light.picture.numpy()
-    grey = np.tensordot(np.array(LUMINANCE), planes, 1) if len(planes) == 3 else planes[0]
-    return np.asarray((grey - light.black_level) / (light.full_scale - light.black_level), np.float64)
 
 
 def _noise(shares: Floats) -> list[Quantity]:
@@ -168,43 +159,13 @@ def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
 
     A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.
     """
-    try:
-        regions, _ = measuring.found_regions(pair[0])
-    except ValueError:  # there is none
-        return []
     found = []
-    for both in zip(*(measuring.measure(light, regions) for light in pair), strict=True):
-        edges = [each.edge for each in both]
+    for roi in find_edges(pair[0]).rois:
+        edges = [light.edge(roi, bootstrap=RESAMPLES) for light in pair]
         usable = all(math.isfinite(edge.mtf50) and not UNUSABLE & edge.flags for edge in edges)
         if usable and edges[0].bright_side == edges[1].bright_side:
             one, other = (edge.mtf50 for edge in edges)
             ranges = [edge.noise_intervals["mtf50"] for edge in edges]
             chance = math.hypot(*np.ptp(ranges, axis=1) / 2 / (one, other))
-            name = "MTF50 at {},{}".format(*both[0].roi)
-            found.append(Quantity(name, "cycles/px", one, other, chance))
+            found.append(Quantity(f"MTF50 at {roi[0]},{roi[1]}", "cycles/px", one, other, chance))
     return found[:MOST_EDGES]
-
-
-@np.errstate(divide="ignore", invalid="ignore")  # a black picture has no relative power
-def _octaves(shares: Floats, noise: Floats | None) -> list[Quantity]:
-    """Power relative to the mean squared, by octave below half a cycle per px. noise: variance of each picture.
-
-    A value P = S + N of structure and noise varies by N^2 + 2 S N; a Hann window leaves one of 2.1 per axis of an
-    octave's values independent. N is that of white noise, or all of P where it is unknown.
-    """
-    height, width = shares[0].shape
-    window = np.outer(np.hanning(height), np.hanning(width))
-    radius = np.hypot(np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :])
-    mean = np.average(shares, (1, 2), np.stack([window, window]))[:, None, None]
-    power = np.abs(np.fft.rfft2(window * (shares / mean - 1))) ** 2 / (window * window).sum()
-    white = power if noise is None else noise[:, None, None] / mean**2
-    variance = white**2 + 2 * white * np.maximum(power - white, 0)
-    found, high = [], 0.5
-    while high * min(height, width) >= 8:
-        ring = (radius > high / 2) & (radius <= high)
-        error = 2.1 * np.sqrt(variance[:, ring].sum(1)) / power[:, ring].sum(1)
-        simulated, real = power[:, ring].mean(1).tolist()
-        name = f"power, {high / 2:.3g} to {high:.3g} c/px"
-        found.append(Quantity(name, "px^2", simulated, real, _Z * math.hypot(*error)))
-        high /= 2
-    return found

@@ -21,8 +21,9 @@ from matplotlib.patches import Patch, Rectangle
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
 from blurnoise_eval.plots import style
+from blurnoise_eval.quality.linear import Linear
 from blurnoise_eval.quality.measure import CLIPPED, METRICS, Row
-from blurnoise_eval.quality.picture import Linear, Measured
+from blurnoise_eval.quality.picture import Measured
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
@@ -81,7 +82,6 @@ def against_exposure(rows: Sequence[Row], title: str) -> Figure:
         Patch(color=SATURATED, alpha=0.4, label="a line saturates"),
         Line2D([], [], color="0.3", marker="x", ls="", ms=5, label="not available"),
         Line2D([], [], color="0.3", marker="o", mfc="white", ls="", ms=4.5, label="with a flag"),
-        Patch(color="0.3", alpha=0.18, label="95 % interval"),
     ]
     style.legend_above(figure, handles, f"{title}: image quality against exposure")
     return figure
@@ -117,7 +117,7 @@ def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
 
 
 def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
-    """The picture, its brightest white, above a row of panels for each of the first ``MOST_EDGES`` regions."""
+    """The picture, its brightest white, above three panels for each of the first ``MOST_EDGES`` regions."""
     shown = measured[:MOST_EDGES]
     above = (light.picture - light.black_level).clamp_min(0)
     white = srgb_from_linear(above / above.max().clamp_min(1e-12))
@@ -125,47 +125,42 @@ def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
     picture_in = min(_TALLEST_IN, 0.85 * _WIDTH_IN * coded.shape[0] / coded.shape[1])
     heights = [picture_in + 0.4] + [_ROW_IN] * len(shown)
     figure = Figure(figsize=(_WIDTH_IN, sum(heights) + 0.3), layout="constrained")
-    grid = figure.add_gridspec(len(heights), 4, height_ratios=heights)
+    grid = figure.add_gridspec(len(heights), 3, height_ratios=heights)
     whole = figure.add_subplot(grid[0, :], xticks=[], yticks=[])
     whole.imshow(coded, interpolation="nearest" if max(coded.shape) < 400 else "antialiased")
     for region in measured:
         left, top, width, height = region.roi
         colour = _USABLE if region.edge.sfr.numel() else _NOT
         whole.add_patch(Rectangle((left - 0.5, top - 0.5), width, height, fill=False, ec=colour, lw=1.5))
-        tag = {"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"}
-        middle = left + width / 2, top + height / 2
-        whole.text(*middle, str(region.number), color="white", fontsize=9, ha="center", va="center", bbox=tag)
+        tag: Any = {"color": "white", "fontsize": 9, "ha": "center", "va": "center"}
+        tag["bbox"] = {"boxstyle": "round,pad=0.2", "fc": colour, "ec": "none"}
+        whole.text(left + width / 2, top + height / 2, str(region.number), **tag)
     whole.set_title(f"regions: {len(measured)}; below: 1 to {len(shown)}", fontsize=10)
-    notes = []
     for row, region in enumerate(shown, start=1):
-        left, top, width, height = region.roi
-        crop = figure.add_subplot(grid[row, 0], xticks=[], yticks=[])
-        crop.imshow(coded[top : top + height, left : left + width], interpolation="nearest")
-        crop.set_title(f"{region.number}: {width} x {height} px", fontsize=9)
-        if region.edge.sfr.numel():
-            _draw_edge([figure.add_subplot(grid[row, column]) for column in (1, 2, 3)], region, light.unit)
-        else:
-            figure.add_subplot(grid[row, 1:]).set_axis_off()
-        notes += [f"{region.number}: {doubt}" for doubt in region.doubts]
-    figure.supxlabel("\n".join(notes), fontsize=9)
+        _draw_edge([figure.add_subplot(grid[row, column]) for column in range(3)], region, light.unit)
     return figure
 
 
 def _draw_edge(panels: Sequence[Axes], region: Measured, unit: str) -> None:
-    """Edge spread, line spread and response of one region."""
+    """Edge spread, line spread and response of one region, or why it has none."""
     edge, (esf, lsf, response) = region.edge, panels
-    curves = ((esf, edge.esf, f"edge spread, {unit}"), (lsf, edge.lsf, "line spread, 1/px"))
-    for axes, values, title in curves:
+    if not edge.sfr.numel():
+        for axes in panels:
+            axes.set_axis_off()
+        text = f"{region.number}: {'; '.join(region.doubts)}"
+        esf.text(0, 0.5, text, fontsize=9, transform=esf.transAxes).set_in_layout(False)
+        return
+    for axes, values, title in (
+        (esf, edge.esf, f"edge spread, {unit}"),
+        (lsf, edge.lsf, "line spread, 1/px"),
+    ):
         axes.plot(edge.distance_px, values, color=_LINE, lw=1.3)
-        style.tidy(axes, title=title, x="distance from the edge, px")
-    for level in (edge.dark, edge.bright):
-        esf.axhline(level, color=style.GREY, lw=0.8, ls=":")
+        style.tidy(axes, title=f"{region.number}: {title}", x="distance from the edge, px")
     if edge.resamples is not None:
         ends = torch.tensor([0.025, 0.975], dtype=torch.float64)
         low, high = torch.quantile(edge.resamples.power, ends, dim=0).clamp_min(0).sqrt().numpy()
         response.fill_between(edge.frequencies.numpy(), low, high, color=_LINE, alpha=0.25, lw=0)
     response.plot(edge.frequencies, edge.sfr, color=_LINE, lw=1.3)
-    response.plot([0, edge.mtf50, edge.mtf50], [0.5, 0.5, 0], color=style.GREY, lw=0.8, ls="--")
     response.set(xlim=(0, 1), ylim=(0, max(1.05, 1.05 * float(edge.sfr.max()))))
     flagged = " (flagged)" if region.doubts else ""
     style.tidy(response, title=f"SFR, 95 %; MTF50 {edge.mtf50:.4g}{flagged}", x="frequency, cycles/px")

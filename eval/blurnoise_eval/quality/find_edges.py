@@ -1,6 +1,6 @@
 """Slanted edges that can be measured, found in a picture of a chart or of anything else.
 
-Domain: linear pictures (C, H, W), C = 1 or 3, finite. A line detector proposes, :func:`slanted_edge` and a check of
+Domain: linear pictures, finite. A line detector proposes, :func:`slanted_edge` and a check of
 what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width, height), px.
 
 An edge nearer to horizontal is handled in the transposed picture, so that below every edge runs down its region.
@@ -16,14 +16,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
-from blurnoise._core.luminance import LUMINANCE
-from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
+from blurnoise.metrics import Flag, SlantedEdge
 from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.metrics.values import Roi
+from blurnoise_eval.quality.linear import Linear
 
 SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""
@@ -49,14 +47,10 @@ Segment = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Found:
-    """rois: the regions, top to bottom and left to right. turned_down: lines that are no usable edge, by reason.
-
-    left_out: usable regions beyond the ``MOST`` largest.
-    """
+    """rois: the ``MOST`` largest regions, top to bottom. turned_down: lines that are no usable edge, by reason."""
 
     rois: list[Roi]
     turned_down: Mapping[Flag, int]
-    left_out: int
 
 
 @dataclass(frozen=True)
@@ -79,16 +73,15 @@ class _Box:
         return (left, top, right - left, bottom - top) if large_enough else None
 
 
-def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) -> Found:
+def find_edges(light: Linear) -> Found:
     """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
 
-    picture: (C, H, W) linear floats; full_scale and black_level as for :func:`slanted_edge`. Edges are
-    ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they miss
-    phases; regions grow as far as the sides stay even. The same picture gives the same regions.
+    Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they
+    miss phases; regions grow as far as the sides stay even. The same picture gives the same regions.
     """
     kept: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
-    frames = [_Frame(each, full_scale, black_level) for each in (picture, picture.mT)]
+    frames = [_Frame(each) for each in (light, light.transposed)]
     for lying, line in _lines(frames[0].plane):
         alike = [(roi, known) for roi, other, known in kept if other == lying]
         if any(_crosses(line, roi) for roi, _ in alike):
@@ -99,14 +92,8 @@ def find_edges(picture: Tensor, *, full_scale: float, black_level: float = 0.0) 
         elif not any(_crosses(known, found) for _, known in alike):
             kept.append((found, lying, line))
     rois = [(roi[1], roi[0], roi[3], roi[2]) if lying else roi for roi, lying, _ in kept]
-    rois.sort(key=lambda roi: (-roi[2] * roi[3], roi))
-    waiting, ordered = sorted(rois[:MOST], key=lambda roi: (roi[1], roi[0])), list[Roi]()
-    while waiting:  # top to bottom, and left to right what starts above the middle of the first of its line
-        middle = waiting[0][1] + waiting[0][3] / 2
-        line_of = [roi for roi in waiting if roi[1] <= middle]
-        ordered += sorted(line_of)
-        waiting = waiting[len(line_of) :]
-    return Found(ordered, dict(reasons.most_common()), max(0, len(rois) - MOST))
+    largest = sorted(rois, key=lambda roi: (-roi[2] * roi[3], roi))[:MOST]
+    return Found(sorted(largest, key=lambda roi: (roi[1], roi[0])), dict(reasons.most_common()))
 
 
 def _crosses(line: Segment, roi: Roi) -> bool:
@@ -119,19 +106,14 @@ def _crosses(line: Segment, roi: Roi) -> bool:
 class _Frame:
     """The picture, upright or transposed, as the edges in it see it."""
 
-    def __init__(self, picture: Tensor, full_scale: float, black_level: float) -> None:
-        self.picture, self.full_scale, self.black_level = picture, full_scale, black_level
-        weights = picture.new_tensor(LUMINANCE if len(picture) == 3 else [1.0])
-        plane = torch.einsum("chw,c->hw", picture, weights).sub(black_level).float()
-        self.plane: NDArray[np.float32] = np.ascontiguousarray(plane.numpy())
+    def __init__(self, light: Linear) -> None:
+        self.light, self.plane = light, np.ascontiguousarray(light.grey, np.float32)
 
     def grown(self, line: Segment) -> Roi | Flag:
         """The largest region about ``line`` in which the edge can be used, or why there is none."""
         _, top, _, bottom = line
-        spare = (bottom - top) / 4
         why = []
-        # a blurred corner begins before its line ends
-        for ends_px in (_END_PX, spare) if spare > _END_PX else (_END_PX,):
+        for ends_px in sorted({_END_PX, max(_END_PX, (bottom - top) / 4)}):  # a blurred corner begins earlier
             box, edge = self._widest(_Box(line, top + ends_px, bottom - ends_px))
             if not isinstance(edge, Flag):
                 box = self._stretched(box, float(edge.distance_px[-1]))
@@ -144,15 +126,10 @@ class _Frame:
         roi = box.roi(*self.plane.shape)
         if roi is None:
             return Flag.REGION_TOO_SMALL
-        levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
-        found = slanted_edge(self.picture, roi=roi, bootstrap=0, **levels)
-        edge = found[0] if isinstance(found, list) else found
+        edge = self.light.edge(roi)
         if bad := edge.flags & UNUSABLE:
             return min(bad, key=list(Flag).index)
         return edge if edge.orientation == "vertical" and self._alone(roi, edge) else Flag.TWO_EDGES
-
-    def _usable(self, box: _Box) -> bool:
-        return not isinstance(self._edge_in(box), Flag)
 
     def _alone(self, roi: Roi, edge: SlantedEdge) -> bool:
         """Whether no block of the region stands off what the edge's shape along a straight line says of it.
@@ -176,7 +153,7 @@ class _Frame:
 
     def _widest(self, box: _Box) -> tuple[_Box, SlantedEdge | Flag]:
         """The widest of the regions with as much on both sides, or why there is none."""
-        best: tuple[_Box, SlantedEdge] | None = None
+        best: tuple[_Box, SlantedEdge | Flag] | None = None
         why: list[Flag] = []
         for width in _WIDTHS_PX:
             wider = replace(box, left=width, right=width)
@@ -195,25 +172,28 @@ class _Frame:
         reach_px: of the edge's blur. So much is cut off the ends again, at most a quarter of the length, for the
         blur of a corner may reach there. Beside the edge there is enough at half its length, or at ``_REACHES``.
         """
-        size = self.plane.shape
         for end, sign in (("top", -1.0), ("bottom", 1.0)):
             step = sign * (_GROWTH - 1) * (box.bottom - box.top)
-            while self._usable(longer := replace(box, **{end: getattr(box, end) + step})):
-                if longer.roi(*size) == box.roi(*size):
+            while longer := self._if_usable(box, **{end: getattr(box, end) + step}):
+                if longer.roi(*self.plane.shape) == box.roi(*self.plane.shape):
                     break
                 box = longer
         cut = min(reach_px, (box.bottom - box.top) / 4)
-        shorter = replace(box, top=box.top + cut, bottom=box.bottom - cut)
-        box = shorter if self._usable(shorter) else box
+        box = self._if_usable(box, top=box.top + cut, bottom=box.bottom - cut) or box
         most = max((box.bottom - box.top) / 2, _REACHES * reach_px)
         box = replace(box, left=min(box.left, most), right=min(box.right, most))
         for side in ("left", "right"):
             while (width := getattr(box, side)) < most:
-                wider = replace(box, **{side: min(_GROWTH * width, most)})
-                if not self._usable(wider):
+                wider = self._if_usable(box, **{side: min(_GROWTH * width, most)})
+                if not wider:
                     break
                 box = wider
         return box
+
+    def _if_usable(self, box: _Box, **moved: Any) -> _Box | None:
+        """``box`` with other sides, where the edge in it can be used."""
+        other = replace(box, **moved)
+        return None if isinstance(self._edge_in(other), Flag) else other
 
 
 def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
@@ -226,20 +206,17 @@ def _lines(plane: NDArray[np.float32]) -> list[tuple[bool, Segment]]:
         return []
     shown = np.sqrt(np.clip((plane - low) / (high - low), 0, 1)).astype(np.float32)
     detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
-    longer = max(plane.shape)
-    scale = min(1.0, _FINEST_PX / longer)
+    scales = [min(1.0, _FINEST_PX / max(plane.shape))]
+    while max(plane.shape) * scales[-1] >= 2 * _COARSEST_PX:
+        scales.append(scales[-1] / 2)
     found: set[tuple[bool, Segment]] = set()
-    while True:
+    for scale in scales:
         size = tuple(max(1, round(side * scale)) for side in plane.shape[::-1])
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
         segments = detector.detect((255 * small).round().astype(np.uint8))[0]
-        every = np.asarray([] if segments is None else segments, np.float64).reshape(-1, 4) / scale
-        for x0, y0, x1, y1 in every:
+        for x0, y0, x1, y1 in np.reshape([] if segments is None else segments, (-1, 4)) / np.float64(scale):
             lying = bool(abs(x1 - x0) > abs(y1 - y0))
             (top, first), (bottom, last) = sorted([(x0, y0), (x1, y1)] if lying else [(y0, x0), (y1, x1)])
             if bottom - top >= SHORTEST_PX and abs(last - first) <= _STEEPEST * (bottom - top):
                 found.add((lying, (first, top, last, bottom)))
-        scale /= 2
-        if longer * scale < _COARSEST_PX:
-            break
     return sorted(found, key=lambda line: (line[1][1] - line[1][3], line))[:_TRIALS]

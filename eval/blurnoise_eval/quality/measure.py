@@ -34,9 +34,9 @@ from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, blur_px
+from blurnoise_eval.grid.axes import EGO, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.picture import Metric
 from blurnoise_eval.system.files import write_records
 from blurnoise_eval.system.machine import limited_threads
 from blurnoise_eval.system.tables import finite
@@ -83,23 +83,21 @@ class Charts:
             encoding="linear",
             generator=[cell_seed(self._seed, name, repeat) for repeat in range(self._repeats)],
         )
-        if self._gain == 1:
-            return dn
-        return ((dn - self._black) * self._gain + self._black).clamp(0.0, self._camera.full_scale_dn)
+        amplified = (dn - self._black) * self._gain + self._black
+        return dn if self._gain == 1 else amplified.clamp(0.0, self._camera.full_scale_dn)
 
     @cached_property
-    def edges(self) -> tuple[list[SlantedEdge], list[SlantedEdge]]:
+    def edges(self) -> tuple[list[SlantedEdge], ...]:
         """The edge that motion along x blurs, and that which motion along y does."""
-        cut = slice(SPARE_PX, SPARE_PX + ALONG_PX)
-        x, y = self.frames("across_x")[..., cut, :], self.frames("across_y")[..., cut]
-        return self._edges(x, self._moved_px[1], seed=0), self._edges(y, self._moved_px[0], seed=1)
+        return tuple(self._edges(axis) for axis in (0, 1))
 
-    def _edges(self, dn: Tensor, along_px: float, seed: int) -> list[SlantedEdge]:
-        if along_px > 2 * SPARE_PX:
-            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * len(dn)
+    def _edges(self, axis: int) -> list[SlantedEdge]:
+        if self._moved_px[1 - axis] > 2 * SPARE_PX:
+            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
+        dn = self.frames("across_y" if axis else "across_x").narrow(2 + axis, SPARE_PX, ALONG_PX)
         levels: Any = {"full_scale": self._full, "black_level": self._black}
-        edges = slanted_edge(dn.clamp(max=self._full), **levels, seed=seed)
-        return edges if isinstance(edges, list) else [edges]
+        edges: Any = slanted_edge(dn.clamp(max=self._full), **levels, seed=axis)
+        return list(edges)
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
@@ -173,10 +171,6 @@ def _both(measure: Callable[..., Estimate], **how: int) -> Measure:
     return lambda charts: [measure(*pair, **how) for pair in zip(*charts.edges, strict=True)]
 
 
-def _patch(which: int) -> Measure:
-    return lambda charts: estimates_of(charts.snr[which])
-
-
 def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Measure:
     return lambda charts: charts.of_patches(measure(*charts.patches))
 
@@ -189,7 +183,7 @@ _MTF50, _EDGE_SNR = (methodcaller("estimate", name) for name in ("mtf50", "edge_
 _CDP = partial(detection_probability, nominal=WEBER, tolerance=TOLERANCE)
 _UPRIGHT, _LYING = f"edge {TILT_DEG:g}° from vertical", f"edge {TILT_DEG:g}° from horizontal"
 _SIGN = f"{SIGN_PX} px stop sign against the scene"
-METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
+METRICS: tuple[Metric, ...] = (
     Metric("mtf50_x", "MTF50 across x", "cycles/px", _UPRIGHT, _edge(0, _MTF50), "log"),
     Metric(
         "mtf50_y", "MTF50 across y", "cycles/px", f"{_LYING}, so motion along x blurs it by its sine",
@@ -203,9 +197,13 @@ METRICS: tuple[Metric[Charts, list[Estimate]], ...] = (
         "cnr", "CNR", "1", "(bright - dark) / root of their mean variance, even patches", _contrast("cnr"), "log",
     ),
     Metric(
-        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", _patch(0), "log",
+        "patch_snr_bright", "Patch SNR, white", "1", f"mean/deviation at reflectance {BRIGHT:g}", 
+        lambda charts: estimates_of(charts.snr[0]), "log",
     ),
-    Metric("patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}", _patch(1), "log"),
+    Metric(
+        "patch_snr_dark", "Patch SNR, grey", "1", f"mean/deviation at reflectance {DARK:g}",
+        lambda charts: estimates_of(charts.snr[1]), "log",
+    ),
     Metric(
         "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x",
         _edge(0, information.capacity_radial),
@@ -301,13 +299,7 @@ def measure(
 
 
 def check(camera: Camera, plan: SweepPlan) -> None:
-    """Raise ``ValueError`` for conditions that the camera cannot take, or a gain that is left to it.
-
-    Its meter would set another for every chart.
-    """
-    for name in plan.grid:
-        if AUTOMATIC in plan.values(name):
-            raise ValueError(f"{name} = 'auto': must be numbers; charts have no one mean to meter")
+    """Raise ``ValueError`` for conditions that charts or the camera cannot take."""
     if plan.cuts:
         raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
     if any(plan.values(EGO.name)):

@@ -1,7 +1,6 @@
 """A picture's slanted edges in numbers: sharpness, contrast, noise and what both leave of the information.
 
-Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit, made linear here; frequencies in cycles/px.
-Regions are (left, top, width, height), px.
+Domain: linear pictures; frequencies in cycles/px. Regions are (left, top, width, height), px.
 """
 
 from __future__ import annotations
@@ -9,53 +8,45 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-import torch
-from torch import Tensor
-
 from blurnoise._core import checks
-from blurnoise._core.files import read_samples
-from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
+from blurnoise.metrics import Flag, SlantedEdge, information
 from blurnoise.metrics.edge.measurement import Mode
-from blurnoise.metrics.values import CLIPPED_SHARE, Estimate, Roi
-from blurnoise.optics.colour import linear_from_srgb
-from blurnoise_eval.datasets import Image
+from blurnoise.metrics.values import Estimate, Roi
 from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.linear import Linear
 from blurnoise_eval.system.tables import finite
 
-Coding = Literal["auto", "srgb", "linear"]
-
 LARGEST_TARGET_PX = 64
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
 _DOUBTS = {
     "noiseless": "no noise: what is measured against it has no bound",
     information.NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it "
     "for white",
 }
 """Flags of numbers, in words."""
-_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
-_RESAMPLES = 200
-_FEWEST_LEVELS = 255  # of a converter
+RESAMPLES = 200
 
 
 @dataclass(frozen=True)
-class Linear:
-    """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
+class Metric:
+    """A metric: its name in tables, title and unit, what exactly it is, and how it is measured.
 
-    notes: what had to be assumed, a sentence each.
+    of: from what it is measured on to its estimate, or estimates, which rise with quality. scale: of its axis; a
+    share lies between 0 and 1.
     """
 
-    picture: Tensor
-    full_scale: float
-    black_level: float
-    unit: Literal["DN", "of white"]
-    notes: tuple[str, ...]
+    name: str
+    title: str
+    unit: str
+    about: str
+    of: Callable[[Any], Any]
+    scale: Literal["linear", "log", "share"] = "linear"
+
+    @property
+    def label(self) -> str:
+        """Title and unit."""
+        return self.title if self.unit == "1" else f"{self.title} / {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -78,16 +69,13 @@ class Pair(NamedTuple):
     target: Square
 
 
-def _edge(measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
-    return lambda pair: measure(pair.edge)
-
-
-def _both(measure: Callable[[SlantedEdge, SlantedEdge], Estimate]) -> Callable[[Pair], Estimate]:
-    return lambda pair: measure(pair.edge, pair.second)  # in either order: seen from the side all is the same
-
-
 def _scalar(name: str) -> Callable[[Pair], Estimate]:
     return lambda pair: pair.edge.estimate(name)
+
+
+def _of(measure: Callable[..., Estimate], edges: int) -> Callable[[Pair], Estimate]:
+    """A number of the edge, or of both in either order: seen from the side all is the same."""
+    return lambda pair: measure(*pair[:edges])
 
 
 def _square_snr(pair: Pair) -> Estimate:
@@ -97,7 +85,7 @@ def _square_snr(pair: Pair) -> Estimate:
     return information.square_snr(*pair[:2], side_px=pair.target.size_px) * scale
 
 
-EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
+EDGE_METRICS: tuple[Metric, ...] = (
     Metric("mtf50", "MTF50", "cycles/px", "response half of that at 0", _scalar("mtf50"), "log"),
     Metric("mtf50p", "MTF50P", "cycles/px", "response half of its peak", _scalar("mtf50p"), "log"),
     Metric("mtf_nyquist_2", "MTF at Nyquist/2", "1", "at 1/4 cycles/px", _scalar("mtf_nyquist_2"), "share"),
@@ -105,10 +93,12 @@ EDGE_METRICS: tuple[Metric[Pair, Estimate], ...] = (
     Metric("cnr", "CNR", "1", "step over the root of the mean noise variance", _scalar("cnr"), "log"),
     Metric("edge_snr_db", "edge SNR", "dB", "20 log10 of CNR", _scalar("edge_snr_db")),
     Metric("michelson", "Michelson contrast", "1", "step over sum of levels", _scalar("michelson"), "share"),
-    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _edge(information.capacity_radial)),
-    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _both(information.capacity_square)),
-    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _edge(information.neq_0), "log"),
-    Metric("neq_integral", "NEQ sum", "quanta/px", "all frequencies", _both(information.neq_integral), "log"),
+    Metric("sic_radial", "SIC radial", "bits/px", "same blur all round", _of(information.capacity_radial, 1)),
+    Metric("sic_square", "SIC square", "bits/px", "all frequencies", _of(information.capacity_square, 2)),
+    Metric("neq_0", "NEQ(0)", "quanta/px", "of the bright side", _of(information.neq_0, 1), "log"),
+    Metric(
+        "neq_integral", "NEQ sum", "quanta/px", "all frequencies", _of(information.neq_integral, 2), "log"
+    ),
     Metric("snri", "SNRI", "1", "ideal observer of a square", _square_snr, "log"),
 )
 """The numbers of a region in their order: a new one is a line here."""
@@ -141,81 +131,12 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-class Oecf(NamedTuple):
-    """A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale.
-
-    numbers (digital) and light (any unit, 0 for none) of the fields, both rising; straight in between.
-    """
-
-    numbers: tuple[float, ...]
-    light: tuple[float, ...]
-
-
-def read_oecf(path: Path) -> Oecf:
-    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-    Raises ``OSError``, and ``ValueError`` for other content.
-    """
-    oecf = Oecf(*read_samples(path, 1, "a digital number"))
-    for name, values in oecf._asdict().items():
-        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-        if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
-    return oecf
-
-
-def linear(
-    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
-    oecf: Oecf | None = None,
-) -> Linear:  # fmt: skip
-    """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
-
-    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
-    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
-    coding, and for numbers that do not fit.
-    """
-    bits = 8 * picture.itemsize
-    planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
-    levels = {"black_level": black_level, "full_scale": full_scale}
-    given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
-    if oecf is not None:
-        if given or coding != "auto":
-            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
-        least, most = oecf.light[0], oecf.light[-1]  # beyond them as if clipped
-        light = (np.interp(planes.numpy(), oecf.numbers, oecf.light) - least) / (most - least)
-        note = f"made linear by a grey scale of {len(oecf.light)} fields"
-        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
-    notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
-    coded = coding == "srgb" or (coding == "auto" and bits == 8)
-    if coding == "auto":
-        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
-        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
-        notes.append(f"{bits} bits: taken as {usual}")
-    if coded and given:
-        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
-    if coded:
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
-    largest, most = float(planes.max()), 2.0**bits - 1
-    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
-    if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
-        full_scale = largest  # that of a converter of fewer bits
-        notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
-    top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
-    if largest > top:
-        raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
-    black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
-    if full_scale is None and largest <= most / 4:
-        text = f"full scale taken as {most:g}, the largest number is {largest:g}"
-        notes.append(f"{text}: clipping at fewer bits goes unseen without --full-scale")
-    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
-
-
-def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
-    """The regions of ``light`` that hold a usable slanted edge, and a note on what was passed over.
+def found_regions(light: Linear) -> list[Roi]:
+    """The regions of ``light`` that hold a usable slanted edge.
 
     Raises ``ValueError`` that says what was looked for where there is none.
     """
-    found = find_edges(light.picture, full_scale=light.full_scale, black_level=light.black_level)
+    found = find_edges(light)
     if not found.rois:
         reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
         raise ValueError(
@@ -223,8 +144,7 @@ def found_regions(light: Linear) -> tuple[list[Roi], tuple[str, ...]]:
             f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that do "
             f"not clip ({reasons or 'no straight line at all'}); name a region with --roi x,y,w,h to see its flags"
         )
-    left_out = f"{found.left_out} smaller regions are left out; --roi x,y,w,h names any"
-    return found.rois, (left_out,) * (found.left_out > 0)
+    return found.rois
 
 
 def measure(
@@ -234,11 +154,7 @@ def measure(
 
     Raises ``ValueError`` for a region outside the picture or below 8 x 8 px.
     """
-    scale: Any = {"full_scale": light.full_scale, "black_level": light.black_level}
-    edges: list[SlantedEdge] = []
-    for roi in rois:
-        edge = slanted_edge(light.picture, mode=mode, roi=roi, bootstrap=_RESAMPLES, **scale)
-        edges += edge if isinstance(edge, list) else [edge]
+    edges = [light.edge(roi, mode, RESAMPLES) for roi in rois]
     measured = []
     for index, (roi, edge) in enumerate(zip(rois, edges, strict=True)):
         second = _second(index, rois, edges)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import torch
 
-from blurnoise import Camera, Layer, Trajectory
+from blurnoise import Camera, Layer, RandomExposure, Trajectory, simulate
 from blurnoise.light.conditions import Conditions, middle_of
 
 CAMERA = Camera.preset("imx250")
@@ -65,3 +65,16 @@ def test_the_middle_of_a_flow() -> None:
     middle, farthest = middle_of(flow)
     assert middle.tolist() == [[3.0, -4.0]]
     assert farthest.tolist() == [5.0]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1)])
+def test_a_picture_below_a_tile_of_its_mosaic_is_refused(size: tuple[int, int]) -> None:
+    mosaic, picture = Camera.preset("imx250c"), torch.rand(1, 3, *size)
+    height, width = size
+    must = rf"^image: {width} x {height} px; behind cfa = 'RGGB' must be at least 2 x 2$"
+    for take in (simulate, RandomExposure(mosaic, p=1.0)):
+        given: Any = (
+            {"camera": mosaic, "exposure_s": 0.01, "illuminance_lux": 50.0} if take is simulate else {}
+        )
+        with pytest.raises(ValueError, match=must):
+            take(picture, **given)

@@ -349,12 +349,20 @@ def test_nothing_comes_of_no_edge() -> None:
         assert found.flags == {"no_edge"}
 
 
-def test_without_noise_capacity_is_infinite_and_withheld() -> None:
-    edge = slanted_edge(torch.where(torch.arange(100) + torch.arange(100)[:, None] / 12 > 54, 0.8, 0.1))
+@pytest.mark.parametrize("bright", [0.8, 0.7991027380144089])
+def test_without_noise_numbers_are_infinite_and_flagged(bright: float) -> None:
+    """Rounding leaves a variance of 1e-33 of the second level: no noise either."""
+    columns = torch.arange(100, dtype=torch.float64)
+    edge = slanted_edge(torch.where(columns + columns[:, None] / 12 > 54, bright, 0.09989872824711392))
     assert isinstance(edge, SlantedEdge)
-    found = information.capacity_radial(edge)
-    assert not found.told
-    assert "noiseless" in found.flags
+    assert edge.cnr == edge.edge_snr_db == math.inf
+    estimates = [edge.estimate("cnr"), edge.estimate("edge_snr_db")]
+    estimates += [information.capacity_radial(edge), information.neq_0(edge)]
+    for found in estimates:
+        assert not found.told
+        assert math.isnan(found.low)
+        assert "noiseless" in found.flags
+    assert edge.estimate("michelson").told
 
 
 def test_resamples_are_needed() -> None:

@@ -158,6 +158,16 @@ def test_intervals_of_contrasts_hold_the_truth() -> None:
     assert not bool(got.michelson.flags["near_black"].any())
 
 
+@pytest.mark.parametrize("black", [0.07, 0.1, 1 / 3])
+def test_rounding_is_no_noise(black: float) -> None:
+    """Constant patches less a black level: their variance is 0 or 1e-33, CNR was 4e15 without a flag."""
+    bright, dark = (torch.full((40, 50), level, dtype=torch.float64) - black for level in (0.8, 0.18))
+    got = patch_contrast(bright, dark).cnr
+    assert bool(got.flags["noiseless"])
+    assert float(got.value) == math.inf
+    assert bool(detection_probability(bright, dark, **WEBER).flags["noiseless"])
+
+
 @pytest.mark.parametrize("value", [0.0, 0.1, 255.0])
 def test_constant_patches(value: float) -> None:
     got = patch_contrast(torch.full((7, 9), value), torch.full((5, 5), value))

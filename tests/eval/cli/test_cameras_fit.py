@@ -41,7 +41,7 @@ def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys
     assert camera.sources["read_noise_e"].startswith(
         "measured: photon transfer of 16 flat and 16 dark frames, 95 % "
     )
-    assert camera.sources["full_well_e"].startswith("assumed: the converter's limit; no frame clips, up to ")
+    assert camera.sources["full_well_e"].startswith("assumed: the converter's limit; no frame clips")
     assert camera.sources["bit_depth"] == "stated with the frames"
     assert (camera.dark_reference_c, camera.sources["dark_reference_c"]) == (31.0, "stated with the frames")
     assert camera.sources["f_number"] == "assumed, as of the preset imx250"

@@ -20,7 +20,8 @@ from blurnoise_eval.cli.measure import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import figures as edge_figures
 from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.linear import linear
+from blurnoise_eval.quality.picture import Metric
 from edge_cases import Draw, Setting
 from torch import Tensor
 
@@ -128,12 +129,12 @@ def test_both_directions_make_the_square(tmp_path: Path, capsys: Output) -> None
 @pytest.mark.slow
 def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> None:
     """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear are told."""
-    linear = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])
-    coded = (255 * srgb_from_linear(linear)).round().byte().numpy()[0, 0]
+    light = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])
+    coded = (255 * srgb_from_linear(light)).round().byte().numpy()[0, 0]
     write_picture(tmp_path / "grey.png", coded)
     write_picture(tmp_path / "rgb.png", np.stack([coded] * 3, axis=-1))
-    write_picture(tmp_path / "16.png", (65535 * linear).round().numpy()[0, 0].astype(np.uint16))
-    write_picture(tmp_path / "16s.png", (65535 * srgb_from_linear(linear)).numpy()[0, 0].astype(np.uint16))
+    write_picture(tmp_path / "16.png", (65535 * light).round().numpy()[0, 0].astype(np.uint16))
+    write_picture(tmp_path / "16s.png", (65535 * srgb_from_linear(light)).numpy()[0, 0].astype(np.uint16))
     cases = {"grey.png": "sRGB", "rgb.png": "luminance", "16.png": "linear", "16s.png --srgb": ""}
     for given, word in cases.items():
         name, *coding = given.split()
@@ -189,31 +190,44 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 
 
-def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path: Path, capsys: Output) -> None:
-    (row,) = told(capsys, raw(tmp_path / "edge.png", charts.slanted_edge(80, 80)), *RAW)["regions"]
+@pytest.mark.parametrize("coded", [False, True], ids=["linear", "sRGB"])
+def test_no_noise_leaves_no_number_that_would_have_no_bound(
+    tmp_path: Path, capsys: Output, coded: bool
+) -> None:
+    """Of sRGB 8 bits the levels are fractions, whose rounding made a CNR of 1e31."""
+    path, out = tmp_path / "edge.png", tmp_path / "edges.csv"
+    if coded:
+        assert main(["chart", "slanted-edge", "-o", str(path)]) == 0
+        capsys.readouterr()
+    else:
+        raw(path, charts.slanted_edge(80, 80))
+    (row,) = told(capsys, path, *(() if coded else RAW), "--csv", out)["regions"]
     assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
+    read = pd.read_csv(out).iloc[0]
     for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_integral", "snri"):
-        assert row[name] is None
+        assert row[name] is row[f"{name}_low"] is row[f"{name}_high"] is None, name
+        assert math.isnan(read[name])
     assert "no noise" in row["flags"]
+    assert "no noise" in read["flags"]
 
 
 def test_figures_show_four_edges_and_every_region() -> None:
-    light = measuring.linear((4000 * chart.squares()[0, 0]).numpy().astype(np.uint16), full_scale=4095.0)
-    measured = measuring.measure(light, [(60, 20, 80, 45)] * 5 + [(0, 0, 20, 20)])
+    light = linear((4000 * chart.squares()[0, 0]).numpy().astype(np.uint16), full_scale=4095.0)
+    measured = measuring.measure(light, [(60, 20, 80, 45)] * 3 + [(0, 0, 20, 20)] * 3)
     axes = edge_figures.draw_regions(light, measured).axes
-    assert len(axes) == 1 + 4 * edge_figures.MOST_EDGES
+    assert len(axes) == 1 + 3 * edge_figures.MOST_EDGES
     assert [text.get_text() for text in axes[0].texts] == ["1", "2", "3", "4", "5", "6"]
     assert "6; below: 1 to 4" in axes[0].get_title()
-    line = axes[4].lines[0].get_ydata()
-    assert line[0] == pytest.approx(1)
-    assert f"{measured[0].edge.mtf50:.4g}" in axes[4].get_title()
+    assert axes[3].lines[0].get_ydata()[0] == pytest.approx(1)
+    assert f"{measured[0].edge.mtf50:.4g}" in axes[3].get_title()
+    assert Flag.NO_EDGE.value in axes[10].texts[0].get_text()
 
 
 def test_a_new_metric_of_edges_is_one_entry(
     tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Weber contrast as the thirteenth: in JSON and CSV, and a line of the table."""
-    weber: Metric[measuring.Pair, Estimate] = Metric(
+    weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda pair: Estimate(pair.edge.bright / pair.edge.dark - 1),
     )  # fmt: skip
@@ -238,7 +252,7 @@ def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
 @pytest.mark.parametrize("path", PHOTOS[2:5], ids=lambda path: path.stem)
 def test_photographs_give_flags_or_numbers(path: Path, capsys: Output) -> None:
     """Whatever a photograph holds: regions laid over it, and those found, if any, with finite numbers or reasons."""
-    light = measuring.linear(decode(path))
+    light = linear(decode(path))
     _, height, width = light.picture.shape
     rois = [(x, y, 60, 50) for x in range(0, width - 60, 150) for y in range(0, height - 50, 110)]
     for measured in measuring.measure(light, rois):

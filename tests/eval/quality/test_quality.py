@@ -16,7 +16,7 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
-from blurnoise_eval.quality.metrics import Metric
+from blurnoise_eval.quality.picture import Metric
 from closed_edges import closed_mtf, closed_mtf50
 from commands import main
 from matplotlib.colors import to_hex
@@ -191,6 +191,18 @@ def test_without_light_nothing_is_available_but_why() -> None:
             assert row.estimate.flags, row.metric
 
 
+def test_without_noise_what_rests_on_it_is_withheld_with_a_flag() -> None:
+    """Shot noise of 0.02 DN rounds to none."""
+    silent: Any = {"read_noise_e": 0.0, "prnu": 0.0, "dsnu_e": 0.0, "dark_current_e_s": 0.0}
+    camera = replace(
+        CAMERA, full_well_e=1e8, system_gain_dn_per_e=2.4e-6, black_level_dn=0.0, bit_depth=8, **silent
+    )
+    rows = measured(swept((0.1,), (5e4,), (0.0,)), camera)
+    for row in rows:
+        assert row.estimate.told or "noiseless" in row.record()["flags"], row.metric
+    assert not reading(rows, "edge_snr_db", 0.1).told
+
+
 def test_motion_beyond_the_chart_is_withheld() -> None:
     rows = measured(swept((0.03,), (LUX,), (0.0,), (5000.0,)))
     for metric in ("mtf50_x", "sic_radial_x", "sic_square", "snri"):
@@ -313,7 +325,7 @@ def test_a_picture_per_setting(tmp_path: Path) -> None:
 
 def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Weber contrast as the seventeenth: measured, written and drawn."""
-    weber: Metric[quality.Charts, list[Estimate]] = Metric(
+    weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",
         lambda taken: [Estimate(float(b.mean() / d.mean()) - 1) for b, d in zip(*taken.patches, strict=True)],
     )  # fmt: skip
@@ -341,6 +353,15 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
     assert len(pd.read_csv(tmp_path / "q" / "quality.csv")) == told["rows"]
 
 
+def test_help_shows_this_commands_defaults_and_offers_nothing_else(capsys: Output) -> None:
+    assert main(["quality", "--help"]) == 0
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for usual in ("0.5,1,2,5,10,15,20,30,45,60,90", "5,50,500", "0,200,500,1000", "0", "imx250m"):
+        assert f"(default: {usual})" in shown
+    for other in ("auto", "1,30,1000,20000", "--moves", "--ego-kmh", "of the pictures"):
+        assert other not in shown
+
+
 @pytest.mark.parametrize(
     ("given", "named"),
     [
@@ -349,7 +370,9 @@ def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
         (["--camera", "nosuch"], "nosuch"),
         (["--camera", "hdr.yaml"], "captures"),
         (["--threads", "0"], "threads"),
-        (["--gain", "0,auto"], "--gain ="),
+        (["--gain", "0,auto"], "--gain = '0,auto': must be numbers"),
+        (["--exposure-ms", "auto"], "--exposure-ms = 'auto': must be numbers"),
+        (["--moves", "targets"], "moves: must be all"),
     ],
 )
 def test_wrong_input_is_one_line(

@@ -1,0 +1,129 @@
+"""Pictures made linear: by sRGB's curve, as they are, or by the camera's own curve of a grey scale.
+
+Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from blurnoise._core import checks
+from blurnoise._core.files import read_samples
+from blurnoise._core.luminance import LUMINANCE
+from blurnoise.metrics import SlantedEdge, slanted_edge
+from blurnoise.metrics.edge.measurement import Mode
+from blurnoise.metrics.values import CLIPPED_SHARE, Roi
+from blurnoise.optics.colour import linear_from_srgb
+from blurnoise_eval.datasets import Image
+
+Coding = Literal["auto", "srgb", "linear"]
+FEWEST_FIELDS = 3
+"""Of a grey scale: two make a straight line."""
+_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
+_FEWEST_LEVELS = 255  # of a converter
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
+
+    notes: what had to be assumed, a sentence each.
+    """
+
+    picture: Tensor
+    full_scale: float
+    black_level: float = 0.0
+    unit: Literal["DN", "of white"] = "of white"
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def grey(self) -> NDArray[np.float64]:
+        """Luminance above the black level, (H, W)."""
+        weights = LUMINANCE if len(self.picture) == 3 else (1.0,)
+        return np.asarray(np.tensordot(weights, self.picture.numpy(), 1) - self.black_level)
+
+    @property
+    def transposed(self) -> Linear:
+        """The picture with rows for columns."""
+        return Linear(self.picture.mT, self.full_scale, self.black_level)
+
+    def edge(self, roi: Roi, mode: Mode = "exact", bootstrap: int = 0) -> SlantedEdge:
+        """The slanted edge in a region. Raises ``ValueError`` for one outside the picture or below 8 x 8 px."""
+        levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
+        edge = slanted_edge(self.picture[None], mode=mode, roi=roi, bootstrap=bootstrap, **levels)
+        return edge[0] if isinstance(edge, list) else edge
+
+
+Oecf = tuple[tuple[float, ...], tuple[float, ...]]
+"""A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale: digital numbers, and
+light in any unit, 0 for none; both rising, straight in between."""
+
+
+def read_oecf(path: Path) -> Oecf:
+    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
+
+    Raises ``OSError``, and ``ValueError`` for other content.
+    """
+    numbers, light = read_samples(path, 1, "a digital number")
+    for name, values in (("numbers", numbers), ("light", light)):
+        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
+        if not rising or len(values) < FEWEST_FIELDS:
+            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+    return tuple(numbers), tuple(light)
+
+
+def linear(
+    picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
+    oecf: Oecf | None = None,
+) -> Linear:  # fmt: skip
+    """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
+
+    black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
+    camera's measured curve, takes the place of both and of the coding. Raises ``ValueError`` for them beside sRGB
+    coding, and for numbers that do not fit.
+    """
+    bits = 8 * picture.itemsize
+    planes = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1).astype(np.float64))
+    levels = {"black_level": black_level, "full_scale": full_scale}
+    given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
+    if oecf is not None:
+        if given or coding != "auto":
+            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
+        numbers, fields = oecf
+        least, most = fields[0], fields[-1]  # beyond them as if clipped
+        light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
+        note = f"made linear by a grey scale of {len(fields)} fields"
+        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
+    notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
+    coded = coding == "srgb" or (coding == "auto" and bits == 8)
+    if coding == "auto":
+        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
+        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
+        notes.append(f"{bits} bits: taken as {usual}")
+    if coded and given:
+        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
+    if coded:
+        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
+    largest, most = float(planes.max()), 2.0**bits - 1
+    whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
+    if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
+        full_scale = largest  # that of a converter of fewer bits
+        notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
+    top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
+    if largest > top:
+        raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
+    black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
+    if full_scale is None and largest <= most / 4:
+        text = f"full scale taken as {most:g}, the largest number is {largest:g}"
+        notes.append(f"{text}: clipping at fewer bits goes unseen without --full-scale")
+    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
