@@ -60,11 +60,11 @@ FLOORS: dict[str, list[set[str]]] = {
     ],
     "blurnoise_eval.detectors": [
         {"records", "class_names", "contract"},
-        {"model_files", "model"},
+        {"model"},
         {"formats"},
         {"contract_files", "recognition"},
         {"detector", "ocr"},
-        {"opening", "baked"},
+        {"opening"},
     ],
     "blurnoise_models": [
         {"scenes", "network"},

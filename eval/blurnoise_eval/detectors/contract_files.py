@@ -20,7 +20,7 @@ from blurnoise._core.files import json_of
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 from blurnoise_eval.detectors.contract import METADATA_KEY, SHORT_NAMES, Contract, ModelError, Sourced
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.model_files import contract_file, fetched_file, read_mapping
+from blurnoise_eval.detectors.model import contract_file, fetched_file, read_mapping
 
 Kind = TypeVar("Kind", bound=Sourced, default=Contract)
 Given = str | Path | Mapping[str, Any]
@@ -39,15 +39,24 @@ def stated_contract(
     The file beside ``model.onnx`` is ``model.contract.json``, ``.yaml`` or ``.yml``.
     Raises :class:`ModelError` as :func:`load_contract` does.
     """
+    if contract is None:
+        found = beside(model_path, metadata)
+        return None if found is None else parse_contract(*found, presets)
     if isinstance(contract, Mapping):
         return parse_contract(contract, "given", presets)
     if isinstance(contract, (str, Path)):
         return load_contract(contract, presets)
-    if contract is not None:
-        an_instance("contract", contract, type(next(iter(presets.values()))))
-        return contract
-    found = beside(model_path, metadata)
-    return None if found is None else parse_contract(*found, presets)
+    an_instance("contract", contract, type(next(iter(presets.values()))))
+    return contract
+
+
+def settled(contract: Kind, values: Mapping[str, Any], source: str, why: str) -> Kind:
+    """The contract with ``values`` that its graph settles. Raises :class:`ModelError` where another was stated."""
+    for name, value in values.items():
+        stated, where = getattr(contract, name), contract.sources[name]
+        if stated not in (None, value) and not where.startswith(("preset", "assumed")):
+            raise ModelError(f"{name} = {stated!r} ({where}): must be {value!r}, as {why}")
+    return replace(contract, **values, sources={**contract.sources, **dict.fromkeys(values, source)})
 
 
 def beside(model_path: Path, metadata: Mapping[str, str]) -> tuple[object, str] | None:

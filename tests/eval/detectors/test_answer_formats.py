@@ -11,7 +11,7 @@ import pytest
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.signature import extra_feeds
+from blurnoise_eval.detectors.formats.family import extra_feeds
 from blurnoise_eval.detectors.model import TensorInfo
 from constant_graphs import answering_graph
 from numpy.typing import NDArray

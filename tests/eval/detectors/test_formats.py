@@ -9,6 +9,7 @@ from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
+from blurnoise_eval.detectors.formats.family import Family, cells
 from blurnoise_eval.detectors.formats.grids import (
     FASTESTDET,
     NANODET,
@@ -16,10 +17,8 @@ from blurnoise_eval.detectors.formats.grids import (
     YOLOV5,
     YOLOV8,
     YOLOX,
-    cells,
 )
 from blurnoise_eval.detectors.formats.placement import lay_in
-from blurnoise_eval.detectors.formats.signature import Family
 from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---

@@ -86,7 +86,9 @@ def test_height_is_the_graphs(tmp_path: Path) -> None:
     assert recogniser.contract.sources["height_px"] == "graph"
     assert recogniser.prepare(bands("r")).shape == (1, 3, 32, 320)
     assert one_text(recogniser, bands("r-g")) == "rg"
-    with pytest.raises(ModelError, match=r"height_px = 48 \(given\), but the graph's is 32"):
+    with pytest.raises(
+        ModelError, match=r"height_px = 48 \(given\): must be 32, as the graph takes this height"
+    ):
         Recogniser(path, contract={"height_px": 48})
 
 
@@ -146,7 +148,9 @@ def test_logits_are_noticed(tmp_path: Path) -> None:
     assert got.text == expected.text == "rgb"
     assert 0.7 < expected.confidence < 0.8
     assert got.confidence == pytest.approx(expected.confidence, abs=1e-6)
-    with pytest.raises(ModelError, match=r"output = 'probabilities' \(given\), but the graph's is 'logits'"):
+    with pytest.raises(
+        ModelError, match=r"output = 'probabilities' \(given\): must be 'logits', as the rows"
+    ):
         Recogniser(tmp_path / "l.onnx", contract={"output": "probabilities"})
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.ocr import character_error_rate
-from blurnoise_eval.detectors.ocr.ctc import are_probabilities, characters, decode, softmax
+from blurnoise_eval.detectors.ocr.ctc import are_probabilities, characters, decode
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -53,19 +53,6 @@ def test_a_line_feed_alone_ends_a_line(lines: list[str]) -> None:
 
 
 # --- probabilities and logits ---
-
-
-@given(st.lists(st.lists(st.floats(-30, 30), min_size=4, max_size=4), min_size=1, max_size=5))
-def test_softmax_makes_probabilities_and_keeps_the_order(rows: list[list[float]]) -> None:
-    logits = np.array(rows, np.float32)
-    probabilities = softmax(logits)
-    assert are_probabilities(probabilities)
-    assert are_probabilities(probabilities.astype(np.float16).astype(np.float32))
-    np.testing.assert_allclose(softmax(logits + 100), probabilities, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(softmax(np.log(probabilities + 1e-30)), probabilities, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(
-        probabilities * np.exp(logits).sum(1, keepdims=True), np.exp(logits), rtol=1e-3
-    )
 
 
 @pytest.mark.parametrize(

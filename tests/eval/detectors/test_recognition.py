@@ -14,8 +14,8 @@ from blurnoise_eval.detectors.class_names import COCO80
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import load_contract, parse_contract, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
+from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
 from blurnoise_eval.detectors.formats.grids import YOLOV8
-from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
 from blurnoise_eval.detectors.model import TensorInfo
 from numpy.typing import NDArray
 
@@ -194,7 +194,7 @@ def test_bytes_are_0_to_255() -> None:
     assert (contract.value_range, contract.sources["value_range"]) == ("0-255", "graph")
     for change in ({"value_range": "0-1"}, {"value_range": "0-255", "mean": [1, 2, 3]}):
         stated = parse_contract({"family": "yolov8", "classes": "coco80", **change}, "file x")
-        with pytest.raises(ModelError, match=r"\(file x\): the graph takes only .*uint8"):
+        with pytest.raises(ModelError, match=r"\(file x\): must be .*, as the .*uint8"):
             resolve(NOWHERE, graph, stated)
 
 
@@ -244,7 +244,7 @@ def test_contract_and_graph_must_agree() -> None:
     two = {"family": "yolov8", "classes": ["a", "b"]}
     with pytest.raises(ModelError, match="says yolox"):
         resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
-    with pytest.raises(ModelError, match="takes only"):
+    with pytest.raises(ModelError, match="must be .640, 640., as the graph's input"):
         resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
     _, contract, _ = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
     assert contract.input_size_px == (640, 640)

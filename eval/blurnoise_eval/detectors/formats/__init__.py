@@ -5,7 +5,7 @@ from __future__ import annotations
 from blurnoise_eval.detectors.formats import end_to_end as ends
 from blurnoise_eval.detectors.formats import grids
 from blurnoise_eval.detectors.formats.anchors import ANCHORS, YOLOFASTESTV2
-from blurnoise_eval.detectors.formats.signature import Family
+from blurnoise_eval.detectors.formats.family import Family
 
 BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
     (ends.PPYOLOE, ends.RTDETR, ends.TORCHVISION),  # inputs beside the picture, answers without a batch
@@ -18,5 +18,5 @@ BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
 """The surest evidence first: where one kind of it is there, later ones are not asked."""
 
 FAMILIES = {each.name: each for group in BY_EVIDENCE for each in group}
-PRESETS = {name: family.preset for name, family in FAMILIES.items()}
+PRESETS = {name: each.preset for name, each in FAMILIES.items()}
 """Contracts by the name of their family."""

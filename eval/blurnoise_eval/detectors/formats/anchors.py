@@ -12,7 +12,6 @@ sigmoids and softmax applied.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,9 +22,8 @@ from numpy.typing import NDArray
 from blurnoise_eval.detectors.class_names import COCO80
 from blurnoise_eval.detectors.contract import AnchorHead, Contract
 from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
-from blurnoise_eval.detectors.formats.grids import cells, grid
-from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
-from blurnoise_eval.detectors.model import Shape
+from blurnoise_eval.detectors.formats.family import Family, cells
+from blurnoise_eval.detectors.formats.grids import grid
 from blurnoise_eval.detectors.records import FloatArray
 
 YOLO_FASTEST_V2 = AnchorHead(
@@ -37,24 +35,32 @@ YOLO_FASTEST_V2 = AnchorHead(
     activated=True,
 )
 """Of COCO at 352 px: the repository's data/coco.data."""
-_SHARED = 5 * YOLO_FASTEST_V2.per_cell  # columns before the classes of YOLO-FastestV2
-_OWN_COCO = YOLO_FASTEST_V2.per_cell * (5 + 80)  # of heads with classes for each anchor, as YOLOv3-tiny's
 
 
 def with_head(family: Family, head: AnchorHead, classes: int) -> Family:
     """The family with a head's anchors and so many classes."""
+    per_box, per_cell = 5 + classes, head.per_cell
+    shared = 5 * per_cell + classes
+    rows = [f"{per_cell}A {per_box}", f"A {per_cell * per_box}", f"A {shared}"]
+    levels = [f"{per_cell} H W {per_box}", f"H W {per_cell} {per_box}"]
+    levels += [form for n in (per_cell * per_box, shared) for form in (f"{n} H W", f"H W {n}")]
     return replace(
         family,
-        describe=partial(_describe, head=head, classes=classes),
+        layouts=_layouts(rows, levels, head),
+        strides=(head.strides,),
         decode=partial(_decode, head=head, classes=classes),
     )
 
 
-def _describe(signature: Signature, head: AnchorHead, classes: int) -> Layout | None:
-    """Outputs in one of the forms; those of levels in the order of the strides."""
-    shapes = [output.shape for output in signature.outputs]
-    places = _places(shapes, signature.size_px, head, classes)
-    return Layout.by_name([signature.outputs[place] for place in places], classes) if places else None
+def _layouts(rows: Sequence[str], levels: Sequence[str], head: AnchorHead) -> tuple[str, ...]:
+    """One output of rows, with a batch or without, or of each level one, in the order of the strides."""
+    whole = [f"{batch}{form}, ..." for form in rows for batch in ("1 ", "")]
+    by_level = [", ".join(_at_stride(form, s) for s in head.strides) + ", ..." for form in levels]
+    return (*whole, *by_level)
+
+
+def _at_stride(form: str, stride: int) -> str:
+    return f"b {form}".replace("H", f"H{stride}").replace("W", f"W{stride}")
 
 
 def _decode(
@@ -86,89 +92,57 @@ def _boxes(
     fields: FloatArray, kept: NDArray[np.int64], size_px: tuple[int, int], head: AnchorHead
 ) -> FloatArray:
     """Centre x, y, width, height, px; ``kept``: which of all, cell by cell, anchor by anchor."""
-    per_cell = head.per_cell
-    column_row, stride = (values[kept // per_cell] for values in grid(size_px, head.strides))
-    level = np.searchsorted(
-        np.cumsum([cells(size_px, (s,)) for s in head.strides]), kept // per_cell, "right"
-    )
+    cell, place = np.divmod(kept, head.per_cell)
+    column_row, stride = (values[cell] for values in grid(size_px, head.strides))
+    level = np.repeat(np.arange(len(head.strides)), _counts(size_px, head))[cell]
     scale = np.asarray(head.scales, np.float32)[level, None]
-    anchor = np.asarray(head.anchors, np.float32)[level, kept % per_cell]
-    squared = head.boxes == "yolov5"
+    anchor = np.asarray(head.anchors, np.float32)[level, place]
     share = fields if head.activated else sigmoid(fields)
     boxes = np.empty_like(fields)
     boxes[:, :2] = (share[:, :2] * scale - (scale - 1) / 2 + column_row) * stride
     with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+        squared = head.boxes == "yolov5"
         boxes[:, 2:] = ((2 * share[:, 2:]) ** 2 if squared else np.exp(fields[:, 2:])) * anchor
     return boxes
 
 
-def _grids(size_px: tuple[int, int], head: AnchorHead) -> list[tuple[int, int]]:
-    return [(-(-size_px[0] // s), -(-size_px[1] // s)) for s in head.strides]
-
-
-def _places(
-    shapes: Sequence[Shape], size_px: tuple[int, int], head: AnchorHead, classes: int
-) -> list[int] | None:
-    """Which outputs hold the levels, in the order of the strides; that of all levels once; None if none do."""
-    per_box, per_cell = 5 + classes, head.per_cell
-    widths = (per_cell * per_box, 5 * per_cell + classes)
-    number = cells(size_px, head.strides)
-    for place, shape in enumerate(shapes):
-        rows = shape[-2:] if len(shape) == 2 or (len(shape) == 3 and shape[0] == 1) else None
-        if rows == (per_cell * number, per_box) or (rows and rows[0] == number and rows[1] in widths):
-            return [place]
-    found = []
-    for height, width in _grids(size_px, head):
-        forms = [(n, height, width) for n in widths] + [(height, width, n) for n in widths]
-        forms += [(per_cell, height, width, per_box), (height, width, per_cell, per_box)]  # type: ignore[list-item]
-        own = [place for place, shape in enumerate(shapes) if len(shape) >= 4 and shape[1:] in forms]
-        if len(own) != 1:
-            return None
-        found += own
-    return found
+def _counts(size_px: tuple[int, int], head: AnchorHead) -> list[int]:
+    """Cells of each level."""
+    return [cells(size_px, (stride,)) for stride in head.strides]
 
 
 def _cell_rows(outputs: Sequence[FloatArray], size_px: tuple[int, int], head: AnchorHead) -> FloatArray:
     """A row for each cell, level by level, in whichever form the outputs hold them."""
-    grids = _grids(size_px, head)
-    if len(outputs) > 1 or outputs[0].ndim >= 4:
+    counts = _counts(size_px, head)
+    if outputs[0].ndim >= 4:
         parts = []
-        for (level, *_), grid_size in zip(outputs, grids, strict=True):
+        for (level, *_), stride, count in zip(outputs, head.strides, counts, strict=True):
+            grid_size = -(-size_px[0] // stride), -(-size_px[1] // stride)
             first = (
                 1 if level.shape[1:3] == grid_size else 0
             )  # channels or anchors before the grid, or behind it
-            parts.append(np.moveaxis(level, (first, first + 1), (0, 1)).reshape(math.prod(grid_size), -1))
+            parts.append(np.moveaxis(level, (first, first + 1), (0, 1)).reshape(count, -1))
         return np.concatenate(parts)
     rows = outputs[0].reshape(-1, outputs[0].shape[-1])
-    counts = [math.prod(each) for each in grids]
-    if len(rows) == sum(counts):
-        return rows
-    if head.order == "anchor":  # a box in each row
+    if len(rows) != sum(counts) and head.order == "anchor":  # a box in each row
         levels = np.split(rows, np.cumsum(counts)[:-1] * head.per_cell)
         rows = np.concatenate([np.concatenate(np.split(level, head.per_cell), axis=1) for level in levels])
     return rows.reshape(sum(counts), -1)
-
-
-def _describe_fastest_v2(signature: Signature) -> Layout | None:
-    """Rows, or planes with the channels last."""
-    width = signature.outputs[0].shape[-1]
-    if not isinstance(width, int) or width <= _SHARED or width == _OWN_COCO:
-        return None
-    return _describe(signature, YOLO_FASTEST_V2, width - _SHARED)
 
 
 def _decode_fastest_v2(
     outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float
 ) -> Candidates:
     """With COCO's anchors."""
-    return _decode(outputs, size_px, min_score, YOLO_FASTEST_V2, outputs[0].shape[-1] - _SHARED)
+    classes = outputs[0].shape[-1] - 5 * YOLO_FASTEST_V2.per_cell
+    return _decode(outputs, size_px, min_score, YOLO_FASTEST_V2, classes)
 
 
 # YOLOv5's val.py, darknet's validation and Yolo-FastestV2's: every class that reaches the threshold. Nothing in a
 # graph shows its anchors.
 ANCHORS = Family(
     Contract("anchors", COCO80, input_size_px=(640, 640), nms_iou=0.6),
-    lambda signature: None,
+    (),
     _decode_fastest_v2,
     several_classes=True,
     takes_head=True,
@@ -178,8 +152,9 @@ YOLOFASTESTV2 = Family(
         "yolofastestv2", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.4,
         head=YOLO_FASTEST_V2,
     ),
-    _describe_fastest_v2,
+    _layouts(["A 15+C"], ["H W 15+C"], YOLO_FASTEST_V2),
     _decode_fastest_v2,
+    strides=(YOLO_FASTEST_V2.strides,),
     unknown="whether it was trained with anchors of its own, which the contract's head then states",
     several_classes=True,
     takes_head=True,

@@ -16,20 +16,12 @@ import numpy as np
 from blurnoise_eval.detectors.class_names import COCO80
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
-from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
+from blurnoise_eval.detectors.formats.family import STRIDES, STRIDES_64, Family, cells
 from blurnoise_eval.detectors.records import FloatArray
 
-STRIDES = (8, 16, 32)
-STRIDES_64 = (8, 16, 32, 64)
 _V8_STRIDES = ((8,), STRIDES, STRIDES_64)
-_STRIDE = 16  # of FastestDet's only grid
 _BINS = 8  # of a side's distance, 0 to 7 strides
 _SIDES = 4 * _BINS
-
-
-def cells(size_px: tuple[int, int], strides: Sequence[int] = STRIDES) -> int:
-    """A = Σ ceil(H/s) ceil(W/s): the number of grid cells of an input (height, width) px."""
-    return sum(-(-size_px[0] // s) * -(-size_px[1] // s) for s in strides)
 
 
 @cache
@@ -43,40 +35,29 @@ def grid(size_px: tuple[int, int], strides: tuple[int, ...] = STRIDES) -> tuple[
     return np.concatenate(column_row), np.concatenate(stride)
 
 
-def layout_by_cells(
-    signature: Signature,
-    *,
-    columns: int,
-    strides: Sequence[Sequence[int]],
-    anchors: int = 1,
-    turned: bool = False,
-) -> Layout | None:
-    """The layout of an output [batch, anchors · A, columns + classes], A for one of ``strides``; else None.
+def _decode_rows(
+    outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float, *, raw: bool = False
+) -> Candidates:
+    """Score = objectness · class; (centre x, y, width, height) in px.
 
-    turned: or [batch, columns + classes, A]; which of the two it is, is the axis that has A entries, never the longer
-    one. Old exports of YOLOv5 add its raw heads, of 5 dimensions.
+    raw, as YOLOX: centre = (offset + cell) · stride, size = exp(offset) · stride. Source: Ge et al., YOLOX (2021), as
+    in the reference code's ``demo_postprocess``.
     """
-    output, *further = signature.outputs
-    if len(output.shape) != 3 or any(len(extra.shape) != 5 for extra in further):
-        return None
-    _, rows, width = output.shape
-    counts = {anchors * cells(signature.size_px, each): each for each in strides}
-    kind = "columns"
-    if turned and width in counts:
-        rows, width, kind = width, rows, "rows"
-    if rows not in counts or not isinstance(width, int) or width <= columns:
-        return None
-    times = f"{anchors} x " if anchors > 1 else ""
-    counted = f"{rows} = {times}the cells of strides {', '.join(map(str, counts[rows]))}"
-    return Layout.of(output, f"{counted}; {columns} + {width - columns} {kind}", width - columns)
-
-
-def _decode_v5(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = objectness · class; (centre x, y, width, height) in px."""
     rows = outputs[0][0]
-    rows = rows[rows[:, 4] >= min_score]
-    class_scores = rows[:, 5:] * rows[:, 4:5]
-    return select(rows[:, :4], *best_class(class_scores), min_score, class_scores)
+    kept = np.flatnonzero(rows[:, 4] >= min_score)
+    class_scores = rows[kept, 5:]
+    class_scores *= rows[kept, 4:5]
+    scores, class_ids = best_class(class_scores)
+    strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
+    kept = kept[strong]
+    boxes = rows[kept, :4]
+    if raw:
+        column_row, stride = (values[kept] for values in grid(size_px))
+        boxes[:, :2] += column_row
+        with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+            np.exp(boxes[:, 2:], out=boxes[:, 2:])
+            boxes *= stride
+    return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
 
 
 def _decode_v8(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -87,39 +68,6 @@ def _decode_v8(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_scor
     # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
     kept = columns[:, np.flatnonzero(columns[4:].max(axis=0) >= min_score)].T
     return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])
-
-
-def _decode_x(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = objectness · class; centre = (offset + cell) · stride, size = exp(offset) · stride, px.
-
-    Source: Ge et al., YOLOX (2021), as in the reference code's ``demo_postprocess``.
-    """
-    rows = outputs[0][0]
-    kept = np.flatnonzero(rows[:, 4] >= min_score)
-    class_scores = rows[kept, 5:]
-    class_scores *= rows[kept, 4:5]
-    scores, class_ids = best_class(class_scores)
-    strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
-    kept = kept[strong]
-    column_row, stride = (values[kept] for values in grid(size_px))
-    boxes = rows[kept, :4]
-    boxes[:, :2] += column_row
-    with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
-        np.exp(boxes[:, 2:], out=boxes[:, 2:])
-        boxes *= stride
-    return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
-
-
-def _describe_fastest(signature: Signature) -> Layout | None:
-    """[batch, 5 + nc, ceil(H/16), ceil(W/16)]."""
-    output = signature.outputs[0]
-    if len(signature.outputs) != 1 or len(output.shape) != 4:
-        return None
-    channels = output.shape[1]
-    grid = tuple(-(-size // _STRIDE) for size in signature.size_px)
-    if output.shape[2:] != grid or not isinstance(channels, int) or channels < 6:
-        return None
-    return Layout.of(output, f"the cells of stride 16; 5 + {channels - 5} channels", channels - 5)
 
 
 def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -140,22 +88,6 @@ def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min
     boxes[:, 2:] = sigmoid(rows[:, 3:5]) * input_wh
     each = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
     return select(boxes, scores, class_ids, min_score, each)
-
-
-def _describe_nano(signature: Signature) -> Layout | None:
-    """Two outputs for each stride, of as many rows as it has cells: [n, nc] and [n, 32], or with a batch.
-
-    Of NanoDet before "Plus". Their names can be swapped, so widths decide; with 32 classes nothing does.
-    """
-    by_shape = {output.shape[-2:]: output for output in signature.outputs if len(output.shape) in (2, 3)}
-    others = {shape[1] for shape in by_shape} - {_SIDES}
-    classes = others.pop() if len(others) == 1 else None
-    counts = [cells(signature.size_px, (stride,)) for stride in STRIDES]
-    ordered = [(count, width) for count in counts for width in (classes, _SIDES)]
-    fits = len(signature.outputs) == len(ordered) and by_shape.keys() == set(ordered)
-    if not isinstance(classes, int) or not fits:
-        return None
-    return Layout.by_name([by_shape[shape] for shape in ordered], classes)
 
 
 def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -183,59 +115,63 @@ def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_sc
     return select(inside, scores[kept], class_ids[kept], min_score, class_scores[kept], corners=True)
 
 
-# [batch, 3A, 5 + nc]. YOLOv7 exported with --grid has the same layout and the same pre-processing. Its val.py:
-# multi_label.
+# YOLOv7 exported with --grid has the same layout and the same pre-processing; old exports add the raw heads. Its
+# val.py: multi_label.
 YOLOV5 = Family(
     Contract("yolov5", COCO80, nms_iou=0.6, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64), anchors=3),
-    _decode_v5,
+    ("b 3A 5+C, ...",),
+    _decode_rows,
+    strides=(STRIDES, STRIDES_64),
     several_classes=True,
 )
-# [batch, A, 5 + nc], with strides up to 32 or, for the P6 models, 64; the objectness column is always 1. YOLOX
-# exported with its boxes decoded reads the same, with YOLOX's pre-processing. Its Evaler: multi_label.
+# The objectness column is always 1. YOLOX exported with its boxes decoded reads the same, with YOLOX's
+# pre-processing. Its Evaler: multi_label.
 YOLOV6 = Family(
     Contract("yolov6", COCO80, nms_iou=0.65, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64)),
-    _decode_v5,
+    ("b A 5+C",),
+    _decode_rows,
+    strides=(STRIDES, STRIDES_64),
     several_classes=True,
 )
-# [batch, 4 + nc, A] or [batch, A, 4 + nc], with stride 8 alone, or strides up to 32 or 64. DetectionValidator:
-# multi_label.
+# Stride 8 alone is the built-in detector's. DetectionValidator: multi_label.
 YOLOV8 = Family(
     Contract("yolov8", COCO80, nms_iou=0.7, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=4, strides=_V8_STRIDES, turned=True),
+    ("b 4+C A", "b A 4+C"),
     _decode_v8,
+    strides=_V8_STRIDES,
     several_classes=True,
 )
-# [batch, A, 5 + nc]. Its postprocess: torch.max over the classes.
+# Its postprocess: torch.max over the classes.
 YOLOX = Family(
     Contract(
         "yolox", COCO80, colour="bgr", value_range="0-255", resize="letterbox-top-left", input_size_px=(416, 416),
         nms_iou=0.65,
     ),
-    partial(layout_by_cells, columns=5, strides=(STRIDES,)),
-    _decode_x,
+    ("b A 5+C",),
+    partial(_decode_rows, raw=True),
     unknown="whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet",
 )  # fmt: skip
 # Its handle_preds: argmax over the classes.
 FASTESTDET = Family(
     Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
-    _describe_fastest,
+    ("b 5+C H16 W16",),
     _decode_fastest,
 )
 _NANO: dict[str, Any] = {"colour": "bgr", "value_range": "0-255", "input_size_px": (320, 320), "nms_iou": 0.6}
 _NANO |= {"mean": (103.53, 116.28, 123.675), "std": (57.375, 57.12, 58.395)}
+# NanoDet before "Plus": names of scores and sides can be swapped, so widths decide; with 32 classes nothing does.
 # Both: multiclass_nms.
 NANODET = Family(
     Contract("nanodet", COCO80, resize="letterbox", pad_value=0, **_NANO),
-    _describe_nano,
+    ("b A8 C, b A8 32, b A16 C, b A16 32, b A32 C, b A32 32", "A8 C, A8 32, A16 C, A16 32, A32 C, A32 32"),
     _decode_nano,
     several_classes=True,
 )
 NANODETPLUS = Family(
     Contract("nanodetplus", COCO80, resize="stretch", **_NANO),
-    partial(layout_by_cells, columns=_SIDES, strides=(STRIDES_64,)),  # [batch, A, nc + 32]
+    ("b A 32+C",),
     _decode_nano,
+    strides=(STRIDES_64,),
     several_classes=True,
 )
 

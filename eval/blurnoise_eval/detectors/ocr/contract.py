@@ -1,12 +1,9 @@
-"""Contracts of text networks, which their graphs do not state: how a picture enters, and what the answers mean.
-
-As with :class:`blurnoise_eval.detectors.contract.Contract`, every field carries where it came from.
-"""
+"""Contracts of text networks, which their graphs do not state: how a picture enters, and what the answers mean."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le
 
@@ -31,9 +28,8 @@ class _TextNetwork(Sourced):
 
     def stretched(self) -> Contract:
         """The colours as a contract for laying a picture in, stretched to the input's size."""
-        return Contract(
-            self.family, ("text",), colour=self.colour, mean=self.mean, std=self.std, resize="stretch"
-        )
+        colours = {"colour": self.colour, "mean": self.mean, "std": self.std}
+        return Contract(self.family, ("text",), resize="stretch", **colours)
 
 
 @dataclass(frozen=True)
@@ -73,6 +69,29 @@ class RegionContract(_TextNetwork):
     threshold: _Share = 0.3
     box_threshold: _Share = 0.5
     unclip: _NonNegative = 1.6
+
+
+@dataclass(frozen=True)
+class SpottingContract:
+    """The contracts of both networks; names and sources have "regions." or "text." before them."""
+
+    regions: RegionContract
+    text: TextContract
+
+    @property
+    def assumptions(self) -> list[str]:
+        """One sentence per field that nothing stated."""
+        return [*self.regions.assumptions, *self.text.assumptions]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field in JSON's types, and ``sources``."""
+        found: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        for part, contract in (("regions", self.regions), ("text", self.text)):
+            values = contract.to_dict()
+            sources |= {f"{part}.{name}": source for name, source in values.pop("sources").items()}
+            found |= {f"{part}.{name}": value for name, value in values.items()}
+        return {**found, "sources": sources}
 
 
 TEXT_PRESETS = {"ppocr": TextContract()}

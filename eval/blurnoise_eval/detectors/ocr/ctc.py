@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from rapidfuzz.distance import Levenshtein
 
 from blurnoise_eval.detectors.records import FloatArray
@@ -55,13 +54,6 @@ def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
 def are_probabilities(rows: FloatArray) -> bool:
     """Whether no value is negative and each row sums to 1, within the rounding of half precision."""
     return bool(rows.min(initial=0.0) >= 0 and (abs(rows.sum(axis=-1) - 1) < 0.01).all())
-
-
-def softmax(logits: FloatArray) -> FloatArray:
-    """Return exp(x) / Σ exp(x) along the last axis; logarithms of probabilities become the probabilities."""
-    powers: FloatArray = np.exp(logits - logits.max(axis=-1, keepdims=True))
-    powers /= powers.sum(axis=-1, keepdims=True)
-    return powers
 
 
 def character_error_rate(read: str, truth: str) -> float:

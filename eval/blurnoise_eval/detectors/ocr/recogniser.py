@@ -13,20 +13,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import softmax
 
 from blurnoise._core.files import read_text
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.contract_files import Given, beside, stated_contract
+from blurnoise_eval.detectors.contract_files import Given, beside, settled, stated_contract
 from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
-from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
-from blurnoise_eval.detectors.model_files import contract_file, fetched_file
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, fetched_file
 from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS, TextContract
-from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
+from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
-_UNSTATED = ("assumed", "preset")
 
 
 class TextNetwork(OnnxModel):
@@ -88,41 +87,33 @@ class Recogniser(TextNetwork):
         sources = dict.fromkeys(TextContract.names(), f"assumed: preset ppocr{suggests}")
         found = stated_contract(TEXT_PRESETS, self.path, self.metadata, contract)
         self.contract = found or TextContract(sources=sources)
-        height = self.fixed_size_px[0]
-        if height is not None:
-            self._settle("graph", height_px=height)
+        if (height := self.fixed_size_px[0]) is not None:
+            self.contract = settled(
+                self.contract, {"height_px": height}, "graph", "the graph takes this height"
+            )
         self._characters = characters(self._dictionary(contract, dictionary))
-        self._look_at_answer()
-
-    def _settle(self, source: str, **fields: Any) -> None:
-        """Put into the contract what the graph shows. Raises :class:`ModelError` where it says otherwise."""
-        for name, value in fields.items():
-            stated, where = getattr(self.contract, name), self.contract.sources[name]
-            if stated != value and not where.startswith(_UNSTATED):
-                raise ModelError(
-                    f"{self.path.name}: {name} = {stated!r} ({where}), but the graph's is {value!r}"
-                )
-        sources = {**self.contract.sources, **dict.fromkeys(fields, source)}
-        self.contract = replace(self.contract, **fields, sources=sources)
+        self._check_answer()
 
     def _dictionary(self, contract: object, given: Location | None) -> str:
         """The characters, a line each; those of a file become part of the model's identity."""
-        stated = self.contract.dictionary
-        if given is None and stated is None:
-            if DICTIONARY_KEY not in self.metadata:
-                raise ModelError(
-                    f"{self.path.name}: nothing says which characters its classes are: "
-                    f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
-                )
-            self._settle(f"metadata {DICTIONARY_KEY}", dictionary=None)
-            return self.metadata[DICTIONARY_KEY]
+        stated, whence, file = self.contract.dictionary, self.contract.sources["dictionary"], None
         if given is not None:
-            file = fetched_file(given)
-            sources = {**self.contract.sources, "dictionary": "given"}
-            self.contract = replace(self.contract, dictionary=file.name, sources=sources)
-        else:
+            file, whence = fetched_file(given), "given"
+            stated = file.name
+        elif stated is not None:
             own = Path(contract) if isinstance(contract, (str, Path)) else self.path
-            file = (own if own.is_file() else self.path).parent / str(stated)
+            file = (own if own.is_file() else self.path).parent / stated
+        elif DICTIONARY_KEY in self.metadata:
+            whence = f"metadata {DICTIONARY_KEY}"
+        else:
+            raise ModelError(
+                f"{self.path.name}: nothing says which characters its classes are: "
+                f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
+            )
+        sources = {**self.contract.sources, "dictionary": whence}
+        self.contract = replace(self.contract, dictionary=stated, sources=sources)
+        if file is None:
+            return self.metadata[DICTIONARY_KEY]
         try:
             lines = read_text(file)
         except (OSError, ValueError) as error:
@@ -152,7 +143,7 @@ class Recogniser(TextNetwork):
         rows = self._answer(self.prepare(crop))
         if not np.isfinite(rows).all():
             return NOTHING
-        return decode(softmax(rows) if self.contract.output == "logits" else rows, self._characters)
+        return decode(softmax(rows, axis=1) if self.contract.output == "logits" else rows, self._characters)
 
     def read(
         self, image: NDArray[np.uint8], boxes_xyxy: ArrayLike | Sequence[Sequence[float]]
@@ -177,7 +168,7 @@ class Recogniser(TextNetwork):
             readings.append(self.read_crop(image[top:bottom, left:right]))
         return readings
 
-    def _look_at_answer(self) -> None:
+    def _check_answer(self) -> None:
         """Check classes against dictionary, and see what the values are, on a grey crop."""
         rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
         if rows.ndim != 2 or rows.shape[1] != len(self._characters):
@@ -190,7 +181,8 @@ class Recogniser(TextNetwork):
             seen, how = "logits", "do not sum to 1, so softmax is applied"
             if are_probabilities(rows):
                 seen, how = "probabilities", "sum to 1"
-            self._settle(f"graph: the rows of its answer to a grey picture {how}", output=seen)
+            why = f"the rows of its answer to a grey picture {how}"
+            self.contract = settled(self.contract, {"output": seen}, f"graph: {why}", why)
 
 
 def is_recogniser(model: OnnxModel) -> bool:
@@ -202,9 +194,8 @@ def is_recogniser(model: OnnxModel) -> bool:
     ranks = [[len(entry.shape) for entry in entries] for entries in (model.inputs, model.outputs)]
     if ranks != [[4], [3]] or model.inputs[0].shape[1] != 3:
         return False
+    family = "ppocr" if DICTIONARY_KEY in model.metadata else None
     with suppress(ModelError):
-        found = beside(model.path, model.metadata)
-        if found is None or (contract_file(model.path) is None and DICTIONARY_KEY in model.metadata):
-            return DICTIONARY_KEY in model.metadata
-        return isinstance(found[0], dict) and found[0].get("family") in TEXT_PRESETS
-    return False
+        if (found := beside(model.path, model.metadata)) and isinstance(found[0], dict):
+            family = found[0].get("family", family)
+    return family in TEXT_PRESETS

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,7 +20,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
 from blurnoise_eval.detectors.model import TIMEOUT_S
-from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, TextContract
+from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, SpottingContract
 from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
 from blurnoise_eval.detectors.ocr.recogniser import Recogniser, TextNetwork
 from blurnoise_eval.detectors.records import FloatArray
@@ -32,28 +30,6 @@ _STRIDE_PX = 32  # the network halves the picture five times
 _LEAST_SIDE_PX = 3  # of the map
 _MOST_REGIONS = 1000
 _UPRIGHT = 1.5  # height / width from which a region holds a line that runs downwards
-
-
-@dataclass(frozen=True)
-class SpottingContract:
-    """The contracts of both networks; names and sources have "regions." or "text." before them."""
-
-    regions: RegionContract
-    text: TextContract
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated."""
-        return [*self.regions.assumptions, *self.text.assumptions]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types, and ``sources``."""
-        values: dict[str, Any] = {}
-        sources: dict[str, str] = {}
-        for part, contract in (("regions", self.regions), ("text", self.text)):
-            for name, source in contract.sources.items():
-                values[f"{part}.{name}"], sources[f"{part}.{name}"] = contract.to_dict()[name], source
-        return {**values, "sources": sources}
 
 
 class TextSpotter(TextNetwork):
