@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Ge, Le, Len
@@ -148,6 +148,11 @@ class Sourced:
     def names(cls) -> tuple[str, ...]:
         """The fields that a contract can state."""
         return tuple(entry.name for entry in fields(cls) if entry.name != "sources")
+
+    @classmethod
+    def assumed(cls, why: str) -> Self:
+        """The defaults, each field marked as assumed."""
+        return cls(sources=dict.fromkeys(cls.names(), f"assumed: {why}"))
 
     @property
     def assumptions(self) -> list[str]:

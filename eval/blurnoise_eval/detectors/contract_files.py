@@ -160,17 +160,12 @@ def contract_option(contract: Contract) -> str | None:
 
     None for one that only a file can hold, because of its names of classes or of a head with anchors.
     """
-
-    def text(name: str) -> str:
-        value = getattr(contract, name)
-        if isinstance(value, tuple):
-            return ("x" if name == "input_size_px" else "/").join(map(str, value))
-        return "none" if value is None else str(value)
-
-    base = PRESETS[contract.family]
-    differs = [name for name in contract.names() if getattr(contract, name) != getattr(base, name)]
-    parts = [f"{name}={text(name)}" for name in differs]
-    typed = ",".join([contract.family, *parts])
+    parts = [contract.family]
+    for name in contract.names():
+        if (value := getattr(contract, name)) != getattr(PRESETS[contract.family], name):
+            entries = value if isinstance(value, tuple) else ("none" if value is None else value,)
+            parts.append(f"{name}=" + ("x" if name == "input_size_px" else "/").join(map(str, entries)))
+    typed = ",".join(parts)
     try:
         return typed if load_contract(typed) == contract else None
     except ModelError:
@@ -180,5 +175,6 @@ def contract_option(contract: Contract) -> str | None:
 def contract_document(contract: Contract) -> dict[str, Any]:
     """What a contract's file holds: every field but the sources, COCO's classes by their short name."""
     known = {COCO80: "coco80", COCO91: "coco91"}
-    values = {name: value for name, value in contract.to_dict().items() if name != "sources"}
-    return values | {"classes": known.get(contract.classes, list(contract.classes))}
+    document = contract.to_dict() | {"classes": known.get(contract.classes, list(contract.classes))}
+    del document["sources"]
+    return document

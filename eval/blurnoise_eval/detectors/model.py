@@ -77,12 +77,11 @@ class OnnxModel:
     """A model's file and its session, on one core for each thread that asks it. It serves any number of threads.
 
     ``source``: a file, here or at a URL, or a model that is open. ``timeout_s``: how long loading may take, and the
-    first answer; later ones take what they take. On the main thread an interrupt ends them; from elsewhere
-    :meth:`interrupt` does. Subclasses pickle as what opened them, ``_opened_again``, and their name: in another
-    process the file is opened again.
+    first answer. On the main thread an interrupt ends any answer; from elsewhere :meth:`interrupt` does. Subclasses
+    pickle as what opened them, ``_opened_again``, and their name: in another process the file is opened again.
 
-    Raises :class:`ModelError`, in one line, for a file that is missing, empty, text, a web page, a git-lfs
-    pointer, damaged, too new, or without its external data, and ``TimeoutError``.
+    Raises ``TimeoutError``, and :class:`ModelError`, in one line, for a file that is no model, damaged, too new, or
+    without its external data.
 
     Attributes: ``name``, the file's without suffix; ``source``, the file as it was named; ``path``, the file on this
     machine; ``sha256`` of its files; ``session``, onnxruntime's; ``metadata``; ``inputs``, the picture first, and
@@ -127,7 +126,7 @@ class OnnxModel:
         load = partial(ort.InferenceSession, str(self.path), options, providers=["CPUExecutionProvider"])
         try:
             check_regular(self.path)
-            return _apart(load, lambda: None, self.timeout_s)
+            return _apart(load, self.timeout_s)
         except TimeoutError:
             raise self._too_slow("does not load") from None
         except OSError as error:
@@ -152,16 +151,14 @@ class OnnxModel:
         options = ort.RunOptions()
         options.log_severity_level = 4  # failures are raised
         infer = partial(self.session.run, outputs, feeds, options)
-        end = partial(setattr, options, "terminate", True)
+        direct = self._answered and threading.current_thread() is not threading.main_thread()
+        limit_s = math.inf if self._answered else self.timeout_s
         self._running.add(options)
         try:
-            if self._answered and threading.current_thread() is not threading.main_thread():
-                found: list[Any] = infer()
-            else:
-                found = _apart(infer, end, None if self._answered else self.timeout_s)
+            found: list[Any] = infer() if direct else _apart(infer, limit_s, options)
         except TimeoutError:
             raise self._too_slow("gives no answer") from None
-        except Exception as error:  # as above
+        except Exception as error:  # onnxruntime's exceptions share no base class of their own
             if options.terminate:
                 raise InterruptedError(f"{self.path.name}: interrupted") from None
             raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
@@ -193,11 +190,11 @@ class OnnxModel:
             warnings.warn(text, RuntimeWarning, stacklevel=4)
 
 
-def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | None) -> Any:
+def _apart(call: Callable[[], Any], limit_s: float, options: ort.RunOptions | None = None) -> Any:
     """What ``call`` returns or raises in a thread of its own, for native code lets no interrupt through to Python.
 
-    Past the limit, on an interrupt, and where the process ends, ``end`` is called, and the thread left.
-    Raises ``TimeoutError``.
+    Past the limit, on an interrupt, and where the process ends, an inference of these options is ended, and the
+    thread left. Raises ``TimeoutError``.
     """
     answer: Future[Any] = Future()
 
@@ -209,7 +206,7 @@ def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | No
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
-    until_s = time.monotonic() + (math.inf if limit_s is None else limit_s)
+    until_s = time.monotonic() + limit_s
     try:
         while not answer.done():
             left_s = until_s - time.monotonic()
@@ -217,7 +214,8 @@ def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | No
                 raise TimeoutError
             thread.join(min(left_s, _POLL_S))
     except BaseException:
-        end()
+        if options is not None:
+            options.terminate = True
         thread.join(_GRACE_S)
         raise
     return answer.result()
@@ -240,7 +238,7 @@ def _load_problem(path: Path, error: Exception) -> str:
 def fetched(path: str | Location) -> Path:
     """The model's file on this machine, beside it its contract, external weights and dictionary, if it has them.
 
-    A file of this machine is what it is. Raises :class:`ModelError` for an object that cannot be fetched.
+    Raises :class:`ModelError` for an object at a URL that cannot be fetched.
     """
     model = location(path)
     if isinstance(model, Path):
@@ -267,13 +265,12 @@ def fetched_file(path: str | Location) -> Path:
 
 
 def external_files(path: Path) -> list[str]:
-    """Names of the files, beside a model's own, that hold tensors of it, in branches and functions, too.
-
-    None of a file that is no model, which opening it says.
-    """
+    """Names of the files, beside a model's own, that hold tensors of it, in branches and functions, too."""
     try:
         model = onnx.load(str(path), load_external_data=False)
-    except Exception:  # protobuf's DecodeError; a format of onnxruntime's own, which is a single file
+    except (
+        Exception
+    ):  # no model, which opening it says; a format of onnxruntime's own, which is a single file
         return []
     tensors = filter(external.uses_external_data, external._get_all_tensors(model))
     return sorted({external.ExternalDataInfo(tensor).location for tensor in tensors})
@@ -295,11 +292,11 @@ def read_mapping(path: Path) -> object:
 
 def model_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
-    own, beside = _file_sha256(path), external_files(path)
-    if not beside:
-        return own
-    parts = [own, *(f"{name} {_file_sha256(path.parent / name)}" for name in beside)]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    sums = [
+        _file_sha256(path),
+        *(f"{name} {_file_sha256(path.parent / name)}" for name in external_files(path)),
+    ]
+    return sums[0] if len(sums) == 1 else hashlib.sha256("\n".join(sums).encode()).hexdigest()
 
 
 def _file_sha256(path: Path) -> str:

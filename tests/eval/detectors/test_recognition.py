@@ -244,7 +244,7 @@ def test_contract_and_graph_must_agree() -> None:
     two = {"family": "yolov8", "classes": ["a", "b"]}
     with pytest.raises(ModelError, match="says yolox"):
         resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
-    with pytest.raises(ModelError, match="must be .640, 640., as the graph's input"):
+    with pytest.raises(ModelError, match=r"must be \(640, 640\), as the graph's input"):
         resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
     _, contract, _ = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
     assert contract.input_size_px == (640, 640)

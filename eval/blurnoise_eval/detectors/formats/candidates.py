@@ -10,7 +10,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import parser
 
-from blurnoise_eval.detectors.records import FloatArray, all_finite
+from blurnoise_eval.detectors.records import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ def select(
         centres, half = found.boxes_xyxy[:, :2], found.boxes_xyxy[:, 2:] / 2
         with np.errstate(invalid="ignore"):  # boxes that are not finite are left out below
             found = replace(found, boxes_xyxy=np.concatenate([centres - half, centres + half], axis=1))
-    finite = all_finite(found.boxes_xyxy)
-    return found if finite else found[np.flatnonzero(np.isfinite(found.boxes_xyxy).all(axis=1))]
+    finite = np.isfinite(found.boxes_xyxy).all(axis=1)
+    return found if finite.all() else found[np.flatnonzero(finite)]
 
 
 def suppress(

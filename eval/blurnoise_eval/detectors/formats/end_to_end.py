@@ -10,10 +10,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from blurnoise_eval.detectors.class_names import COCO80, COCO91
 from blurnoise_eval.detectors.contract import IMAGENET, IMAGENET_255, Contract
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
+from blurnoise_eval.detectors.formats.candidates import Candidates, select, sigmoid
 from blurnoise_eval.detectors.formats.family import Family
 from blurnoise_eval.detectors.records import FloatArray
 
@@ -134,19 +135,18 @@ TFOD = _family(
 )
 
 
-def _decode_detr(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = largest softmax but the last, which stands for no object; (centre x, y, width, height)."""
+def _decode_queries(
+    outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float, *, nothing_last: bool
+) -> Candidates:
+    """Score = sigmoid of the largest logit; where the last stands for no object, the largest other softmax.
+
+    Boxes: (centre x, y, width, height), shares of the input.
+    """
     logits, boxes = (output[0] for output in outputs)
-    powers = np.exp(logits - logits.max(axis=1, keepdims=True))
-    class_scores = powers[:, :-1] / powers.sum(axis=1, keepdims=True)
-    return select(boxes * _whwh(size_px), *best_class(class_scores), min_score, class_scores)
-
-
-def _decode_rfdetr(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = sigmoid of the largest logit; (centre x, y, width, height)."""
-    boxes, logits = outputs[0][0], outputs[1][0]
-    class_scores = sigmoid(logits)
-    _, class_ids = best_class(logits)  # large ones all give 1
+    class_scores = softmax(logits, axis=1)[:, :-1] if nothing_last else sigmoid(logits)
+    class_ids = (class_scores if nothing_last else logits).argmax(
+        axis=1
+    )  # large logits all give a sigmoid of 1
     scores = class_scores[np.arange(len(class_ids)), class_ids]
     return select(boxes * _whwh(size_px), scores, class_ids, min_score, class_scores)
 
@@ -159,13 +159,13 @@ def _whwh(size_px: tuple[int, int]) -> FloatArray:
 DETR = Family(
     Contract("detr", COCO91, input_size_px=(800, 800), **_QUERIES),
     ("logits: b n C+1, pred_boxes: b n 4", "pred_logits: b n C+1, pred_boxes: b n 4"),
-    _decode_detr,
+    partial(_decode_queries, nothing_last=True),
 )
 # By name: with four classes both are 4 wide. Its PostProcess: the best of all queries and classes.
 RFDETR = Family(
     Contract("rfdetr", COCO91, input_size_px=(560, 560), **_QUERIES),
-    ("dets: b n 4, labels: b n C",),
-    _decode_rfdetr,
+    ("labels: b n C, dets: b n 4",),
+    partial(_decode_queries, nothing_last=False),
     unknown="whether one of the class slots, and which, stands for the background",
     several_classes=True,
 )

@@ -168,10 +168,10 @@ def _read(signature: Signature, text: str, strides: tuple[int, ...]) -> Layout |
         wanted, key=lambda entry: "C" in entry
     ):  # what a number of classes cannot blur comes first
         name, _, axes = entry.rpartition(": ")
-        left = [output for output in signature.outputs if output not in found.values()]
+        left = [o for o in signature.outputs if o not in found.values()]
         left = [
-            each for each in left if fnmatch(each.name.split(":")[0].lower(), name or "*")
-        ]  # TensorFlow: "name:0"
+            o for o in left if fnmatch(o.name.split(":")[0].lower(), name or "*")
+        ]  # TensorFlow's end in ":0"
         counts = [_classes(output, axes.split(), signature.size_px, strides) for output in left]
         if len(counts) - counts.count(None) != 1:
             return None
@@ -181,8 +181,8 @@ def _read(signature: Signature, text: str, strides: tuple[int, ...]) -> Layout |
         return None
     outputs = [found[entry] for entry in wanted]
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
-    grids = f" as {text}: A, the cells of strides {', '.join(map(str, strides))}" if "A" in text else ""
-    why = f"output{'s' * (len(outputs) > 1)} {shapes}{grids}"
+    why = f"output{'s' * (len(outputs) > 1)} {shapes}" + (f" as {text}" if not named else "")
+    why += f": A, the cells of strides {', '.join(map(str, strides))}" if "A" in text else ""
     return Layout(tuple(output.name for output in outputs), max(classes), why)
 
 

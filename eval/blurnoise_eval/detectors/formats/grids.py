@@ -36,38 +36,37 @@ def grid(size_px: tuple[int, int], strides: tuple[int, ...] = STRIDES) -> tuple[
 
 
 def _decode_rows(
-    outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float, *, raw: bool = False
+    outputs: Sequence[FloatArray],
+    size_px: tuple[int, int],
+    min_score: float,
+    *,
+    raw: bool = False,
+    objectness: bool = True,
 ) -> Candidates:
-    """Score = objectness · class; (centre x, y, width, height) in px.
+    """Score = objectness · class, or that of the class alone; (centre x, y, width, height) in px.
 
     raw, as YOLOX: centre = (offset + cell) · stride, size = exp(offset) · stride. Source: Ge et al., YOLOX (2021), as
     in the reference code's ``demo_postprocess``.
     """
     rows = outputs[0][0]
-    kept = np.flatnonzero(rows[:, 4] >= min_score)
-    class_scores = rows[kept, 5:]
-    class_scores *= rows[kept, 4:5]
+    if not objectness and rows.shape[1] in [cells(size_px, strides) for strides in _V8_STRIDES]:
+        rows = rows.T
+    # A NaN makes the maximum NaN, which drops the row.
+    kept = np.flatnonzero((rows[:, 4] if objectness else rows[:, 4:].max(axis=1)) >= min_score)
+    found = rows[kept]
+    class_scores = found[:, 4 + objectness :]
+    if objectness:
+        class_scores *= found[:, 4:5]
     scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
-    kept = kept[strong]
-    boxes = rows[kept, :4]
+    boxes = found[strong, :4]
     if raw:
-        column_row, stride = (values[kept] for values in grid(size_px))
+        column_row, stride = (values[kept[strong]] for values in grid(size_px))
         boxes[:, :2] += column_row
         with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
             np.exp(boxes[:, 2:], out=boxes[:, 2:])
             boxes *= stride
     return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
-
-
-def _decode_v8(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = class; (centre x, y, width, height) in px."""
-    columns = outputs[0][0]
-    if columns.shape[1] not in [cells(size_px, strides) for strides in _V8_STRIDES]:
-        columns = columns.T
-    # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
-    kept = columns[:, np.flatnonzero(columns[4:].max(axis=0) >= min_score)].T
-    return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])
 
 
 def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -82,9 +81,9 @@ def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min
     class_scores, class_ids = best_class(rows[:, 5:])
     scores = rows[:, 0] ** 0.6 * class_scores**0.4
     input_wh = np.array([size_px[1], size_px[0]], np.float32)
-    cell_xy = np.stack([kept % width, kept // width], axis=1).astype(np.float32)
+    cell = input_wh / np.array([width, height], np.float32)
     boxes = np.empty((len(kept), 4), np.float32)
-    boxes[:, :2] = (np.tanh(rows[:, 1:3]) + cell_xy) * (input_wh / np.array([width, height], np.float32))
+    boxes[:, :2] = (np.tanh(rows[:, 1:3]) + grid(size_px, (16,))[0][kept]) * cell
     boxes[:, 2:] = sigmoid(rows[:, 3:5]) * input_wh
     each = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
     return select(boxes, scores, class_ids, min_score, each)
@@ -137,7 +136,7 @@ YOLOV6 = Family(
 YOLOV8 = Family(
     Contract("yolov8", COCO80, nms_iou=0.7, input_size_px=(640, 640)),
     ("b 4+C A", "b A 4+C"),
-    _decode_v8,
+    partial(_decode_rows, objectness=False),
     strides=_V8_STRIDES,
     several_classes=True,
 )

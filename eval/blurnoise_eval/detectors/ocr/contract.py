@@ -28,8 +28,7 @@ class _TextNetwork(Sourced):
 
     def stretched(self) -> Contract:
         """The colours as a contract for laying a picture in, stretched to the input's size."""
-        colours = {"colour": self.colour, "mean": self.mean, "std": self.std}
-        return Contract(self.family, ("text",), resize="stretch", **colours)
+        return Contract(self.family, ("text",), self.colour, mean=self.mean, std=self.std, resize="stretch")
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,14 @@ class Reading:
 NOTHING = Reading("", 0.0)
 
 
+def joined(readings: Sequence[Reading]) -> Reading:
+    """Several texts with spaces between them, and the mean confidence of their characters."""
+    found = [reading for reading in readings if reading.text]
+    total = sum(reading.confidence * len(reading.text) for reading in found)
+    count = max(sum(len(reading.text) for reading in found), 1)
+    return Reading(" ".join(reading.text for reading in found), total / count)
+
+
 def characters(lines: str) -> list[str]:
     """Return the characters by class: the blank (""), one for each line, and the space.
 
@@ -59,9 +67,6 @@ def are_probabilities(rows: FloatArray) -> bool:
 def character_error_rate(read: str, truth: str) -> float:
     """Return the insertions, deletions and substitutions that turn ``read`` into ``truth``, per character of it.
 
-    0 is exact; more than 1 is possible where more was read than is there. Upper and lower case differ.
-    Convention: where there is no text, reading none is 0, and reading any is 1.
+    Upper and lower case differ. Convention: where there is no text, reading none is 0, and reading any is 1.
     """
-    if not truth:
-        return float(bool(read))
-    return Levenshtein.distance(read, truth) / len(truth)
+    return Levenshtein.distance(read, truth) / len(truth) if truth else float(bool(read))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +49,7 @@ class TextNetwork(OnnxModel):
         self.fixed_size_px = height, width
 
     def _answer(self, blob: FloatArray) -> FloatArray:
-        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted.
-
-        Raises :class:`ModelError` where the graph fails.
-        """
+        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted."""
         (output,) = self.infer(blob)
         if output.ndim < 1 or len(output) != self.batch:
             answers = f"answers {list(output.shape)} to {self.batch} picture(s)"
@@ -84,34 +82,45 @@ class Recogniser(TextNetwork):
         stated: Any = {"contract": contract, "dictionary": dictionary, "timeout_s": self.timeout_s}
         self._opened_again = partial(Recogniser, self.source, **stated)
         suggests = f", which metadata {DICTIONARY_KEY} suggests" * (DICTIONARY_KEY in self.metadata)
-        sources = dict.fromkeys(TextContract.names(), f"assumed: preset ppocr{suggests}")
         found = stated_contract(TEXT_PRESETS, self.path, self.metadata, contract)
-        self.contract = found or TextContract(sources=sources)
+        self.contract = found or TextContract.assumed(f"preset ppocr{suggests}")
         if (height := self.fixed_size_px[0]) is not None:
             self.contract = settled(
                 self.contract, {"height_px": height}, "graph", "the graph takes this height"
             )
         self._characters = characters(self._dictionary(contract, dictionary))
-        self._check_answer()
+        rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
+        if rows.ndim != 2 or rows.shape[1] != len(self._characters):
+            raise ModelError(
+                f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
+                f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
+                f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
+            )
+        if np.isfinite(rows).all():
+            sure = are_probabilities(rows)
+            why = "sum to 1" if sure else "do not sum to 1, so softmax is applied"
+            why = f"the rows of its answer to a grey picture {why}"
+            output = "probabilities" if sure else "logits"
+            self.contract = settled(self.contract, {"output": output}, f"graph: {why}", why)
 
     def _dictionary(self, contract: object, given: Location | None) -> str:
         """The characters, a line each; those of a file become part of the model's identity."""
-        stated, whence, file = self.contract.dictionary, self.contract.sources["dictionary"], None
-        if given is not None:
-            file, whence = fetched_file(given), "given"
-            stated = file.name
-        elif stated is not None:
-            own = Path(contract) if isinstance(contract, (str, Path)) else self.path
-            file = (own if own.is_file() else self.path).parent / stated
-        elif DICTIONARY_KEY in self.metadata:
-            whence = f"metadata {DICTIONARY_KEY}"
+        name, source = self.contract.dictionary, self.contract.sources["dictionary"]
+        if given is None and name is None:
+            if DICTIONARY_KEY not in self.metadata:
+                raise ModelError(
+                    f"{self.path.name}: nothing says which characters its classes are: "
+                    f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
+                )
+            file, source = None, f"metadata {DICTIONARY_KEY}"
+        elif given is not None:
+            file, source = fetched_file(given), "given"
+            name = file.name
         else:
-            raise ModelError(
-                f"{self.path.name}: nothing says which characters its classes are: "
-                f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
-            )
-        sources = {**self.contract.sources, "dictionary": whence}
-        self.contract = replace(self.contract, dictionary=stated, sources=sources)
+            own = Path(contract) if isinstance(contract, (str, Path)) else self.path
+            file = (own if own.is_file() else self.path).parent / str(name)
+        sources = {**self.contract.sources, "dictionary": source}
+        self.contract = replace(self.contract, dictionary=name, sources=sources)
         if file is None:
             return self.metadata[DICTIONARY_KEY]
         try:
@@ -150,52 +159,48 @@ class Recogniser(TextNetwork):
     ) -> list[Reading]:
         """Return the text in each box (left, top, right, bottom), px, of an RGB picture (h, w, 3), uint8.
 
-        A box is read with the contract's margin around it, to whole pixels, inside the picture, on its own: its
-        reading depends on no other box. A box that is empty, or lies outside, reads as no text.
-        Raises ``TypeError`` or ``ValueError`` for a picture of another type or shape.
+        A box is read with the contract's margin around it, to whole pixels, inside the picture, on its own. One that
+        is empty, or lies outside, reads as no text. Raises ``TypeError`` or ``ValueError`` for another picture.
         """
         height, width = picture_size(image)
-        limit = np.array([width, height], np.float64)
+        limit = np.array([width, height] * 2, np.float64)
         readings = []
         for box in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
-            x0, y0, x1, y1 = np.clip(box, 0, np.tile(limit, 2))
+            x0, y0, x1, y1 = np.clip(box, 0, limit)
             if x1 <= x0 or y1 <= y0:
                 readings.append(NOTHING)
                 continue
-            margin = self.contract.margin * (box[3] - box[1])
-            left, top = np.floor(np.clip(box[:2] - margin, 0, limit)).astype(int)
-            right, bottom = np.ceil(np.clip(box[2:] + margin, 0, limit)).astype(int)
-            readings.append(self.read_crop(image[top:bottom, left:right]))
+            margin = self.contract.margin * (box[3] - box[1]) * np.array([-1, -1, 1, 1])
+            left, top, right, bottom = np.clip(box + margin, 0, limit).tolist()
+            crop = image[math.floor(top) : math.ceil(bottom), math.floor(left) : math.ceil(right)]
+            readings.append(self.read_crop(crop))
         return readings
-
-    def _check_answer(self) -> None:
-        """Check classes against dictionary, and see what the values are, on a grey crop."""
-        rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
-        if rows.ndim != 2 or rows.shape[1] != len(self._characters):
-            raise ModelError(
-                f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
-                f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
-                f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
-            )
-        if np.isfinite(rows).all():
-            seen, how = "logits", "do not sum to 1, so softmax is applied"
-            if are_probabilities(rows):
-                seen, how = "probabilities", "sum to 1"
-            why = f"the rows of its answer to a grey picture {how}"
-            self.contract = settled(self.contract, {"output": seen}, f"graph: {why}", why)
 
 
 def is_recogniser(model: OnnxModel) -> bool:
     """Whether the model is a recogniser by its graph and what lies beside it, without running it.
 
-    It takes one picture [N, 3, height, width], gives one answer [N, T, C], and either its metadata holds a
-    dictionary under ``character`` or a contract, in a file beside it or its metadata, is of family "ppocr".
+    It takes one picture [N, 3, height, width], gives one answer [N, T, C], and a contract, in a file beside it or its
+    metadata, is of family "ppocr", or no family is stated and its metadata holds a dictionary under ``character``.
     """
     ranks = [[len(entry.shape) for entry in entries] for entries in (model.inputs, model.outputs)]
     if ranks != [[4], [3]] or model.inputs[0].shape[1] != 3:
         return False
     family = "ppocr" if DICTIONARY_KEY in model.metadata else None
     with suppress(ModelError):
-        if (found := beside(model.path, model.metadata)) and isinstance(found[0], dict):
-            family = found[0].get("family", family)
+        stated, _ = beside(model.path, model.metadata) or ({}, "")
+        family = stated.get("family", family) if isinstance(stated, dict) else family
     return family in TEXT_PRESETS
+
+
+def rapidocr_models() -> tuple[Path, Path] | None:
+    """Return the files (text detection, recognition) in the package ``rapidocr`` or, before it,
+    ``rapidocr-onnxruntime``, of which nothing else is used; None where neither holds networks.
+    """
+    for package in ("rapidocr", "rapidocr_onnxruntime"):
+        spec = find_spec(package)
+        for folder in (spec.submodule_search_locations or ()) if spec else ():
+            every = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
+            if all(every):
+                return every[0][-1], every[1][-1]
+    return None
