@@ -223,9 +223,3 @@ def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_p
     with pytest.raises(ModelError, match=message) as caught:
         Detector(path)
     assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_graph_tells_how_anchors_are_stated(tmp_path: Path) -> None:
-    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"), SIZE_PX)
-    with pytest.raises(ModelError, match='a contract with "family": "anchors" and "head": '):
-        Detector(path)

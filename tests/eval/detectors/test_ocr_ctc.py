@@ -80,22 +80,3 @@ def test_what_is_no_probability(rows: list[list[float]]) -> None:
 )
 def test_known_rates(read: str, truth: str, rate: float) -> None:
     assert character_error_rate(read, truth) == pytest.approx(rate)
-
-
-def edits(a: str, b: str) -> int:
-    """Levenshtein's distance by its recurrence."""
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        last, row[0] = row[0], i
-        for j, y in enumerate(b, 1):
-            last, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, last + (x != y))
-    return row[-1]
-
-
-@given(words, words)
-def test_rate_is_the_distance_per_character_of_the_truth(read: str, truth: str) -> None:
-    rate = character_error_rate(read, truth)
-    if truth:
-        assert rate == pytest.approx(edits(read, truth) / len(truth))
-        assert abs(len(read) - len(truth)) / len(truth) <= rate <= max(len(read), len(truth)) / len(truth)
-    assert (rate == 0) == (read == truth)
