@@ -59,7 +59,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"bench", "maps", "paper"},
     ],
     "blurnoise_eval.detectors": [
-        {"records", "class_names", "contract"},
+        {"records", "contract"},
         {"model"},
         {"formats"},
         {"contract_files", "recognition"},

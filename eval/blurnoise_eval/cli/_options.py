@@ -80,7 +80,7 @@ def camera_names() -> Iterable[str]:
 
 def _families() -> Iterable[str]:
     from blurnoise_eval.detectors.formats import PRESETS
-    from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS
+    from blurnoise_eval.detectors.ocr.recogniser import TEXT_PRESETS
 
     return (*PRESETS, *TEXT_PRESETS)
 
@@ -92,7 +92,7 @@ def _scores() -> Iterable[str]:
 
 
 def _classes() -> Iterable[str]:
-    from blurnoise_eval.detectors.class_names import COCO80
+    from blurnoise_eval.detectors.contract import COCO80
 
     in_bash = os.environ.get("_BLURNOISE_COMPLETE") == "complete_bash"  # which takes words as they are typed
     return (name.replace(" ", "\\ ") if in_bash else name for name in COCO80)

@@ -17,8 +17,15 @@ from typing_extensions import TypeVar
 
 from blurnoise._core.checks import an_instance, shown
 from blurnoise._core.files import json_of
-from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import METADATA_KEY, SHORT_NAMES, Contract, ModelError, Sourced
+from blurnoise_eval.detectors.contract import (
+    COCO80,
+    COCO91,
+    METADATA_KEY,
+    SHORT_NAMES,
+    Contract,
+    ModelError,
+    Sourced,
+)
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.model import contract_file, fetched_file, read_mapping
 

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
+from blurnoise_eval.detectors.formats.boxes import Blob, Candidates, Placement, lay_in, suppress
 from blurnoise_eval.detectors.formats.family import extra_feeds, read_signature
-from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
 from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray

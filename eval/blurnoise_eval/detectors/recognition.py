@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import preset, settled
 from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS
-from blurnoise_eval.detectors.formats.anchors import with_head
+from blurnoise_eval.detectors.formats.boxes import lay_in
 from blurnoise_eval.detectors.formats.end_to_end import YOLOV10
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
-from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8
-from blurnoise_eval.detectors.formats.placement import lay_in
+from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8, with_head
 from blurnoise_eval.detectors.model import TensorInfo
 
 _HEAD_EXAMPLE = (

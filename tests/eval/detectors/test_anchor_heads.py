@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import AnchorHead, ModelError
+from blurnoise_eval.detectors.contract import COCO80, AnchorHead, ModelError
 from blurnoise_eval.detectors.contract_files import parse_contract, preset
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.anchors import YOLO_FASTEST_V2, YOLOFASTESTV2, with_head
+from blurnoise_eval.detectors.formats.grids import YOLO_FASTEST_V2, YOLOFASTESTV2, with_head
 from constant_graphs import constant_graph
 from numpy.typing import NDArray
 

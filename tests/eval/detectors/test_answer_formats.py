@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
-from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract import COCO80, COCO91, Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES as FAMILIES_BY_NAME
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select
+from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, select
 from blurnoise_eval.detectors.formats.family import Family, extra_feeds
 from blurnoise_eval.detectors.model import TensorInfo
 from blurnoise_eval.detectors.records import FloatArray

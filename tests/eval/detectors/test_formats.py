@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.contract_files import preset
-from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
+from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
 from blurnoise_eval.detectors.formats.grids import (
@@ -17,7 +17,6 @@ from blurnoise_eval.detectors.formats.grids import (
     YOLOV8,
     YOLOX,
 )
-from blurnoise_eval.detectors.formats.placement import lay_in
 from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.ocr import character_error_rate
-from blurnoise_eval.detectors.ocr.ctc import are_probabilities, characters, decode
+from blurnoise_eval.detectors.ocr.recogniser import are_probabilities, characters, decode
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -10,7 +10,7 @@ import pytest
 from band_readers import COLOURS, band_reader, saved
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextSpotter
-from blurnoise_eval.detectors.ocr.contract import RegionContract
+from blurnoise_eval.detectors.ocr.recogniser import RegionContract
 from blurnoise_eval.detectors.ocr.spotter import find_regions, in_reading_order, straighten
 from constant_graphs import answering_graph
 from numpy.typing import NDArray

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
-from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract import COCO80, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import parse_contract, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature

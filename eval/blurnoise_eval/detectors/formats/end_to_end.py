@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.special import softmax
 
-from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import IMAGENET, IMAGENET_255, Contract
-from blurnoise_eval.detectors.formats.candidates import Candidates, select, sigmoid
+from blurnoise_eval.detectors.contract import COCO80, COCO91, IMAGENET, IMAGENET_255, Contract
+from blurnoise_eval.detectors.formats.boxes import Candidates, select, sigmoid
 from blurnoise_eval.detectors.formats.family import Decode, Family
 from blurnoise_eval.detectors.records import FloatArray
 

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError
-from blurnoise_eval.detectors.formats.candidates import Candidates
-from blurnoise_eval.detectors.formats.placement import blob_shape
+from blurnoise_eval.detectors.formats.boxes import Candidates, blob_shape
 from blurnoise_eval.detectors.model import OnnxModel, TensorInfo
 from blurnoise_eval.detectors.records import FloatArray
 

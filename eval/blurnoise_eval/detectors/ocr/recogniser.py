@@ -1,4 +1,9 @@
-"""Text networks, of one picture in and one tensor out, and the recogniser of the text in known boxes."""
+"""Text recognisers, their contracts, and their answers: the text in known boxes, and how wrong it is.
+
+A network takes one picture and gives class probabilities (T, C) float32, a row per step along the text; class 0 is
+the blank of connectionist temporal classification (CTC), decoded greedily. Source: Graves et al. (2006); dictionary
+and confidence as in PP-OCR.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +11,171 @@ import hashlib
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
+from rapidfuzz.distance import Levenshtein
 from scipy.special import softmax
 
+from blurnoise._core.checks import Characters
 from blurnoise._core.files import read_text
-from blurnoise_eval.detectors.contract import ModelError
+from blurnoise_eval.detectors.contract import Colour, Contract, ModelError, PerChannel, Sourced, Spread
 from blurnoise_eval.detectors.contract_files import Given, beside, settled, stated_contract
-from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
+from blurnoise_eval.detectors.formats.boxes import lay_in, picture_size
 from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, fetched_file
-from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS, TextContract
-from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
+
+_Count = Annotated[int, Ge(1), Le(1 << 16), "must be an integer >= 1 and <= 65536"]
+_NonNegative = Annotated[float, Ge(0)]
+_Share = Annotated[float, Ge(0), Le(1)]
+
+
+@dataclass(frozen=True)
+class _TextNetwork(Sourced):
+    """The picture's colours: x of 0-1 enters as (x - mean) / std."""
+
+    EXAMPLE = "{'height_px': 32}"
+
+    family: str
+    colour: Colour = "bgr"
+    mean: PerChannel = (0.5, 0.5, 0.5)
+    std: Spread = (0.5, 0.5, 0.5)
+
+    def stretched(self) -> Contract:
+        """The colours as a contract for laying a picture in, stretched to the input's size."""
+        return Contract(self.family, ("text",), self.colour, mean=self.mean, std=self.std, resize="stretch")
+
+
+@dataclass(frozen=True)
+class TextContract(_TextNetwork):
+    """How a crop becomes a recogniser's input, and what its classes are. Defaults are those of PP-OCR.
+
+    family: "ppocr". colour: "rgb" or "bgr". mean, std: per channel in the network's order, of values 0-1.
+    height_px: the input's; the crop keeps its aspect, and is padded with zeros on the right to min_width_px, but
+    never wider than max_width_px. margin: what is read around a known box, in heights of that box. dictionary: a file
+    with a character a line, relative to the contract's folder; None for the graph's metadata ``character``.
+    output: "probabilities", or "logits", to which softmax is applied. Raises ``ValueError`` or ``TypeError``
+    naming field, value and what is allowed.
+    """
+
+    family: Literal["ppocr"] = "ppocr"
+    height_px: _Count = 48
+    min_width_px: _Count = 320
+    max_width_px: _Count = 3200
+    margin: _NonNegative = 0.1
+    dictionary: Annotated[Characters | None, "must be the name of a file, or nothing"] = None
+    output: Literal["probabilities", "logits"] = "probabilities"
+
+
+@dataclass(frozen=True)
+class RegionContract(_TextNetwork):
+    """How a picture becomes a text detector's input, and its map of probabilities boxes.
+
+    family: "db" (differentiable binarisation). colour, mean, std: as in :class:`TextContract`. min_side_px:
+    what a smaller picture's shorter side is enlarged to; max_side_px: what a larger one's longer side is
+    reduced to. threshold: probability from which a pixel is text. box_threshold: least mean probability of
+    a region, its score. unclip: the outline moves outwards by unclip · area / circumference.
+    """
+
+    family: Literal["db"] = "db"
+    min_side_px: _Count = 736
+    max_side_px: _Count = 2000
+    threshold: _Share = 0.3
+    box_threshold: _Share = 0.5
+    unclip: _NonNegative = 1.6
+
+
+@dataclass(frozen=True)
+class SpottingContract:
+    """The contracts of both networks; names and sources have "regions." or "text." before them."""
+
+    regions: RegionContract
+    text: TextContract
+
+    @property
+    def assumptions(self) -> list[str]:
+        """One sentence per field that nothing stated."""
+        return [*self.regions.assumptions, *self.text.assumptions]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field in JSON's types, and ``sources``."""
+        found: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        for part, contract in (("regions", self.regions), ("text", self.text)):
+            values = contract.to_dict()
+            sources |= {f"{part}.{name}": source for name, source in values.pop("sources").items()}
+            found |= {f"{part}.{name}": value for name, value in values.items()}
+        return {**found, "sources": sources}
+
+
+TEXT_PRESETS = {"ppocr": TextContract()}
+REGION_PRESETS = {"db": RegionContract()}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A text, and how sure its reader is: 0 to 1, the mean of its characters' probabilities; 0 for no text.
+
+    Confidence stays high on wrong text: judge the text beside it.
+    """
+
+    text: str
+    confidence: float
+
+
+NOTHING = Reading("", 0.0)
+
+
+def joined(readings: Sequence[Reading]) -> Reading:
+    """Several texts with spaces between them, and the mean confidence of their characters."""
+    found = [reading for reading in readings if reading.text]
+    total = sum(reading.confidence * len(reading.text) for reading in found)
+    count = max(sum(len(reading.text) for reading in found), 1)
+    return Reading(" ".join(reading.text for reading in found), total / count)
+
+
+def characters(lines: str) -> list[str]:
+    """Return the characters by class: the blank (""), one for each line, and the space.
+
+    Only a line feed ends a line: dictionaries hold characters that Unicode counts among the line ends.
+    """
+    return ["", *lines.removesuffix("\n").split("\n"), " "]
+
+
+def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
+    """Return the likeliest class of each step, repeats and then blanks left out.
+
+    Convention: a class that comes again after a blank is a second character. The confidence is the mean of
+    the probabilities at the first step of each character.
+    """
+    best = probabilities.argmax(axis=1)
+    kept = best != 0
+    kept[1:] &= best[1:] != best[:-1]
+    if not kept.any():
+        return NOTHING
+    confidence = float(probabilities[kept, best[kept]].mean())
+    return Reading("".join(classes[index] for index in best[kept]), min(confidence, 1.0))
+
+
+def are_probabilities(rows: FloatArray) -> bool:
+    """Whether no value is negative and each row sums to 1, within the rounding of half precision."""
+    return bool(rows.min(initial=0.0) >= 0 and (abs(rows.sum(axis=-1) - 1) < 0.01).all())
+
+
+def character_error_rate(read: str, truth: str) -> float:
+    """Return the insertions, deletions and substitutions that turn ``read`` into ``truth``, per character of it.
+
+    Upper and lower case differ. Convention: where there is no text, reading none is 0, and reading any is 1.
+    """
+    return Levenshtein.distance(read, truth) / len(truth) if truth else float(bool(read))
+
 
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
 

@@ -18,11 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
-from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
+from blurnoise_eval.detectors.formats.boxes import lay_in, picture_size
 from blurnoise_eval.detectors.model import TIMEOUT_S
-from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, SpottingContract
-from blurnoise_eval.detectors.ocr.ctc import Reading, joined
-from blurnoise_eval.detectors.ocr.recogniser import Recogniser, TextNetwork
+from blurnoise_eval.detectors.ocr.recogniser import (
+    REGION_PRESETS,
+    Reading,
+    Recogniser,
+    RegionContract,
+    SpottingContract,
+    TextNetwork,
+    joined,
+)
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
 
