@@ -51,11 +51,11 @@ class Detector(OnnxModel):
         stated = stated_contract(PRESETS, self.path, self.metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(self.metadata).get("input_size_px")
         signature = read_signature(self, size_px or _PROBE_SIZE_PX)
-        self.family, self.contract, layout = resolve(signature, stated)
+        self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            layout = resolve(read_signature(self, self.input_size_px), self.contract)[2]
-        self._decoded, self.why = list(layout.outputs), layout.why
+            _, layout = resolve(read_signature(self, self.input_size_px), self.contract)
+        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
         self.takes_bytes = DTYPES[self.inputs[0].type] is np.uint8
         self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()

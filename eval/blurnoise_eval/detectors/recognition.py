@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,40 +27,28 @@ _RAW_SIZE_LIMIT = 16.0
 """YOLOX's raw sizes are logarithms of strides, rarely above 4; boxes in px reach this in the 99th percentile."""
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A family that a graph was recognised as, its layout, and what showed it, "graph: ..." or "assumed: ..."."""
-
-    family: Family
-    layout: Layout
-    source: str
-    exported: bool = False  # by Ultralytics' code, whose pre-processing is known
-
-
-def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Family, Contract, Layout]:
-    """Return the graph's family, its contract with the input size filled in, and how the graph is read.
+def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contract, Layout]:
+    """Return a graph's contract with the input size filled in, and how its family reads it.
 
     The contract is what is stated, else the preset of the family that the graph shows, with every field that it
     cannot show marked as assumed. Raises :class:`ModelError` if no family or several fit, or if contract and graph
     disagree.
     """
     if stated is None:
-        found = _recognise(signature)
-        contract, family, layout = _assumed(found, signature), found.family, found.layout
+        layout, source = _recognise(signature)
+        contract = _assumed(layout, source, signature)
+    elif (reads := _with_head(stated).describe(signature)) is not None:
+        contract, layout = stated, reads
     else:
-        contract, family = stated, _with_head(stated)
-        reads = family.describe(signature)
-        if reads is None:
-            says = f"the contract ({stated.sources['family']}) says {stated.family}"
-            raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
-        layout = reads
+        says = f"the contract ({stated.sources['family']}) says {stated.family}"
+        raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
     if layout.classes not in (0, len(contract.classes)):
         raise ModelError(
             f"the graph ({contract.family}) has {layout.classes} classes but the contract names "
             f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "
             "under 'classes' in a contract"
         )
-    return family, _fitted(contract, family, signature.inputs[0]), layout
+    return _fitted(contract, layout.family, signature.inputs[0]), layout
 
 
 def _with_head(stated: Contract) -> Family:
@@ -77,16 +65,16 @@ def _with_head(stated: Contract) -> Family:
     return family
 
 
-def _recognise(signature: Signature) -> _Found:
+def _recognise(signature: Signature) -> tuple[Layout, str]:
+    """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
     exporter, families = _by_metadata(signature.metadata)
     for group in (*((family,) for family in families), *BY_EVIDENCE):
-        fitting = [(each, layout) for each in group if (layout := each.describe(signature)) is not None]
+        fitting = list(filter(None, (family.describe(signature) for family in group)))
         if len(fitting) > 1:
             return _choose(fitting, signature)
-        for family, layout in fitting:
-            exported = family in families
-            why = f"metadata {exporter}; {layout.why}" if exported else layout.why
-            return _Found(family, layout, f"graph: {why}", exported)
+        for layout in fitting:
+            exported = f"metadata {exporter}; " * (layout.family in families)
+            return layout, f"graph: {exported}{layout.why}"
     raise ModelError(
         f"the graph fits no output family known here ({', '.join(PRESETS)}); a head with "
         f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
@@ -107,21 +95,19 @@ def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[Family, ...]]:
     return ("stride, names", (YOLOV5,)) if {"stride", "names"} <= metadata.keys() else ("", ())
 
 
-def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Found:
+def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
     """Which of several families it is: the one with as many classes as there are names, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
-    agreeing = [each for each in fitting if each[1].classes in (0, len(known or each[0].preset.classes))]
+    agreeing = [each for each in fitting if each.classes in (0, len(known or each.family.preset.classes))]
     if len(agreeing) == 1:
-        family, layout = agreeing[0]
         named = "graph: {}, as many as the metadata names" if known else "assumed: {}, as many as COCO has"
-        return _Found(family, layout, named.format(layout.why))
-    by_name = {family.name: (family, layout) for family, layout in agreeing or fitting}
+        return agreeing[0], named.format(agreeing[0].why)
+    by_name = {layout.family.name: layout for layout in agreeing or fitting}
     if signature.answer and by_name.keys() == {"yolox", "yolov6"}:
         axes = signature.inputs[0].axes or "nchw"
         blob, _ = lay_in(drawn_picture(), PRESETS["yolox"], signature.size_px, axes=axes)
         if told := _told_apart(signature.answer(blob)):
-            family, layout = by_name[told[0]]
-            return _Found(family, layout, f"graph: {layout.why}; {told[1]}")
+            return by_name[told[0]], f"graph: {by_name[told[0]].why}; {told[1]}"
     lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
         f"the graph fits several output families ({', '.join(by_name)}), and nothing in it tells which: write "
@@ -160,22 +146,21 @@ def _told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | Non
     return None
 
 
-def _assumed(found: _Found, signature: Signature) -> Contract:
+def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
     """Return the preset of a recognised family, completed from metadata as Ultralytics' exports write it."""
-    name, count = found.family.name, found.layout.classes
+    name, count = layout.family.name, layout.classes
     base = preset(name)
     known = exported_fields(signature.metadata)
+    exported = source.startswith("graph: metadata")  # by a code whose pre-processing is known
     whence = (
-        f"preset {name} ({EXPORTER})"
-        if found.exported
-        else f"assumed: preset {name}, which the graph suggests"
+        f"preset {name} ({EXPORTER})" if exported else f"assumed: preset {name}, which the graph suggests"
     )
-    sources = {**dict.fromkeys(base.names(), whence), "family": found.source}
+    sources = {**dict.fromkeys(base.names(), whence), "family": source}
     if base.head is None:
         sources["head"] = f"preset {name}"  # there is nothing to state
     if "classes" not in known:
         if count not in (0, len(base.classes)):
-            heads = f"; a head of other anchors needs {_HEAD_EXAMPLE}" if found.family.takes_head else ""
+            heads = f"; a head of other anchors needs {_HEAD_EXAMPLE}" if layout.family.takes_head else ""
             lacks = f"the graph ({name}) has {count} classes but nothing names them{heads}"
             raise ModelError(f"{lacks}\n{signature.describe()}")
         shows = f"the graph has {count}" if count else "the graph does not show how many it has"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class Detections:
     leads: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        values = {
+        values: dict[str, Any] = {
             "boxes_xyxy": np.array(self.boxes_xyxy, np.float32).reshape(-1, 4),
             "scores": np.array(self.scores, np.float32).reshape(-1),
             "class_ids": np.array(self.class_ids, np.int64).reshape(-1),

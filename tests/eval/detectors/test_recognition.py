@@ -37,7 +37,8 @@ def signature(
 
 def resolve(path: Path, graph: Signature, contract: Any = None) -> tuple[Family, Contract, Layout]:
     """As for a model at that path."""
-    return recognition.resolve(graph, stated_contract(PRESETS, path, graph.metadata, contract))
+    contract, layout = recognition.resolve(graph, stated_contract(PRESETS, path, graph.metadata, contract))
+    return layout.family, contract, layout
 
 
 def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[np.float32]:

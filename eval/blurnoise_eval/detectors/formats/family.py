@@ -113,6 +113,7 @@ class Layout:
     not, because each answer carries the number of its class. why: what of the graph shows the family.
     """
 
+    family: Family
     outputs: tuple[str, ...]
     classes: int
     why: str
@@ -147,11 +148,11 @@ class Family:
 
     def describe(self, signature: Signature) -> Layout | None:
         """How the family reads a graph's outputs; None if they have none of its layouts."""
-        every = (_read(signature, text, strides) for text in self.layouts for strides in self.strides)
+        every = (_read(self, signature, text, strides) for text in self.layouts for strides in self.strides)
         return next(filter(None, every), None)
 
 
-def _read(signature: Signature, text: str, strides: tuple[int, ...]) -> Layout | None:
+def _read(family: Family, signature: Signature, text: str, strides: tuple[int, ...]) -> Layout | None:
     """How the layout ``text`` reads a graph; None where it does not fit, or one entry fits several outputs."""
     entries = text.split(", ")
     inputs = {signature.inputs[0].axes, *(entry.name for entry in signature.inputs[1:])}
@@ -182,7 +183,7 @@ def _read(signature: Signature, text: str, strides: tuple[int, ...]) -> Layout |
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
     why = f"output{'s' * (len(outputs) > 1)} {shapes}" + (f" as {text}" if not named else "")
     why += f": A, the cells of strides {', '.join(map(str, strides))}" if "A" in text else ""
-    return Layout(tuple(output.name for output in outputs), max(classes), why)
+    return Layout(family, tuple(output.name for output in outputs), max(classes), why)
 
 
 def _classes(
