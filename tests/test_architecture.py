@@ -59,12 +59,12 @@ FLOORS: dict[str, list[set[str]]] = {
         {"bench", "maps", "paper"},
     ],
     "blurnoise_eval.detectors": [
-        {"records", "class_names", "contract"},
-        {"model_files", "model"},
+        {"records", "contract"},
+        {"model"},
         {"formats"},
         {"contract_files", "recognition"},
         {"detector", "ocr"},
-        {"opening", "baked"},
+        {"opening"},
     ],
     "blurnoise_models": [
         {"scenes", "network"},

@@ -129,10 +129,9 @@ def _pictures(probe: Location) -> Pictures:
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:
     """The detector, and what is known of how it is read."""
-    from blurnoise_eval.detectors.baked import baked, baked_text
     from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.detectors.formats import probe as drawn
+    from blurnoise_eval.detectors.recognition import drawn_picture
     from blurnoise_eval.sweep.contract_checks import compared, output_problems
 
     detector = Detector(model, contract=contract)
@@ -147,10 +146,7 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
         facts |= {"compared": comparison.text} if comparison.text else {}
         facts["warnings"] = list(comparison.doubts)
     else:
-        facts["warnings"] = output_problems(detector, drawn.picture())
-    limits = baked(detector, [picture for _, picture in probed] or [drawn.picture()])
-    if limits is not None:
-        facts |= {"baked": limits, "limits": baked_text(limits)}
+        facts["warnings"] = output_problems(detector, drawn_picture())
     if typed := contract_option(detector.contract):
         facts["--contract"] = typed
     return detector, facts

@@ -17,10 +17,17 @@ from typing_extensions import TypeVar
 
 from blurnoise._core.checks import an_instance, shown
 from blurnoise._core.files import json_of
-from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import METADATA_KEY, SHORT_NAMES, Contract, ModelError, Sourced
+from blurnoise_eval.detectors.contract import (
+    COCO80,
+    COCO91,
+    METADATA_KEY,
+    SHORT_NAMES,
+    Contract,
+    ModelError,
+    Sourced,
+)
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.model_files import contract_file, fetched_file, read_mapping
+from blurnoise_eval.detectors.model import contract_file, fetched_file, read_mapping
 
 Kind = TypeVar("Kind", bound=Sourced, default=Contract)
 Given = str | Path | Mapping[str, Any]
@@ -39,15 +46,24 @@ def stated_contract(
     The file beside ``model.onnx`` is ``model.contract.json``, ``.yaml`` or ``.yml``.
     Raises :class:`ModelError` as :func:`load_contract` does.
     """
+    if contract is None:
+        found = beside(model_path, metadata)
+        return None if found is None else parse_contract(*found, presets)
     if isinstance(contract, Mapping):
         return parse_contract(contract, "given", presets)
     if isinstance(contract, (str, Path)):
         return load_contract(contract, presets)
-    if contract is not None:
-        an_instance("contract", contract, type(next(iter(presets.values()))))
-        return contract
-    found = beside(model_path, metadata)
-    return None if found is None else parse_contract(*found, presets)
+    an_instance("contract", contract, type(next(iter(presets.values()))))
+    return contract
+
+
+def settled(contract: Kind, values: Mapping[str, Any], source: str, why: str) -> Kind:
+    """The contract with ``values`` that its graph settles. Raises :class:`ModelError` where another was stated."""
+    for name, value in values.items():
+        stated, where = getattr(contract, name), contract.sources[name]
+        if stated not in (None, value) and not where.startswith(("preset", "assumed")):
+            raise ModelError(f"{name} = {stated!r} ({where}): must be {value!r}, as {why}")
+    return replace(contract, **values, sources={**contract.sources, **dict.fromkeys(values, source)})
 
 
 def beside(model_path: Path, metadata: Mapping[str, str]) -> tuple[object, str] | None:
@@ -151,17 +167,12 @@ def contract_option(contract: Contract) -> str | None:
 
     None for one that only a file can hold, because of its names of classes or of a head with anchors.
     """
-
-    def text(name: str) -> str:
-        value = getattr(contract, name)
-        if isinstance(value, tuple):
-            return ("x" if name == "input_size_px" else "/").join(map(str, value))
-        return "none" if value is None else str(value)
-
-    base = PRESETS[contract.family]
-    differs = [name for name in contract.names() if getattr(contract, name) != getattr(base, name)]
-    parts = [f"{name}={text(name)}" for name in differs]
-    typed = ",".join([contract.family, *parts])
+    parts = [contract.family]
+    for name in contract.names():
+        if (value := getattr(contract, name)) != getattr(PRESETS[contract.family], name):
+            entries = value if isinstance(value, tuple) else ("none" if value is None else value,)
+            parts.append(f"{name}=" + ("x" if name == "input_size_px" else "/").join(map(str, entries)))
+    typed = ",".join(parts)
     try:
         return typed if load_contract(typed) == contract else None
     except ModelError:
@@ -171,5 +182,6 @@ def contract_option(contract: Contract) -> str | None:
 def contract_document(contract: Contract) -> dict[str, Any]:
     """What a contract's file holds: every field but the sources, COCO's classes by their short name."""
     known = {COCO80: "coco80", COCO91: "coco91"}
-    values = {name: value for name, value in contract.to_dict().items() if name != "sources"}
-    return values | {"classes": known.get(contract.classes, list(contract.classes))}
+    document = contract.to_dict() | {"classes": known.get(contract.classes, list(contract.classes))}
+    del document["sources"]
+    return document

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.candidates import Candidates, suppress
-from blurnoise_eval.detectors.formats.placement import Blob, Placement, lay_in
-from blurnoise_eval.detectors.formats.signature import extra_feeds, read_signature
+from blurnoise_eval.detectors.formats.boxes import Blob, Candidates, Placement, lay_in, suppress
+from blurnoise_eval.detectors.formats.family import extra_feeds, read_signature
 from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray
@@ -52,11 +51,11 @@ class Detector(OnnxModel):
         stated = stated_contract(PRESETS, self.path, self.metadata, contract)
         size_px = stated.input_size_px if stated else exported_fields(self.metadata).get("input_size_px")
         signature = read_signature(self, size_px or _PROBE_SIZE_PX)
-        self.family, self.contract, layout = resolve(signature, stated)
+        self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            layout = resolve(read_signature(self, self.input_size_px), self.contract)[2]
-        self._decoded, self.why = list(layout.outputs), layout.why
+            _, layout = resolve(read_signature(self, self.input_size_px), self.contract)
+        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
         self.takes_bytes = DTYPES[self.inputs[0].type] is np.uint8
         self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()
@@ -107,7 +106,14 @@ class Detector(OnnxModel):
         :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
         """
         candidates = self._candidates(outputs, placement, min_score)
-        return self._kept(self._counted(candidates, min_score), placement, max_detections)
+        return self._counted(candidates, placement, min_score, max_detections)
+
+    def _counted(
+        self, candidates: Candidates, placement: Placement, min_score: float, most: int
+    ) -> Detections:
+        if self.family.several_classes:
+            candidates = candidates.with_classes(min_score)
+        return self._kept(candidates, placement, most)
 
     def _candidates(
         self, outputs: Sequence[FloatArray], placement: Placement, min_score: float
@@ -115,31 +121,27 @@ class Detector(OnnxModel):
         self._count_non_finite(outputs)
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
-        candidates = self.family.decode(outputs, size_px, min_score)
-        if len(candidates) and candidates.scores.max() > 1.01:
+        found = self.family.decode(outputs, size_px, min_score)
+        if found.scores.max(initial=0) > 1.01:
             raise ModelError(
-                f"{self.path.name}: score {candidates.scores.max():g} > 1; "
+                f"{self.path.name}: score {found.scores.max():g} > 1; "
                 f"is the family {self.contract.family} right ({self.contract.sources['family']})?"
             )
-        if len(candidates) and candidates.class_ids.max() >= len(self.contract.classes):
+        if found.class_ids.max(initial=0) >= len(self.contract.classes):
             raise ModelError(
-                f"{self.path.name}: finds class {candidates.class_ids.max()}, counted from 0, but the contract "
+                f"{self.path.name}: finds class {found.class_ids.max()}, counted from 0, but the contract "
                 f"names {len(self.contract.classes)} ({self.contract.sources['classes']}); a background is named, too"
             )
-        return candidates
-
-    def _counted(self, candidates: Candidates, min_score: float) -> Candidates:
-        """Those that the family's own evaluator counts."""
-        return candidates.with_classes(min_score) if self.family.several_classes else candidates
+        return found
 
     def _kept(
         self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
     ) -> Detections:
         kept = suppress(candidates, self.contract.nms_iou, most, per_class=per_class)
         boxes = placement.to_picture(kept.boxes_xyxy)
-        found = Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
         inside = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)  # not wholly in the padding
-        return found if inside.all() else found[inside]
+        boxes, kept = boxes[inside], kept[inside]
+        return Detections(boxes, np.minimum(kept.scores, 1), kept.class_ids, kept.leads)
 
     def top_score(self, outputs: Sequence[FloatArray]) -> float:
         """Return the highest score of any candidate, however low; 0.0 if there is none above 0.
@@ -171,7 +173,7 @@ class Detector(OnnxModel):
         """
         outputs, placement = self._answers(image)
         candidates = self._candidates(outputs, placement, MIN_SCORE)
-        found = self._kept(self._counted(candidates, MIN_SCORE), placement, MOST_DETECTIONS)
+        found = self._counted(candidates, placement, MIN_SCORE, MOST_DETECTIONS)
         each = candidates.class_scores
         if each is None or each.shape[1] == 1:
             return found, None

@@ -1,7 +1,8 @@
-"""An ONNX file on the CPU: loading and first answer have a time limit; inferences can be interrupted."""
+"""An ONNX file on the CPU: its files, its session; loading and first answer have a time limit."""
 
 from __future__ import annotations
 
+import hashlib
 import math
 import threading
 import time
@@ -15,22 +16,23 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import onnx
 import onnxruntime as ort
 from numpy.typing import NDArray
+from onnx import external_data_helper as external
 
 from blurnoise._core.checks import in_range
-from blurnoise._core.files import check_regular
+from blurnoise._core.files import check_regular, read_document
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.model_files import fetched, model_sha256
-from blurnoise_eval.detectors.records import FloatArray, all_finite
-from blurnoise_eval.system.urls import Location, location
+from blurnoise_eval.detectors.records import FloatArray
+from blurnoise_eval.system.urls import Location, local_file, location, version
 
 TIMEOUT_S = 60.0
 _MOST_S = 86_400.0
 _POLL_S = 0.2
 _GRACE_S = 1.0
 """An inference ends at its next node, loading not at all: after so long it is left to end with the process."""
-
+_CONTRACTS = ("json", "yaml", "yml")
 Shape = tuple[int | str | None, ...]
 DTYPES = {
     "tensor(float)": np.float32,
@@ -39,8 +41,6 @@ DTYPES = {
     "tensor(uint8)": np.uint8,
 }
 """The types that a picture's input may have."""
-MOST_INPUT_PIXELS = 1 << 28
-"""Of what a network takes at once, all pictures of its batch: 3 GiB of numbers."""
 
 
 @dataclass(frozen=True)
@@ -77,12 +77,11 @@ class OnnxModel:
     """A model's file and its session, on one core for each thread that asks it. It serves any number of threads.
 
     ``source``: a file, here or at a URL, or a model that is open. ``timeout_s``: how long loading may take, and the
-    first answer; later ones take what they take. On the main thread an interrupt ends them; from elsewhere
-    :meth:`interrupt` does. Subclasses pickle as what opened them, ``_opened_again``, and their name: in another
-    process the file is opened again.
+    first answer. On the main thread an interrupt ends any answer; from elsewhere :meth:`interrupt` does. Subclasses
+    pickle as what opened them, ``_opened_again``, and their name: in another process the file is opened again.
 
-    Raises :class:`ModelError`, in one line, for a file that is missing, empty, text, a web page, a git-lfs
-    pointer, damaged, too new, or without its external data, and ``TimeoutError``.
+    Raises ``TimeoutError``, and :class:`ModelError`, in one line, for a file that is no model, damaged, too new, or
+    without its external data.
 
     Attributes: ``name``, the file's without suffix; ``source``, the file as it was named; ``path``, the file on this
     machine; ``sha256`` of its files; ``session``, onnxruntime's; ``metadata``; ``inputs``, the picture first, and
@@ -113,10 +112,6 @@ class OnnxModel:
         self.axes = self.inputs[0].axes if self.inputs else None
         first = self.inputs[0].shape[0] if self.axes in ("nchw", "nhwc") else 1
         self.batch = first if isinstance(first, int) else 1
-        sides = [side for side in (self.inputs[0].size_px if self.inputs else ()) if isinstance(side, int)]
-        if self.batch * math.prod(sides) > MOST_INPUT_PIXELS:
-            takes = f"takes {self.batch} picture(s) of {' x '.join(map(str, sides))} px"
-            raise ModelError(f"{self.path.name}: {takes}; must be at most {MOST_INPUT_PIXELS} px")
         self._answered = False
         self._running: set[ort.RunOptions] = set()
 
@@ -131,7 +126,7 @@ class OnnxModel:
         load = partial(ort.InferenceSession, str(self.path), options, providers=["CPUExecutionProvider"])
         try:
             check_regular(self.path)
-            return _apart(load, lambda: None, self.timeout_s)
+            return _apart(load, self.timeout_s)
         except TimeoutError:
             raise self._too_slow("does not load") from None
         except OSError as error:
@@ -156,16 +151,14 @@ class OnnxModel:
         options = ort.RunOptions()
         options.log_severity_level = 4  # failures are raised
         infer = partial(self.session.run, outputs, feeds, options)
-        end = partial(setattr, options, "terminate", True)
+        direct = self._answered and threading.current_thread() is not threading.main_thread()
+        limit_s = math.inf if self._answered else self.timeout_s
         self._running.add(options)
         try:
-            if self._answered and threading.current_thread() is not threading.main_thread():
-                found: list[Any] = infer()
-            else:
-                found = _apart(infer, end, None if self._answered else self.timeout_s)
+            found: list[Any] = infer() if direct else _apart(infer, limit_s, options)
         except TimeoutError:
             raise self._too_slow("gives no answer") from None
-        except Exception as error:  # as above
+        except Exception as error:  # onnxruntime's exceptions share no base class of their own
             if options.terminate:
                 raise InterruptedError(f"{self.path.name}: interrupted") from None
             raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
@@ -189,21 +182,19 @@ class OnnxModel:
 
     def _count_non_finite(self, outputs: Iterable[FloatArray]) -> None:
         """Count NaN and infinite values; the first ones are warned of."""
-        bad = (output for output in outputs if not all_finite(output))
-        if not (count := sum(int(output.size - np.isfinite(output).sum()) for output in bad)):
-            return
+        count = sum(output.size - np.count_nonzero(np.isfinite(output)) for output in outputs)
         self._non_finite.count = self.non_finite_values_here + count
-        if not self._warned:
+        if count and not self._warned:
             self._warned = True
             text = f"{self.path.name}: outputs contain NaN or Inf; dropped"
             warnings.warn(text, RuntimeWarning, stacklevel=4)
 
 
-def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | None) -> Any:
+def _apart(call: Callable[[], Any], limit_s: float, options: ort.RunOptions | None = None) -> Any:
     """What ``call`` returns or raises in a thread of its own, for native code lets no interrupt through to Python.
 
-    Past the limit, on an interrupt, and where the process ends, ``end`` is called, and the thread left.
-    Raises ``TimeoutError``.
+    Past the limit, on an interrupt, and where the process ends, an inference of these options is ended, and the
+    thread left. Raises ``TimeoutError``.
     """
     answer: Future[Any] = Future()
 
@@ -215,7 +206,7 @@ def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | No
 
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
-    until_s = time.monotonic() + (math.inf if limit_s is None else limit_s)
+    until_s = time.monotonic() + limit_s
     try:
         while not answer.done():
             left_s = until_s - time.monotonic()
@@ -223,7 +214,8 @@ def _apart(call: Callable[[], Any], end: Callable[[], None], limit_s: float | No
                 raise TimeoutError
             thread.join(min(left_s, _POLL_S))
     except BaseException:
-        end()
+        if options is not None:
+            options.terminate = True
         thread.join(_GRACE_S)
         raise
     return answer.result()
@@ -241,3 +233,73 @@ def _load_problem(path: Path, error: Exception) -> str:
         return f"is a text file or web page, not a model; it begins {head[:30]!r}"
     reason = " ".join(str(error).split())
     return f"is not an ONNX model that onnxruntime {ort.__version__} can load: {reason[-300:]}"
+
+
+def fetched(path: str | Location) -> Path:
+    """The model's file on this machine, beside it its contract, external weights and dictionary, if it has them.
+
+    Raises :class:`ModelError` for an object at a URL that cannot be fetched.
+    """
+    model = location(path)
+    if isinstance(model, Path):
+        return model
+    contracts = [f"{model.stem}.contract.{end}" for end in _CONTRACTS]
+    try:
+        known = version(model)
+        copy = local_file(model, contracts, known)
+        stated = contract_file(copy)
+        values = None if stated is None else read_mapping(stated)
+        dictionary = values.get("dictionary") if isinstance(values, dict) else None
+        beside = [*external_files(copy), *([dictionary] if isinstance(dictionary, str) else [])]
+        return local_file(model, [*contracts, *beside], known) if beside else copy
+    except OSError as error:
+        raise ModelError(f"{error.filename}: {error.strerror}") from None
+
+
+def fetched_file(path: str | Location) -> Path:
+    """A single file, as :func:`fetched`."""
+    try:
+        return local_file(location(path))
+    except OSError as error:
+        raise ModelError(f"{error.filename}: {error.strerror}") from None
+
+
+def external_files(path: Path) -> list[str]:
+    """Names of the files, beside a model's own, that hold tensors of it, in branches and functions, too."""
+    try:
+        model = onnx.load(str(path), load_external_data=False)
+    except (
+        Exception
+    ):  # no model, which opening it says; a format of onnxruntime's own, which is a single file
+        return []
+    tensors = filter(external.uses_external_data, external._get_all_tensors(model))
+    return sorted({external.ExternalDataInfo(tensor).location for tensor in tensors})
+
+
+def contract_file(model_path: Path) -> Path | None:
+    """Return ``model.contract.json``, ``.yaml`` or ``.yml`` beside the model, else None."""
+    beside = (model_path.with_name(f"{model_path.stem}.contract.{end}") for end in _CONTRACTS)
+    return next((path for path in beside if path.is_file()), None)
+
+
+def read_mapping(path: Path) -> object:
+    """Return what a JSON or YAML file holds. Raises :class:`ModelError` if it cannot be read."""
+    try:
+        return read_document(path)
+    except (OSError, ValueError) as error:
+        raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
+
+
+def model_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a model's file; where its weights are in files beside it, of all of them."""
+    sums = [
+        _file_sha256(path),
+        *(f"{name} {_file_sha256(path.parent / name)}" for name in external_files(path)),
+    ]
+    return sums[0] if len(sums) == 1 else hashlib.sha256("\n".join(sums).encode()).hexdigest()
+
+
+def _file_sha256(path: Path) -> str:
+    check_regular(path)
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -31,34 +31,27 @@ def open_models(
     if len(contracts) not in (1, len(paths)):
         must = f"must be one, or one for each of {len(paths)} models"
         raise ValueError(f"contract: {len(contracts)} are given; {must}")
-    contracts = [*contracts] * (len(paths) if len(contracts) == 1 else 1)
     # The graph alone may not show that it reads text.
     stated = dictionary is not None or any(str(each).split(",")[0] == "ppocr" for each in contracts)
     models = [OnnxModel(path, timeout_s=timeout_s) for path in paths]
-    kinds = {stated or is_recogniser(model) for model in models}
-    reads = True in kinds
-    if len(kinds) > 1:
+    reads = [stated or is_recogniser(model) for model in models]
+    if len(set(reads)) > 1:
         must = "give each a run of its own"
         raise ValueError(f"model: a sweep runs detectors or text recognisers, not both; {must}")
-    if (dictionary or text_detector) and not reads:
+    if (dictionary or text_detector) and not any(reads):
         raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
     found: list[Opened] = []
-    for model, contract in zip(models, contracts, strict=True):
-        if reads:
-            reader = Recogniser(model, contract=contract, dictionary=dictionary)
-            found.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
-        else:
+    for place, model in enumerate(models):
+        contract = contracts[place % len(contracts)]
+        if not reads[place]:
             found.append(Detector(model, contract=contract))
-    _tell_apart(found)
+            continue
+        reader = Recogniser(model, contract=contract, dictionary=dictionary)
+        found.append(TextSpotter(text_detector, reader, timeout_s=timeout_s) if text_detector else reader)
+    names = {model.name for model in found}
+    for place, model in enumerate(found):
+        if model.name in [before.name for before in found[:place]]:
+            numbered = (f"{model.name}-{number}" for number in count(2))
+            model.name = next(name for name in numbered if name not in names)
+            names.add(model.name)
     return found
-
-
-def _tell_apart(models: Sequence[Opened]) -> None:
-    taken = {model.name for model in models}
-    named: set[str] = set()
-    for model in models:
-        numbered = (f"{model.name}-{number}" for number in count(2))
-        if model.name in named:
-            model.name = next(name for name in numbered if name not in taken)
-        taken.add(model.name)
-        named.add(model.name)

@@ -3,86 +3,78 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
-from blurnoise_eval.detectors.contract_files import preset
-from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS, probe
-from blurnoise_eval.detectors.formats.anchors import with_head
+from blurnoise_eval.detectors.contract_files import preset, settled
+from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS
+from blurnoise_eval.detectors.formats.boxes import lay_in
 from blurnoise_eval.detectors.formats.end_to_end import YOLOV10
-from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8
-from blurnoise_eval.detectors.formats.placement import lay_in
-from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
+from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
+from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8, with_head
+from blurnoise_eval.detectors.model import TensorInfo
 
 _HEAD_EXAMPLE = (
     '"head": {"strides": [8, 16, 32], "anchors": [[10,13, 16,30, 33,23], [30,61, 62,45, 59,119], '
     '[116,90, 156,198, 373,326]], "boxes": "yolov5"}'
 )
+_RAW_SIZE_LIMIT = 16.0
+"""YOLOX's raw sizes are logarithms of strides, rarely above 4; boxes in px reach this in the 99th percentile."""
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A family that a graph was recognised as, its layout, and what showed it. ``sure``: nothing was guessed."""
-
-    family: Family
-    layout: Layout
-    why: str
-    exported: bool = False  # by Ultralytics' code, whose pre-processing is known
-    sure: bool = True
-
-
-def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Family, Contract, Layout]:
-    """Return the graph's family, its contract with the input size filled in, and how the graph is read.
+def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contract, Layout]:
+    """Return a graph's contract with the input size filled in, and how its family reads it.
 
     The contract is what is stated, else the preset of the family that the graph shows, with every field that it
     cannot show marked as assumed. Raises :class:`ModelError` if no family or several fit, or if contract and graph
     disagree.
     """
     if stated is None:
-        found = _recognise(signature)
-        contract, family, layout = _assumed(found, signature), found.family, found.layout
+        layout, source = _recognise(signature)
+        contract = _assumed(layout, source, signature)
+    elif (reads := _with_head(stated).describe(signature)) is not None:
+        contract, layout = stated, reads
     else:
-        contract, family = stated, _with_head(stated)
-        reads = family.describe(signature)
-        if reads is None:
-            says = f"the contract ({stated.sources['family']}) says {stated.family}"
-            raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
-        layout = reads
+        says = f"the contract ({stated.sources['family']}) says {stated.family}"
+        raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
     if layout.classes not in (0, len(contract.classes)):
         raise ModelError(
             f"the graph ({contract.family}) has {layout.classes} classes but the contract names "
             f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "
             "under 'classes' in a contract"
         )
-    return family, _fitted(contract, family, signature), layout
+    return _fitted(contract, layout.family, signature.inputs[0]), layout
 
 
 def _with_head(stated: Contract) -> Family:
     """The family of a contract, with the anchors that it states."""
     family = FAMILIES[preset(stated.family).family]
-    if stated.head is None and family.takes_head:
+    if family.takes_head and stated.head is not None:
+        return with_head(family, stated.head, len(stated.classes))
+    if family.takes_head:
         needs = f"family {family.name!r} needs the head's anchors in its contract"
         raise ModelError(f"{needs}, for example {_HEAD_EXAMPLE}")
-    if stated.head is None:
-        return family
-    if not family.takes_head:
+    if stated.head is not None:
         heads = ", ".join(sorted(each.name for each in FAMILIES.values() if each.takes_head))
         raise ModelError(f"head: goes with the families {heads}, not with {family.name}")
-    return with_head(family, stated.head, len(stated.classes))
+    return family
 
 
-def _recognise(signature: Signature) -> _Found:
-    exporter, families = _by_metadata(signature)
-    groups = (*((family,) for family in families), *BY_EVIDENCE)
-    for order, group in enumerate(groups):
-        fitting = [(each, layout) for each in group if (layout := each.describe(signature)) is not None]
+def _recognise(signature: Signature) -> tuple[Layout, str]:
+    """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
+    exporter, families = _by_metadata(signature.metadata)
+    for group in (*((family,) for family in families), *BY_EVIDENCE):
+        fitting = list(filter(None, (family.describe(signature) for family in group)))
         if len(fitting) > 1:
             return _choose(fitting, signature)
-        if fitting:
-            (family, layout), exported = fitting[0], order < len(families)
-            return _Found(family, layout, f"metadata {exporter}; " * exported + layout.why, exported)
+        for layout in fitting:
+            exported = f"metadata {exporter}; " * (layout.family in families)
+            return layout, f"graph: {exported}{layout.why}"
     raise ModelError(
         f"the graph fits no output family known here ({', '.join(PRESETS)}); a head with "
         f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
@@ -90,9 +82,8 @@ def _recognise(signature: Signature) -> _Found:
     )
 
 
-def _by_metadata(signature: Signature) -> tuple[str, tuple[Family, ...]]:
+def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[Family, ...]]:
     """Which metadata say who exported the graph, and the families that are exported so; else nothing."""
-    metadata = signature.metadata
     if "Ultralytics" in metadata.get("author", ""):
         try:
             suppressed = ast.literal_eval(metadata.get("args", "{}")).get("nms") is True
@@ -104,25 +95,19 @@ def _by_metadata(signature: Signature) -> tuple[str, tuple[Family, ...]]:
     return ("stride, names", (YOLOV5,)) if {"stride", "names"} <= metadata.keys() else ("", ())
 
 
-def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Found:
+def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
     """Which of several families it is: the one with as many classes as there are names, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
-    agreeing = [
-        (family, layout)
-        for family, layout in fitting
-        if layout.classes in (0, len(known or family.preset.classes))
-    ]
+    agreeing = [each for each in fitting if each.classes in (0, len(known or each.family.preset.classes))]
     if len(agreeing) == 1:
-        family, layout = agreeing[0]
-        whose = "the metadata names" if known else "COCO has"
-        return _Found(family, layout, f"{layout.why}, as many as {whose}", sure=known is not None)
-    by_name = {family.name: (family, layout) for family, layout in agreeing or fitting}
-    if signature.answer and by_name.keys() == probe.TOLD_APART:
-        image = signature.inputs[0]
-        blob, _ = lay_in(probe.picture(), PRESETS["yolox"], signature.size_px, axes=image.axes or "nchw")
-        if told := probe.told_apart(signature.answer(blob)):
-            family, layout = by_name[told[0]]
-            return _Found(family, layout, f"{layout.why}; {told[1]}")
+        named = "graph: {}, as many as the metadata names" if known else "assumed: {}, as many as COCO has"
+        return agreeing[0], named.format(agreeing[0].why)
+    by_name = {layout.family.name: layout for layout in agreeing or fitting}
+    if signature.answer and by_name.keys() == {"yolox", "yolov6"}:
+        axes = signature.inputs[0].axes or "nchw"
+        blob, _ = lay_in(drawn_picture(), PRESETS["yolox"], signature.size_px, axes=axes)
+        if told := _told_apart(signature.answer(blob)):
+            return by_name[told[0]], f"graph: {by_name[told[0]].why}; {told[1]}"
     lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
         f"the graph fits several output families ({', '.join(by_name)}), and nothing in it tells which: write "
@@ -130,51 +115,74 @@ def _choose(fitting: list[tuple[Family, Layout]], signature: Signature) -> _Foun
     )
 
 
-def _assumed(found: _Found, signature: Signature) -> Contract:
+def drawn_picture(side_px: int = 416) -> NDArray[np.uint8]:
+    """A stop sign and bars before a gradient, (side, side, 3) RGB, the same for every call.
+
+    It needs structure: on a flat grey a detector sees nothing anywhere, and then boxes and objectness say little
+    about what they mean.
+    """
+    from blurnoise import charts  # torch takes a second to import, and few graphs need this picture
+    from blurnoise.optics.colour import srgb_from_linear
+
+    sign = charts.stop_sign(side_px / 3, height_px=side_px, width_px=side_px, background=0.18)
+    coded = srgb_from_linear(sign[0]).mul(255).permute(1, 2, 0).numpy()
+    y, x = np.mgrid[:side_px, :side_px] / side_px
+    scene = 60 + 120 * (1 - y)[..., None] * np.array([0.8, 0.9, 1.0])
+    scene[(x >= 0.05) & (x < 0.25) & (y >= 0.55) & (y < 0.95)] = 30
+    scene[(x >= 0.72) & (x < 0.96) & (y >= 0.6) & (y < 0.75)] = 220
+    third = slice(side_px // 3 - 2, side_px - side_px // 3 + 2)
+    scene[third, third] = coded[third, third]
+    return np.asarray(scene.round(), np.uint8)
+
+
+def _told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | None:
+    """Whether YOLOX or YOLOv6 answered with ``outputs``, and what shows it; None where nothing does."""
+    rows = outputs[0][0].astype(np.float32)
+    if (rows[:, 4] == 1).all():
+        return "yolov6", "on a drawn picture the objectness is 1 everywhere"
+    largest = float(np.percentile(rows[:, 2:4], 99))
+    if largest < _RAW_SIZE_LIMIT:
+        return "yolox", f"on a drawn picture 99 % of the sizes are below {largest:.3g}, so these are raw"
+    return None
+
+
+def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
     """Return the preset of a recognised family, completed from metadata as Ultralytics' exports write it."""
-    name, count = found.family.name, found.layout.classes
+    name, count = layout.family.name, layout.classes
     base = preset(name)
     known = exported_fields(signature.metadata)
-    if found.exported:
-        sources = dict.fromkeys(base.names(), f"preset {name} ({EXPORTER})")
-    else:
-        sources = dict.fromkeys(base.names(), f"assumed: preset {name}, which the graph suggests")
+    exported = source.startswith("graph: metadata")  # by a code whose pre-processing is known
+    whence = (
+        f"preset {name} ({EXPORTER})" if exported else f"assumed: preset {name}, which the graph suggests"
+    )
+    sources = {**dict.fromkeys(base.names(), whence), "family": source}
     if base.head is None:
         sources["head"] = f"preset {name}"  # there is nothing to state
-    sources["family"] = f"{'graph' if found.sure else 'assumed'}: {found.why}"
     if "classes" not in known:
         if count not in (0, len(base.classes)):
-            raise ModelError(
-                f"the graph ({name}) has {count} classes but nothing names them\n{signature.describe()}"
-            )
+            heads = f"; a head of other anchors needs {_HEAD_EXAMPLE}" if layout.family.takes_head else ""
+            lacks = f"the graph ({name}) has {count} classes but nothing names them{heads}"
+            raise ModelError(f"{lacks}\n{signature.describe()}")
         shows = f"the graph has {count}" if count else "the graph does not show how many it has"
         sources["classes"] = f"assumed: COCO's {len(base.classes)} classes, because {shows}"
-    sources.update(dict.fromkeys(known, "metadata"))
-    return replace(base, **known, sources=sources)
+    return replace(base, **known, sources={**sources, **dict.fromkeys(known, "metadata")})
 
 
-def _fitted(contract: Contract, family: Family, signature: Signature) -> Contract:
+def _fitted(contract: Contract, family: Family, image: TensorInfo) -> Contract:
     """Return the contract with what the graph's input settles: a fixed size, and bytes, which are 0 to 255.
 
     Raises :class:`ModelError` where a statement and the graph disagree.
     """
-    image = signature.inputs[0]
-    settled: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     if image.type == "tensor(uint8)":
-        settled |= {"value_range": "0-255", "mean": None, "std": None}
-    if all(isinstance(side, int) for side in image.size_px):
-        settled["input_size_px"] = image.size_px
-    for name, value in settled.items():
-        stated, source = getattr(contract, name), contract.sources[name]
-        if stated not in (None, value) and not source.startswith(("preset", "assumed")):
-            takes = f"{image.type} {list(image.shape)}"
-            only = f"the graph takes only {value or takes}, as its input is {takes}"
-            raise ModelError(f"{name} = {stated} ({source}): {only}")
-    sources = {**contract.sources, **dict.fromkeys(settled, "graph")}
-    if "input_size_px" in settled and contract.resize == "none":
-        settled["resize"] = family.fixed_resize
-        sources["resize"] = "assumed: the graph takes one size"
-    return replace(contract, **settled, sources=sources)
+        values |= {"value_range": "0-255", "mean": None, "std": None}
+    if fixed := all(isinstance(side, int) for side in image.size_px):
+        values["input_size_px"] = image.size_px
+    fitted = settled(contract, values, "graph", f"the graph's input is {image.type} {list(image.shape)}")
+    if fixed and contract.resize == "none":
+        sources = {**fitted.sources, "resize": "assumed: the graph takes one size"}
+        fitted = replace(fitted, resize=family.fixed_resize, sources=sources)
+    return fitted
 
 
 def exported_fields(metadata: Mapping[str, str]) -> dict[str, Any]:

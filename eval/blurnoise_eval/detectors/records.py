@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float32]
-
-
-def all_finite(values: FloatArray) -> bool:
-    """Whether none is NaN or infinite: one pass without a temporary.
-
-    The sum is finite where all values are, since OpenCV adds float32 up as double, which cannot overflow.
-    """
-    return values.size == 0 or math.isfinite(cv2.sumElems(values.reshape(1, -1))[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +28,21 @@ class Detections:
     leads: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        boxes = np.array(self.boxes_xyxy, np.float32).reshape(-1, 4)
-        scores = np.array(self.scores, np.float32).reshape(-1)
-        class_ids = np.array(self.class_ids, np.int64).reshape(-1)
-        leads = None if self.leads is None else np.array(self.leads, bool).reshape(-1)
-        counts = [len(each) for each in (boxes, scores, class_ids, leads) if each is not None]
+        values: dict[str, Any] = {
+            "boxes_xyxy": np.array(self.boxes_xyxy, np.float32).reshape(-1, 4),
+            "scores": np.array(self.scores, np.float32).reshape(-1),
+            "class_ids": np.array(self.class_ids, np.int64).reshape(-1),
+        }
+        if self.leads is not None:
+            values["leads"] = np.array(self.leads, bool).reshape(-1)
+        counts = [len(each) for each in values.values()]
         if len(set(counts)) != 1:
             raise ValueError(f"detections: {counts} boxes, scores and classes; must be equally many")
-        if not (np.isfinite(boxes).all() and np.isfinite(scores).all()):
+        if not (np.isfinite(values["boxes_xyxy"]).all() and np.isfinite(values["scores"]).all()):
             raise ValueError("detections: boxes and scores must be finite")
-        order = np.argsort(-scores, kind="stable")
-        object.__setattr__(self, "boxes_xyxy", boxes[order])
-        object.__setattr__(self, "scores", scores[order])
-        object.__setattr__(self, "class_ids", class_ids[order])
-        object.__setattr__(self, "leads", None if leads is None else leads[order])
+        order = np.argsort(-values["scores"], kind="stable")
+        for name, each in values.items():
+            object.__setattr__(self, name, each[order])
 
     @property
     def leading(self) -> Detections:

@@ -19,8 +19,7 @@ from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.model import TIMEOUT_S
-from blurnoise_eval.detectors.model_files import model_sha256
+from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.grid.axes import AXES, CORE, EXPOSURE, NAMES, Axis
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.store import queries

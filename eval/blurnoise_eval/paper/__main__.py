@@ -47,8 +47,7 @@ def paper(
     rapidocr; where that is missing, its items are "not run".
     """
     workers = given.threads(threads)
-    from blurnoise_eval.detectors.ocr import Recogniser
-    from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
+    from blurnoise_eval.detectors.ocr import Recogniser, rapidocr_models
     from blurnoise_eval.paper import items, page
     from blurnoise_eval.paper.measurement import Measurements
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from blurnoise_eval.detectors.baked import baked_text
 from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.grid.conditions import reflectance_text
 from blurnoise_eval.grid.objects import Objects
@@ -112,9 +111,8 @@ def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 
 def model_facts(model: Mapping[str, Any]) -> dict[str, str]:
-    """Which model it is, and what its graph limits."""
-    facts = {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
-    return facts | ({"limits": baked_text(model["baked"])} if model.get("baked") else {})
+    """Which model it is."""
+    return {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
 
 
 def run_facts(data: RunData) -> dict[str, str]:

@@ -15,7 +15,7 @@ from torch import Tensor
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
-from blurnoise_eval.detectors.model_files import model_sha256
+from blurnoise_eval.detectors.model import model_sha256
 from blurnoise_eval.scoring.on_picture import Model
 
 COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"

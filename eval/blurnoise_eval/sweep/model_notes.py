@@ -1,4 +1,4 @@
-"""What a run notes of its models once it is computed: latency, limits baked into a graph, doubts of a contract.
+"""What a run notes of its models once it is computed: latency, doubts of a contract.
 
 Latency is the CPU time that one picture takes a model, from the picture to its answer.
 """
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from blurnoise_eval.datasets import Picture, PictureSet, sample
-from blurnoise_eval.detectors.baked import baked
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.scoring.on_picture import Model, Picture8
@@ -34,7 +33,7 @@ def note_models(
     *,
     computed: int,
 ) -> None:
-    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract showed.
+    """Add to the run's manifest each model's latency, once, and what comparing its contract showed.
 
     computed: cells, now; where there are none, a model of which these are noted keeps its notes.
     """
@@ -49,10 +48,8 @@ def note_models(
                     f"the machine was busy while latency was measured, {ratio:.1f} times as long by the clock"
                 )
                 warnings.warn(f"{model.name}: {busy} as in CPU time", RuntimeWarning, stacklevel=2)
-        if isinstance(model, Detector):
-            if model.name in comparisons:
-                about["suspicions"] = list(comparisons[model.name].doubts)
-            about["baked"] = baked(model, [image for _, image in sample(pictures, _PICTURES)])
+        if model.name in comparisons:
+            about["suspicions"] = list(comparisons[model.name].doubts)
     store.set_about("manifest", manifest)
 
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats import probe
+from blurnoise_eval.detectors.recognition import drawn_picture
 from blurnoise_models import matched_filter
 from commands import main
 
@@ -24,7 +24,7 @@ NAMES = ("[/]", "sign [occluded]", r"$\frac{1}{", "止まれ", "red \x1b[31m", "
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A picture with a target of each of ``NAMES``, and one of 0 bytes whose name steers a terminal."""
     folder = tmp_path_factory.mktemp("pictures")
-    write_picture(folder / "a.png", probe.picture()[:96, :128])
+    write_picture(folder / "a.png", drawn_picture()[:96, :128])
     (folder / "b\x1b[31m[b].png").write_bytes(b"")
     data = {
         "images": [{"id": 0, "file_name": "a.png"}, {"id": 1, "file_name": "b\x1b[31m[b].png"}],

@@ -91,7 +91,7 @@ def test_what_the_file_states(capsys: Output, model: Path) -> None:
 def test_what_is_assumed_and_unknown(tmp_path: Path, capsys: Output) -> None:
     path = answering(tmp_path / "m.onnx", [[0, 0, 9, 9, 0.5, 2]] * 3, metadata={"producer": "x" * 200})
     facts = told(capsys, path)
-    assert facts["recognised"] == "graph: output 'output' [1, 3, 6]: rows of 6"
+    assert facts["recognised"] == "graph: output 'output' [1, 3, 6] as b n 6"
     assert "baked into the graph" in facts["unknown"][0]
     assert any(text.startswith("colour = 'rgb' is assumed") for text in facts["assumed"])
     assert main(["inspect", str(path)]) == 0

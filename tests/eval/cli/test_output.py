@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.cli import main
-from blurnoise_eval.detectors.opening import _tell_apart
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")
@@ -22,16 +21,6 @@ def test_output_that_cannot_be_written_is_a_line(output: str, code: int, told: s
     assert "Traceback" not in done.stderr
     assert told in done.stderr
     assert done.stderr.count("\n") <= 1
-
-
-def test_equal_names_get_numbers_that_nobody_has() -> None:
-    class Model:
-        def __init__(self, name: str) -> None:
-            self.name = name
-
-    models = [Model(name) for name in ("a", "a", "a-2", "a", "b")]
-    _tell_apart(models)  # type: ignore[arg-type]
-    assert [model.name for model in models] == ["a", "a-3", "a-2", "a-4", "b"]
 
 
 def test_errors_after_two_dashes_name_their_option(capsys: pytest.CaptureFixture[str]) -> None:

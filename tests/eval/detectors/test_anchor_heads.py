@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import AnchorHead, ModelError
+from blurnoise_eval.detectors.contract import COCO80, AnchorHead, ModelError
 from blurnoise_eval.detectors.contract_files import parse_contract, preset
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.anchors import YOLO_FASTEST_V2, YOLOFASTESTV2, with_head
+from blurnoise_eval.detectors.formats.grids import YOLO_FASTEST_V2, YOLOFASTESTV2, with_head
 from constant_graphs import constant_graph
 from numpy.typing import NDArray
 
@@ -223,9 +222,3 @@ def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_p
     with pytest.raises(ModelError, match=message) as caught:
         Detector(path)
     assert "\n" not in str(caught.value)
-
-
-def test_an_unknown_graph_tells_how_anchors_are_stated(tmp_path: Path) -> None:
-    path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"), SIZE_PX)
-    with pytest.raises(ModelError, match='a contract with "family": "anchors" and "head": '):
-        Detector(path)

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.class_names import COCO80, COCO91
-from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors import recognition
+from blurnoise_eval.detectors.contract import COCO80, COCO91, Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.signature import extra_feeds
+from blurnoise_eval.detectors.formats import FAMILIES as FAMILIES_BY_NAME
+from blurnoise_eval.detectors.formats import PRESETS
+from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, select
+from blurnoise_eval.detectors.formats.family import Family, extra_feeds
 from blurnoise_eval.detectors.model import TensorInfo
+from blurnoise_eval.detectors.records import FloatArray
 from constant_graphs import answering_graph
 from numpy.typing import NDArray
 from onnx import TensorProto
@@ -268,3 +272,26 @@ def test_extra_inputs_say_the_inputs_own_size() -> None:
     assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
     assert feeds["pixel_mask"].shape == (2, 64, 96)
     assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None
+
+
+def test_a_family_is_one_entry_and_one_line_in_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Made up: halves of centre and size, one class after the other, under names that no other family has."""
+
+    def decode(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+        halves, scores = (output[0] for output in outputs)
+        return select(2 * halves, *best_class(scores), min_score, scores)
+
+    made_up = Family(Contract("made up", NAMES), ("halves: b n 4, odds: b n C",), decode)
+    monkeypatch.setattr(recognition, "BY_EVIDENCE", ((made_up,), *recognition.BY_EVIDENCE))
+    monkeypatch.setitem(FAMILIES_BY_NAME, "made up", made_up)
+    monkeypatch.setitem(PRESETS, "made up", made_up.preset)
+    answers = np.array([[[20, 10, 5, 5]]], np.float32), np.array([[[0.1, 0.7, 0.2]]], np.float32)
+    outputs = {"halves": (answers[0], None), "odds": (answers[1], None)}
+    path = answering_graph(tmp_path / "m.onnx", outputs, [1, 3, *SIZE_PX])
+    for contract in (None, "made up", {"family": "made up", "classes": NAMES}):
+        detector = Detector(path, contract=contract)
+        found = detector.detect(np.zeros((*SIZE_PX, 3), np.uint8))
+        assert (detector.contract.family, found.class_ids.tolist()) == ("made up", [1])
+        np.testing.assert_allclose(found.boxes_xyxy, [[35, 15, 45, 25]])

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.contract import COCO80, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import (
     contract_document,
     contract_option,
@@ -18,7 +17,7 @@ from blurnoise_eval.detectors.contract_files import (
     preset,
 )
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS
+from blurnoise_eval.detectors.ocr.recogniser import TEXT_PRESETS
 
 OLD_YOLOX = replace(
     preset("yolox"), colour="rgb", value_range="0-1", mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225)

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import hashlib
-import json
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,7 +11,7 @@ import onnx
 import pytest
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.model_files import external_files, model_sha256
+from blurnoise_eval.detectors.model import external_files, model_sha256
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -149,20 +147,6 @@ def test_shapes_and_types_do_not_change_the_answer(
         np.testing.assert_allclose(found.boxes_xyxy, expected.boxes_xyxy, atol=1e-3)
 
 
-def test_dynamic_graph_without_a_size_takes_its_familys(tmp_path: Path) -> None:
-    metadata = {"names": str(list(NAMES))}
-    for family, size in (("yolov8", (640, 640)), ("yolox", (416, 416)), ("fastestdet", (352, 352))):
-        form: dict[str, Any] = {"size": ("h", "w"), "batch": "n", "metadata": metadata, "objectness": 0.5}
-        path = cell_graph(tmp_path / f"{family}.onnx", family, unit=255, **form)
-        detector = Detector(path)
-        assert (detector.contract.family, detector.input_size_px) == (family, size)
-        assert any(text.startswith("input_size_px") for text in detector.contract.assumptions)
-    stated = Detector(
-        cell_graph(tmp_path / "s.onnx", "yolov8", size=("h", "w"), metadata={**metadata, "imgsz": "[96, 64]"})
-    )
-    assert stated.input_size_px == (96, 64)
-
-
 def test_graph_that_only_claims_to_be_dynamic(tmp_path: Path) -> None:
     path = cell_graph(
         tmp_path / "m.onnx", "fastestdet", size=("h", "w"), metadata={"names": str(list(NAMES))}
@@ -233,16 +217,6 @@ def test_one_session_serves_many_threads(tmp_path: Path) -> None:
     for one, other in zip(alone, together, strict=True):
         np.testing.assert_array_equal(one.boxes_xyxy, other.boxes_xyxy)
         np.testing.assert_array_equal(one.scores, other.scores)
-
-
-def test_metadata_contract_hash_and_name(tmp_path: Path) -> None:
-    stated = json.dumps({"family": "yolov8", "classes": NAMES, "nms_iou": 0.3})
-    path = cell_graph(tmp_path / "own.onnx", "yolov8", metadata={"blurnoise.contract": stated})
-    detector = Detector(path)
-    assert detector.name == "own"
-    assert detector.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert detector.contract.nms_iou == 0.3
-    assert detector.contract.assumptions == []
 
 
 # --- outputs that are not what they should be ---
@@ -321,46 +295,17 @@ def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message:
     assert "\n" not in str(caught.value)
 
 
-def branching(path: Path, gain: float) -> Path:
-    """A detector one of whose weights is in a branch, in a file beside it."""
-    model = onnx.load(cell_graph(path, "yolov8"))
-    branches = []
-    for name in ("then", "else"):
-        weight = numpy_helper.from_array(np.full((64,), gain, np.float32), f"{name}_gain")
-        held = helper.make_tensor_value_info(f"{name}_out", TensorProto.FLOAT, [64])
-        node = helper.make_node("Identity", [f"{name}_gain"], [f"{name}_out"])
-        branches.append(helper.make_graph([node], name, [], [held], [weight]))
-    condition = numpy_helper.from_array(np.array(True), "condition")
-    model.graph.initializer.append(condition)
-    then, other = branches
-    model.graph.node.append(
-        helper.make_node("If", ["condition"], ["gains"], then_branch=then, else_branch=other)
-    )
-    beside = path.with_name(f"{path.name}.data")
-    beside.unlink(missing_ok=True)  # which would be appended to
-    onnx.save(model, path, save_as_external_data=True, location=beside.name, size_threshold=100)
-    return path
+def test_weights_beside_a_model_are_part_of_its_identity(tmp_path: Path) -> None:
+    def saved(gain: float) -> str:
+        path, beside = tmp_path / "m.onnx", tmp_path / "m.onnx.data"
+        beside.unlink(missing_ok=True)  # which would be appended to
+        model = onnx.load(cell_graph(path, "yolov8"))
+        model.graph.initializer.append(numpy_helper.from_array(np.full(64, gain, np.float32), "gain"))
+        onnx.save(model, path, save_as_external_data=True, location=beside.name, size_threshold=100)
+        assert external_files(path) == [beside.name]
+        return model_sha256(path)
 
-
-def test_files_beside_a_model_are_found_wherever_it_names_them(tmp_path: Path) -> None:
-    path = branching(tmp_path / "m.onnx", 1.0)
-    assert external_files(path) == ["m.onnx.data"]
-    alone, before = path.read_bytes(), model_sha256(branching(path, 1.0))
-    after = model_sha256(branching(path, 2.0))
-    assert path.read_bytes() == alone
-    assert before != after
-
-
-@pytest.mark.parametrize("size", [(10**6, 10**6), (1 << 14, (1 << 14) + 1)])
-def test_inputs_beyond_any_memory(tmp_path: Path, size: tuple[int, int]) -> None:
-    path = cell_graph(tmp_path / "m.onnx", "yolov8")
-    model = onnx.load(path)
-    for axis, side in zip((2, 3), size, strict=True):
-        model.graph.input[0].type.tensor_type.shape.dim[axis].dim_value = side
-    del model.graph.output[0].type.tensor_type.shape.dim[:]
-    onnx.save(model, path)
-    with pytest.raises(ModelError, match=f"{size[0]} x {size[1]} px; must be at most"):
-        Detector(path)
+    assert saved(1.0) == saved(1.0) != saved(2.0)
 
 
 # --- real models ---

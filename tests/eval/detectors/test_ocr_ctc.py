@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.ocr import character_error_rate
-from blurnoise_eval.detectors.ocr.ctc import are_probabilities, characters, decode, softmax
+from blurnoise_eval.detectors.ocr.recogniser import are_probabilities, characters, decode
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -55,19 +55,6 @@ def test_a_line_feed_alone_ends_a_line(lines: list[str]) -> None:
 # --- probabilities and logits ---
 
 
-@given(st.lists(st.lists(st.floats(-30, 30), min_size=4, max_size=4), min_size=1, max_size=5))
-def test_softmax_makes_probabilities_and_keeps_the_order(rows: list[list[float]]) -> None:
-    logits = np.array(rows, np.float32)
-    probabilities = softmax(logits)
-    assert are_probabilities(probabilities)
-    assert are_probabilities(probabilities.astype(np.float16).astype(np.float32))
-    np.testing.assert_allclose(softmax(logits + 100), probabilities, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(softmax(np.log(probabilities + 1e-30)), probabilities, rtol=1e-3, atol=1e-6)
-    np.testing.assert_allclose(
-        probabilities * np.exp(logits).sum(1, keepdims=True), np.exp(logits), rtol=1e-3
-    )
-
-
 @pytest.mark.parametrize(
     "rows", [[[0, 0, 0]], [[1.5, -0.5, 0]], [[0.4, 0.4, 0.4]], [[1, 0, 0], [5, 1, 2]], [[-1, -2, -3]]]
 )
@@ -93,22 +80,3 @@ def test_what_is_no_probability(rows: list[list[float]]) -> None:
 )
 def test_known_rates(read: str, truth: str, rate: float) -> None:
     assert character_error_rate(read, truth) == pytest.approx(rate)
-
-
-def edits(a: str, b: str) -> int:
-    """Levenshtein's distance by its recurrence."""
-    row = list(range(len(b) + 1))
-    for i, x in enumerate(a, 1):
-        last, row[0] = row[0], i
-        for j, y in enumerate(b, 1):
-            last, row[j] = row[j], min(row[j] + 1, row[j - 1] + 1, last + (x != y))
-    return row[-1]
-
-
-@given(words, words)
-def test_rate_is_the_distance_per_character_of_the_truth(read: str, truth: str) -> None:
-    rate = character_error_rate(read, truth)
-    if truth:
-        assert rate == pytest.approx(edits(read, truth) / len(truth))
-        assert abs(len(read) - len(truth)) / len(truth) <= rate <= max(len(read), len(truth)) / len(truth)
-    assert (rate == 0) == (read == truth)

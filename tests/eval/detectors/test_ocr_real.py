@@ -48,15 +48,6 @@ def test_the_files_are_told_apart() -> None:
     assert [is_recogniser(OnnxModel(path)) for path in MODELS] == [False, True]
 
 
-def test_contract_is_stated_by_graph_and_metadata_or_assumed(recogniser: Recogniser) -> None:
-    sources = recogniser.contract.sources
-    assert sources["dictionary"] == "metadata character"
-    assert sources["output"].startswith("graph")
-    assert recogniser.contract.output == "probabilities"
-    assert recogniser.contract.height_px == 48
-    assert sources["colour"].startswith("assumed")
-
-
 @pytest.mark.parametrize("size_px", [100, 50, 32])
 def test_the_known_box_is_read(recogniser: Recogniser, size_px: int) -> None:
     image, box = sign(size_px)

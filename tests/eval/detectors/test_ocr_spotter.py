@@ -10,7 +10,7 @@ import pytest
 from band_readers import COLOURS, band_reader, saved
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextSpotter
-from blurnoise_eval.detectors.ocr.contract import RegionContract
+from blurnoise_eval.detectors.ocr.recogniser import RegionContract
 from blurnoise_eval.detectors.ocr.spotter import find_regions, in_reading_order, straighten
 from constant_graphs import answering_graph
 from numpy.typing import NDArray
@@ -137,20 +137,6 @@ def test_straightened_text_runs_to_the_right(angle_deg: float) -> None:
     np.testing.assert_allclose(crop[..., 1], np.broadcast_to(down[:, None], (30, 100)), atol=1.5)
 
 
-@pytest.mark.parametrize("angle_deg", [60, 100])
-def test_text_that_runs_downwards_is_straightened_too(angle_deg: float) -> None:
-    """Its rectangle counts as upright, with the text's beginning at the top; then it is laid on its side."""
-    u, v = turned_rectangle((220, 300), (150.0, 110.0), (100.0, 30.0), angle_deg)
-    inside = (abs(u) < 1) & (abs(v) < 1)
-    image = np.zeros((220, 300, 3), np.uint8)
-    image[..., 0], image[..., 1] = 255 * (u < 0), 255 * (v < 0)  # begins red, green above
-    (region,) = find_regions(np.where(inside, np.float32(1), np.float32(0)), RegionContract(unclip=0))
-    crop = straighten(image, region)
-    assert crop.shape == pytest.approx((30, 100, 3), abs=2)
-    assert [crop[5, 5].tolist(), crop[-5, -5].tolist()] == [[255, 255, 0], [0, 0, 0]]
-    assert [crop[5, -5].tolist(), crop[-5, 5].tolist()] == [[0, 255, 0], [255, 0, 0]]
-
-
 @pytest.mark.parametrize(
     ("size", "shape"), [((20, 80), (20, 80, 3)), ((40, 61), (40, 61, 3)), ((60, 80), (80, 60, 3))]
 )
@@ -193,14 +179,6 @@ def test_sides_are_multiples_of_32(
     recogniser = Recogniser(band_reader(tmp_path / "rec.onnx"))
     made = TextSpotter(brightness_detector(tmp_path / "det.onnx"), recogniser, contract=contract)
     assert made.input_size_px(*size) == expected
-
-
-def test_fixed_sizes_and_half_precision(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "rec.onnx"))
-    path = brightness_detector(tmp_path / "det.onnx", shape=(320, 320), dtype=TensorProto.FLOAT16)
-    fixed = TextSpotter(path, recogniser, contract=NATIVE)
-    assert fixed.input_size_px(160, 320) == (320, 320)
-    assert fixed.read(picture(("rgb", 40, 30)), [(62, 36, 66, 40)])[0].text == "rgb"
 
 
 # --- known boxes ---

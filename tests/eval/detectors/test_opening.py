@@ -67,7 +67,9 @@ def test_readers_travel_with_their_dictionary(tmp_path: Path) -> None:
 def test_kinds_are_told_apart_and_names_too(detector: Path, tmp_path: Path) -> None:
     reader = band_reader(tmp_path / "rec.onnx")
     assert [type(model) for model in open_models([reader])] == [Recogniser]
-    assert [model.name for model in open_models([detector, detector])] == ["small", "small-2"]
+    (second := tmp_path / "small-2.onnx").write_bytes(detector.read_bytes())
+    names = [model.name for model in open_models([detector, detector, second, detector])]
+    assert names == ["small", "small-3", "small-2", "small-4"]
     assert open_models([reader], ["ppocr"])[0].contract.sources["colour"].startswith("preset")
     with pytest.raises(ValueError, match="detectors or text recognisers, not both"):
         open_models([detector, reader])

@@ -76,24 +76,6 @@ def test_commands_name_model_limit_and_option(
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("value", ["0", "-1", "nan"])
-def test_a_limit_is_above_0(endless: Path, value: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["inspect", str(endless), "--model-timeout-s", value]) == 2
-    assert "--model-timeout-s = " in (told := capsys.readouterr().err)
-    assert "must be finite and > 0" in told
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("engine", ["threads", "processes"])
-def test_a_sweep_ends_with_the_first_answer_s_limit(
-    endless: Path, engine: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = ["--model", str(endless), "--contract", "yolov8", "--model-timeout-s", "1", "--limit", "2"]
-    run = ["sweep", "-o", str(tmp_path / "run"), "--engine", engine, "--threads", "2"]
-    assert main([*run, *ONE_CONDITION, *asked]) == 2
-    assert "within 1 s; model_timeout_s in --plan FILE.yaml allows more" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_loading_has_a_limit(tmp_path: Path) -> None:
     path = endless_loading(tmp_path / "folded.onnx")

@@ -10,7 +10,7 @@ from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, suppress
+from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, suppress
 from blurnoise_eval.scoring.on_picture import View
 from constant_graphs import constant_graph
 from numpy.typing import NDArray

@@ -91,11 +91,10 @@ def test_a_finished_run_keeps_what_is_noted_of_its_models(
 ) -> None:
     measured: list[str] = []
     monkeypatch.setattr(model_notes, "latency", lambda model, _: measured.append(model.name) or {})
-    monkeypatch.setattr(model_notes, "baked", lambda *_: measured.append("baked"))
     plan = swept((0.002,), (50.0,), (0.0,), gain_db=(0.0,))
     for _ in range(2):
         evaluate(model, pictures, plan=plan, output=tmp_path, threads=1)
-    assert measured == ["small", "baked"]
+    assert measured == ["small"]
 
 
 def test_a_run_opens_again_and_goes_on(done: Evaluation, model: Path, pictures: PictureSet) -> None:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from blurnoise_eval.detectors.formats import end_to_end as ends
 from blurnoise_eval.detectors.formats import grids
-from blurnoise_eval.detectors.formats.anchors import ANCHORS, YOLOFASTESTV2
-from blurnoise_eval.detectors.formats.signature import Family
+from blurnoise_eval.detectors.formats.family import Family
 
 BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
     (ends.PPYOLOE, ends.RTDETR, ends.TORCHVISION),  # inputs beside the picture, answers without a batch
     (ends.DETR, ends.RFDETR, ends.MMDEPLOY, ends.YOLOV6E2E),  # names of outputs
     (ends.TFOD,),  # the picture's own form: bytes with the channels last
-    (*grids.FAMILIES, YOLOFASTESTV2),  # numbers of grid cells
+    grids.FAMILIES,  # numbers of grid cells
     (ends.YOLOV10, ends.YOLOV7),  # rows of six or seven
-    (ANCHORS,),  # none: the contract's head tells
+    (grids.ANCHORS,),  # none: the contract's head tells
 )
 """The surest evidence first: where one kind of it is there, later ones are not asked."""
 
 FAMILIES = {each.name: each for group in BY_EVIDENCE for each in group}
-PRESETS = {name: family.preset for name, family in FAMILIES.items()}
+PRESETS = {name: each.preset for name, each in FAMILIES.items()}
 """Contracts by the name of their family."""

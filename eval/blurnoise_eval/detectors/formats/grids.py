@@ -1,35 +1,34 @@
-"""Families whose outputs hold a row, or a column, for each cell of their grids: YOLOv5, v6, v8 (v9, v11), YOLOX,
-FastestDet, NanoDet and NanoDet-Plus.
+"""Families whose outputs hold a row, or a column, for each cell of their grids, stride after stride, row by row.
 
-Cells lie stride after stride, row by row. NanoDet states the distances of a box's four sides from a cell's centre,
-each as a distribution.
+YOLOv5, v6, v8 (v9, v11), YOLOX, FastestDet, NanoDet and NanoDet-Plus, which states the distances of a box's four
+sides from a cell's centre, each as a distribution.
+
+And heads with anchors, as the contract's ``head`` describes them: raw YOLOv3, v4 and v5, and their heirs. For each
+level, cell and anchor: x, y, width, height, objectness and class scores, in any of these forms. An output for each
+level: [1, anchors · (5 + nc), h, w], the same with channels last, [1, anchors, h, w, 5 + nc] or [1, h, w, anchors,
+5 + nc]. One output for all: [1, rows, 5 + nc], a box in each row, or a cell in each. Where a cell has one vector of
+classes, it holds boxes · anchors, objectness · anchors, classes. Nor need there be a batch. YOLO-FastestV2
+is one with known anchors: [A, 15 + nc] of strides 16 and 32, or an output [1, h, w, 15 + nc] for each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.class_names import COCO80
-from blurnoise_eval.detectors.contract import Contract
-from blurnoise_eval.detectors.formats.candidates import Candidates, best_class, select, sigmoid
-from blurnoise_eval.detectors.formats.signature import Family, Layout, Signature
+from blurnoise_eval.detectors.contract import COCO80, AnchorHead, Contract
+from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, select, sigmoid
+from blurnoise_eval.detectors.formats.family import STRIDES, STRIDES_64, Family, cells
 from blurnoise_eval.detectors.records import FloatArray
 
-STRIDES = (8, 16, 32)
-STRIDES_64 = (8, 16, 32, 64)
 _V8_STRIDES = ((8,), STRIDES, STRIDES_64)
-_STRIDE = 16  # of FastestDet's only grid
 _BINS = 8  # of a side's distance, 0 to 7 strides
 _SIDES = 4 * _BINS
-
-
-def cells(size_px: tuple[int, int], strides: Sequence[int] = STRIDES) -> int:
-    """A = Σ ceil(H/s) ceil(W/s): the number of grid cells of an input (height, width) px."""
-    return sum(-(-size_px[0] // s) * -(-size_px[1] // s) for s in strides)
 
 
 @cache
@@ -43,83 +42,38 @@ def grid(size_px: tuple[int, int], strides: tuple[int, ...] = STRIDES) -> tuple[
     return np.concatenate(column_row), np.concatenate(stride)
 
 
-def layout_by_cells(
-    signature: Signature,
+def _decode_rows(
+    outputs: Sequence[FloatArray],
+    size_px: tuple[int, int],
+    min_score: float,
     *,
-    columns: int,
-    strides: Sequence[Sequence[int]],
-    anchors: int = 1,
-    turned: bool = False,
-) -> Layout | None:
-    """The layout of an output [batch, anchors · A, columns + classes], A for one of ``strides``; else None.
+    raw: bool = False,
+    objectness: bool = True,
+) -> Candidates:
+    """Score = objectness · class, or that of the class alone; (centre x, y, width, height) in px.
 
-    turned: or [batch, columns + classes, A]; which of the two it is, is the axis that has A entries, never the longer
-    one. Old exports of YOLOv5 add its raw heads, of 5 dimensions.
-    """
-    output, *further = signature.outputs
-    if len(output.shape) != 3 or any(len(extra.shape) != 5 for extra in further):
-        return None
-    _, rows, width = output.shape
-    counts = {anchors * cells(signature.size_px, each): each for each in strides}
-    kind = "columns"
-    if turned and width in counts:
-        rows, width, kind = width, rows, "rows"
-    if rows not in counts or not isinstance(width, int) or width <= columns:
-        return None
-    times = f"{anchors} x " if anchors > 1 else ""
-    counted = f"{rows} = {times}the cells of strides {', '.join(map(str, counts[rows]))}"
-    return Layout.of(output, f"{counted}; {columns} + {width - columns} {kind}", width - columns)
-
-
-def _decode_v5(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = objectness · class; (centre x, y, width, height) in px."""
-    rows = outputs[0][0]
-    rows = rows[rows[:, 4] >= min_score]
-    class_scores = rows[:, 5:] * rows[:, 4:5]
-    return select(rows[:, :4], *best_class(class_scores), min_score, class_scores)
-
-
-def _decode_v8(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = class; (centre x, y, width, height) in px."""
-    columns = outputs[0][0]
-    if columns.shape[1] not in [cells(size_px, strides) for strides in _V8_STRIDES]:
-        columns = columns.T
-    # The largest class score decides; a NaN in a column makes its maximum NaN, which drops the column.
-    kept = columns[:, np.flatnonzero(columns[4:].max(axis=0) >= min_score)].T
-    return select(kept[:, :4], *best_class(kept[:, 4:]), min_score, kept[:, 4:])
-
-
-def _decode_x(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
-    """Score = objectness · class; centre = (offset + cell) · stride, size = exp(offset) · stride, px.
-
-    Source: Ge et al., YOLOX (2021), as in the reference code's ``demo_postprocess``.
+    raw, as YOLOX: centre = (offset + cell) · stride, size = exp(offset) · stride. Source: Ge et al., YOLOX (2021), as
+    in the reference code's ``demo_postprocess``.
     """
     rows = outputs[0][0]
-    kept = np.flatnonzero(rows[:, 4] >= min_score)
-    class_scores = rows[kept, 5:]
-    class_scores *= rows[kept, 4:5]
+    if not objectness and rows.shape[1] in [cells(size_px, strides) for strides in _V8_STRIDES]:
+        rows = rows.T
+    # A NaN makes the maximum NaN, which drops the row.
+    kept = np.flatnonzero((rows[:, 4] if objectness else rows[:, 4:].max(axis=1)) >= min_score)
+    found = rows[kept]
+    class_scores = found[:, 4 + objectness :]
+    if objectness:
+        class_scores *= found[:, 4:5]
     scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
-    kept = kept[strong]
-    column_row, stride = (values[kept] for values in grid(size_px))
-    boxes = rows[kept, :4]
-    boxes[:, :2] += column_row
-    with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
-        np.exp(boxes[:, 2:], out=boxes[:, 2:])
-        boxes *= stride
+    boxes = found[strong, :4]
+    if raw:
+        column_row, stride = (values[kept[strong]] for values in grid(size_px))
+        boxes[:, :2] += column_row
+        with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+            np.exp(boxes[:, 2:], out=boxes[:, 2:])
+            boxes *= stride
     return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
-
-
-def _describe_fastest(signature: Signature) -> Layout | None:
-    """[batch, 5 + nc, ceil(H/16), ceil(W/16)]."""
-    output = signature.outputs[0]
-    if len(signature.outputs) != 1 or len(output.shape) != 4:
-        return None
-    channels = output.shape[1]
-    grid = tuple(-(-size // _STRIDE) for size in signature.size_px)
-    if output.shape[2:] != grid or not isinstance(channels, int) or channels < 6:
-        return None
-    return Layout.of(output, f"the cells of stride 16; 5 + {channels - 5} channels", channels - 5)
 
 
 def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -134,28 +88,12 @@ def _decode_fastest(outputs: Sequence[FloatArray], size_px: tuple[int, int], min
     class_scores, class_ids = best_class(rows[:, 5:])
     scores = rows[:, 0] ** 0.6 * class_scores**0.4
     input_wh = np.array([size_px[1], size_px[0]], np.float32)
-    cell_xy = np.stack([kept % width, kept // width], axis=1).astype(np.float32)
+    cell = input_wh / np.array([width, height], np.float32)
     boxes = np.empty((len(kept), 4), np.float32)
-    boxes[:, :2] = (np.tanh(rows[:, 1:3]) + cell_xy) * (input_wh / np.array([width, height], np.float32))
+    boxes[:, :2] = (np.tanh(rows[:, 1:3]) + grid(size_px, (16,))[0][kept]) * cell
     boxes[:, 2:] = sigmoid(rows[:, 3:5]) * input_wh
     each = np.maximum(rows[:, 5:], 0) ** 0.4 * rows[:, :1] ** 0.6
     return select(boxes, scores, class_ids, min_score, each)
-
-
-def _describe_nano(signature: Signature) -> Layout | None:
-    """Two outputs for each stride, of as many rows as it has cells: [n, nc] and [n, 32], or with a batch.
-
-    Of NanoDet before "Plus". Their names can be swapped, so widths decide; with 32 classes nothing does.
-    """
-    by_shape = {output.shape[-2:]: output for output in signature.outputs if len(output.shape) in (2, 3)}
-    others = {shape[1] for shape in by_shape} - {_SIDES}
-    classes = others.pop() if len(others) == 1 else None
-    counts = [cells(signature.size_px, (stride,)) for stride in STRIDES]
-    ordered = [(count, width) for count in counts for width in (classes, _SIDES)]
-    fits = len(signature.outputs) == len(ordered) and by_shape.keys() == set(ordered)
-    if not isinstance(classes, int) or not fits:
-        return None
-    return Layout.by_name([by_shape[shape] for shape in ordered], classes)
 
 
 def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
@@ -183,60 +121,199 @@ def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_sc
     return select(inside, scores[kept], class_ids[kept], min_score, class_scores[kept], corners=True)
 
 
-# [batch, 3A, 5 + nc]. YOLOv7 exported with --grid has the same layout and the same pre-processing. Its val.py:
-# multi_label.
+# YOLOv7 exported with --grid has the same layout and the same pre-processing; old exports add the raw heads. Its
+# val.py: multi_label.
 YOLOV5 = Family(
     Contract("yolov5", COCO80, nms_iou=0.6, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64), anchors=3),
-    _decode_v5,
+    ("b 3A 5+C, ...",),
+    _decode_rows,
+    strides=(STRIDES, STRIDES_64),
     several_classes=True,
 )
-# [batch, A, 5 + nc], with strides up to 32 or, for the P6 models, 64; the objectness column is always 1. YOLOX
-# exported with its boxes decoded reads the same, with YOLOX's pre-processing. Its Evaler: multi_label.
+# The objectness column is always 1. YOLOX exported with its boxes decoded reads the same, with YOLOX's
+# pre-processing. Its Evaler: multi_label.
 YOLOV6 = Family(
     Contract("yolov6", COCO80, nms_iou=0.65, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=5, strides=(STRIDES, STRIDES_64)),
-    _decode_v5,
+    ("b A 5+C",),
+    _decode_rows,
+    strides=(STRIDES, STRIDES_64),
     several_classes=True,
 )
-# [batch, 4 + nc, A] or [batch, A, 4 + nc], with stride 8 alone, or strides up to 32 or 64. DetectionValidator:
-# multi_label.
+# Stride 8 alone is the built-in detector's. DetectionValidator: multi_label.
 YOLOV8 = Family(
     Contract("yolov8", COCO80, nms_iou=0.7, input_size_px=(640, 640)),
-    partial(layout_by_cells, columns=4, strides=_V8_STRIDES, turned=True),
-    _decode_v8,
+    ("b 4+C A", "b A 4+C"),
+    partial(_decode_rows, objectness=False),
+    strides=_V8_STRIDES,
     several_classes=True,
 )
-# [batch, A, 5 + nc]. Its postprocess: torch.max over the classes.
+# Its postprocess: torch.max over the classes.
 YOLOX = Family(
     Contract(
         "yolox", COCO80, colour="bgr", value_range="0-255", resize="letterbox-top-left", input_size_px=(416, 416),
         nms_iou=0.65,
     ),
-    partial(layout_by_cells, columns=5, strides=(STRIDES,)),
-    _decode_x,
+    ("b A 5+C",),
+    partial(_decode_rows, raw=True),
     unknown="whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet",
 )  # fmt: skip
 # Its handle_preds: argmax over the classes.
 FASTESTDET = Family(
     Contract("fastestdet", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.45),
-    _describe_fastest,
+    ("b 5+C H16 W16",),
     _decode_fastest,
 )
 _NANO: dict[str, Any] = {"colour": "bgr", "value_range": "0-255", "input_size_px": (320, 320), "nms_iou": 0.6}
 _NANO |= {"mean": (103.53, 116.28, 123.675), "std": (57.375, 57.12, 58.395)}
+# NanoDet before "Plus": names of scores and sides can be swapped, so widths decide; with 32 classes nothing does.
 # Both: multiclass_nms.
 NANODET = Family(
     Contract("nanodet", COCO80, resize="letterbox", pad_value=0, **_NANO),
-    _describe_nano,
+    ("b A8 C, b A8 32, b A16 C, b A16 32, b A32 C, b A32 32", "A8 C, A8 32, A16 C, A16 32, A32 C, A32 32"),
     _decode_nano,
     several_classes=True,
 )
 NANODETPLUS = Family(
     Contract("nanodetplus", COCO80, resize="stretch", **_NANO),
-    partial(layout_by_cells, columns=_SIDES, strides=(STRIDES_64,)),  # [batch, A, nc + 32]
+    ("b A 32+C",),
     _decode_nano,
+    strides=(STRIDES_64,),
     several_classes=True,
 )
 
-FAMILIES = (YOLOV5, YOLOV8, YOLOX, YOLOV6, FASTESTDET, NANODET, NANODETPLUS)
+
+YOLO_FASTEST_V2 = AnchorHead(
+    strides=(16, 32),
+    anchors=(
+        ((12.64, 19.39), (37.88, 51.48), (55.71, 138.31)),
+        ((126.91, 78.23), (131.57, 214.55), (279.92, 258.87)),
+    ),
+    activated=True,
+)
+"""Of COCO at 352 px: the repository's data/coco.data."""
+
+
+def with_head(family: Family, head: AnchorHead, classes: int) -> Family:
+    """The family with a head's anchors and so many classes."""
+    per_box, per_cell = 5 + classes, head.per_cell
+    shared = 5 * per_cell + classes
+    rows = [f"{per_cell}A {per_box}", f"A {per_cell * per_box}", f"A {shared}"]
+    levels = [f"{per_cell} H W {per_box}", f"H W {per_cell} {per_box}"]
+    levels += [form for n in (per_cell * per_box, shared) for form in (f"{n} H W", f"H W {n}")]
+    return replace(
+        family,
+        layouts=_layouts(rows, levels, head),
+        strides=(head.strides,),
+        decode=partial(_decode, head=head, classes=classes),
+    )
+
+
+def _layouts(rows: Sequence[str], levels: Sequence[str], head: AnchorHead) -> tuple[str, ...]:
+    """One output of rows, with a batch or without, or of each level one, in the order of the strides."""
+    whole = [f"{batch}{form}, ..." for form in rows for batch in ("1 ", "")]
+    by_level = [", ".join(_at_stride(form, s) for s in head.strides) + ", ..." for form in levels]
+    return (*whole, *by_level)
+
+
+def _at_stride(form: str, stride: int) -> str:
+    return f"b {form}".replace("H", f"H{stride}").replace("W", f"W{stride}")
+
+
+def _decode(
+    outputs: Sequence[FloatArray],
+    size_px: tuple[int, int],
+    min_score: float,
+    head: AnchorHead,
+    classes: int,
+) -> Candidates:
+    """Score = objectness · class. Sources: Redmon & Farhadi, YOLOv3 (2018); YOLOv4's scale_x_y; YOLOv5's head."""
+    rows = _cell_rows(outputs, size_px, head)
+    anchors, per_box = head.per_cell, 5 + classes
+    shared = rows.shape[1] != anchors * per_box  # a class vector of all of a cell's anchors
+    if shared:
+        sides = rows[:, : 4 * anchors].reshape(-1, anchors, 4)
+        fields = np.concatenate([sides, rows[:, 4 * anchors : 5 * anchors, None]], axis=2).reshape(-1, 5)
+        class_rows = rows[:, 5 * anchors :]
+    else:
+        fields, class_rows = np.split(rows.reshape(-1, per_box), [5], axis=1)
+    objectness = fields[:, 4] if head.activated else sigmoid(fields[:, 4])
+    kept = np.flatnonzero(objectness >= min_score)
+    class_scores = class_rows[kept // anchors if shared else kept]
+    class_scores = (class_scores if head.activated else sigmoid(class_scores)) * objectness[kept, None]
+    boxes = _boxes(fields[kept, :4], kept, size_px, head)
+    return select(boxes, *best_class(class_scores), min_score, class_scores)
+
+
+def _boxes(
+    fields: FloatArray, kept: NDArray[np.int64], size_px: tuple[int, int], head: AnchorHead
+) -> FloatArray:
+    """Centre x, y, width, height, px; ``kept``: which of all, cell by cell, anchor by anchor."""
+    cell, place = np.divmod(kept, head.per_cell)
+    column_row, stride = (values[cell] for values in grid(size_px, head.strides))
+    level = np.repeat(np.arange(len(head.strides)), _counts(size_px, head))[cell]
+    scale = np.asarray(head.scales, np.float32)[level, None]
+    anchor = np.asarray(head.anchors, np.float32)[level, place]
+    share = fields if head.activated else sigmoid(fields)
+    boxes = np.empty_like(fields)
+    boxes[:, :2] = (share[:, :2] * scale - (scale - 1) / 2 + column_row) * stride
+    with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+        squared = head.boxes == "yolov5"
+        boxes[:, 2:] = ((2 * share[:, 2:]) ** 2 if squared else np.exp(fields[:, 2:])) * anchor
+    return boxes
+
+
+def _counts(size_px: tuple[int, int], head: AnchorHead) -> list[int]:
+    """Cells of each level."""
+    return [cells(size_px, (stride,)) for stride in head.strides]
+
+
+def _cell_rows(outputs: Sequence[FloatArray], size_px: tuple[int, int], head: AnchorHead) -> FloatArray:
+    """A row for each cell, level by level, in whichever form the outputs hold them."""
+    counts = _counts(size_px, head)
+    if outputs[0].ndim >= 4:
+        parts = []
+        for (level, *_), stride, count in zip(outputs, head.strides, counts, strict=True):
+            grid_size = -(-size_px[0] // stride), -(-size_px[1] // stride)
+            first = (
+                1 if level.shape[1:3] == grid_size else 0
+            )  # channels or anchors before the grid, or behind it
+            parts.append(np.moveaxis(level, (first, first + 1), (0, 1)).reshape(count, -1))
+        return np.concatenate(parts)
+    rows = outputs[0].reshape(-1, outputs[0].shape[-1])
+    if len(rows) != sum(counts) and head.order == "anchor":  # a box in each row
+        levels = np.split(rows, np.cumsum(counts)[:-1] * head.per_cell)
+        rows = np.concatenate([np.concatenate(np.split(level, head.per_cell), axis=1) for level in levels])
+    return rows.reshape(sum(counts), -1)
+
+
+def _decode_fastest_v2(
+    outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float
+) -> Candidates:
+    """With COCO's anchors."""
+    classes = outputs[0].shape[-1] - 5 * YOLO_FASTEST_V2.per_cell
+    return _decode(outputs, size_px, min_score, YOLO_FASTEST_V2, classes)
+
+
+# YOLOv5's val.py, darknet's validation and Yolo-FastestV2's: every class that reaches the threshold. Nothing in a
+# graph shows its anchors.
+ANCHORS = Family(
+    Contract("anchors", COCO80, input_size_px=(640, 640), nms_iou=0.6),
+    (),
+    _decode_fastest_v2,
+    several_classes=True,
+    takes_head=True,
+)
+YOLOFASTESTV2 = Family(
+    Contract(
+        "yolofastestv2", COCO80, colour="bgr", resize="stretch", input_size_px=(352, 352), nms_iou=0.4,
+        head=YOLO_FASTEST_V2,
+    ),
+    _layouts(["A 15+C"], ["H W 15+C"], YOLO_FASTEST_V2),
+    _decode_fastest_v2,
+    strides=(YOLO_FASTEST_V2.strides,),
+    unknown="whether it was trained with anchors of its own, which the contract's head then states",
+    several_classes=True,
+    takes_head=True,
+)  # fmt: skip
+
+FAMILIES = (YOLOV5, YOLOV8, YOLOX, YOLOV6, FASTESTDET, NANODET, NANODETPLUS, YOLOFASTESTV2)

@@ -1,8 +1,12 @@
 """Text recognisers: on boxes that are known, or on those that a text detector finds."""
 
-from blurnoise_eval.detectors.ocr.ctc import Reading, character_error_rate
-from blurnoise_eval.detectors.ocr.packaged import rapidocr_models
-from blurnoise_eval.detectors.ocr.recogniser import Recogniser, is_recogniser
+from blurnoise_eval.detectors.ocr.recogniser import (
+    Reading,
+    Recogniser,
+    character_error_rate,
+    is_recogniser,
+    rapidocr_models,
+)
 from blurnoise_eval.detectors.ocr.spotter import TextSpotter
 
 __all__ = [

@@ -1,4 +1,9 @@
-"""Text networks, of one picture in and one tensor out, and the recogniser of the text in known boxes."""
+"""Text recognisers, their contracts, and their answers: the text in known boxes, and how wrong it is.
+
+A network takes one picture and gives class probabilities (T, C) float32, a row per step along the text; class 0 is
+the blank of connectionist temporal classification (CTC), decoded greedily. Source: Graves et al. (2006); dictionary
+and confidence as in PP-OCR.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +11,173 @@ import hashlib
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
+from rapidfuzz.distance import Levenshtein
+from scipy.special import softmax
 
+from blurnoise._core.checks import Characters
 from blurnoise._core.files import read_text
-from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.contract_files import Given, beside, stated_contract
-from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
-from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel
-from blurnoise_eval.detectors.model_files import contract_file, fetched_file
-from blurnoise_eval.detectors.ocr.contract import TEXT_PRESETS, TextContract
-from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading, are_probabilities, characters, decode, softmax
+from blurnoise_eval.detectors.contract import Colour, Contract, ModelError, PerChannel, Sourced, Spread
+from blurnoise_eval.detectors.contract_files import Given, beside, settled, stated_contract
+from blurnoise_eval.detectors.formats.boxes import lay_in, picture_size
+from blurnoise_eval.detectors.model import TIMEOUT_S, OnnxModel, fetched_file
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
 
+_Count = Annotated[int, Ge(1), Le(1 << 16), "must be an integer >= 1 and <= 65536"]
+_NonNegative = Annotated[float, Ge(0)]
+_Share = Annotated[float, Ge(0), Le(1)]
+
+
+@dataclass(frozen=True)
+class _TextNetwork(Sourced):
+    """The picture's colours: x of 0-1 enters as (x - mean) / std."""
+
+    EXAMPLE = "{'height_px': 32}"
+
+    family: str
+    colour: Colour = "bgr"
+    mean: PerChannel = (0.5, 0.5, 0.5)
+    std: Spread = (0.5, 0.5, 0.5)
+
+    def stretched(self) -> Contract:
+        """The colours as a contract for laying a picture in, stretched to the input's size."""
+        return Contract(self.family, ("text",), self.colour, mean=self.mean, std=self.std, resize="stretch")
+
+
+@dataclass(frozen=True)
+class TextContract(_TextNetwork):
+    """How a crop becomes a recogniser's input, and what its classes are. Defaults are those of PP-OCR.
+
+    family: "ppocr". colour: "rgb" or "bgr". mean, std: per channel in the network's order, of values 0-1.
+    height_px: the input's; the crop keeps its aspect, and is padded with zeros on the right to min_width_px, but
+    never wider than max_width_px. margin: what is read around a known box, in heights of that box. dictionary: a file
+    with a character a line, relative to the contract's folder; None for the graph's metadata ``character``.
+    output: "probabilities", or "logits", to which softmax is applied. Raises ``ValueError`` or ``TypeError``
+    naming field, value and what is allowed.
+    """
+
+    family: Literal["ppocr"] = "ppocr"
+    height_px: _Count = 48
+    min_width_px: _Count = 320
+    max_width_px: _Count = 3200
+    margin: _NonNegative = 0.1
+    dictionary: Annotated[Characters | None, "must be the name of a file, or nothing"] = None
+    output: Literal["probabilities", "logits"] = "probabilities"
+
+
+@dataclass(frozen=True)
+class RegionContract(_TextNetwork):
+    """How a picture becomes a text detector's input, and its map of probabilities boxes.
+
+    family: "db" (differentiable binarisation). colour, mean, std: as in :class:`TextContract`. min_side_px:
+    what a smaller picture's shorter side is enlarged to; max_side_px: what a larger one's longer side is
+    reduced to. threshold: probability from which a pixel is text. box_threshold: least mean probability of
+    a region, its score. unclip: the outline moves outwards by unclip · area / circumference.
+    """
+
+    family: Literal["db"] = "db"
+    min_side_px: _Count = 736
+    max_side_px: _Count = 2000
+    threshold: _Share = 0.3
+    box_threshold: _Share = 0.5
+    unclip: _NonNegative = 1.6
+
+
+@dataclass(frozen=True)
+class SpottingContract:
+    """The contracts of both networks; names and sources have "regions." or "text." before them."""
+
+    regions: RegionContract
+    text: TextContract
+
+    @property
+    def assumptions(self) -> list[str]:
+        """One sentence per field that nothing stated."""
+        return [*self.regions.assumptions, *self.text.assumptions]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every field in JSON's types, and ``sources``."""
+        found: dict[str, Any] = {}
+        sources: dict[str, str] = {}
+        for part, contract in (("regions", self.regions), ("text", self.text)):
+            values = contract.to_dict()
+            sources |= {f"{part}.{name}": source for name, source in values.pop("sources").items()}
+            found |= {f"{part}.{name}": value for name, value in values.items()}
+        return {**found, "sources": sources}
+
+
+TEXT_PRESETS = {"ppocr": TextContract()}
+REGION_PRESETS = {"db": RegionContract()}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A text, and how sure its reader is: 0 to 1, the mean of its characters' probabilities; 0 for no text.
+
+    Confidence stays high on wrong text: judge the text beside it.
+    """
+
+    text: str
+    confidence: float
+
+
+NOTHING = Reading("", 0.0)
+
+
+def joined(readings: Sequence[Reading]) -> Reading:
+    """Several texts with spaces between them, and the mean confidence of their characters."""
+    found = [reading for reading in readings if reading.text]
+    total = sum(reading.confidence * len(reading.text) for reading in found)
+    count = max(sum(len(reading.text) for reading in found), 1)
+    return Reading(" ".join(reading.text for reading in found), total / count)
+
+
+def characters(lines: str) -> list[str]:
+    """Return the characters by class: the blank (""), one for each line, and the space.
+
+    Only a line feed ends a line: dictionaries hold characters that Unicode counts among the line ends.
+    """
+    return ["", *lines.removesuffix("\n").split("\n"), " "]
+
+
+def decode(probabilities: FloatArray, classes: Sequence[str]) -> Reading:
+    """Return the likeliest class of each step, repeats and then blanks left out.
+
+    Convention: a class that comes again after a blank is a second character. The confidence is the mean of
+    the probabilities at the first step of each character.
+    """
+    best = probabilities.argmax(axis=1)
+    kept = best != 0
+    kept[1:] &= best[1:] != best[:-1]
+    if not kept.any():
+        return NOTHING
+    confidence = float(probabilities[kept, best[kept]].mean())
+    return Reading("".join(classes[index] for index in best[kept]), min(confidence, 1.0))
+
+
+def are_probabilities(rows: FloatArray) -> bool:
+    """Whether no value is negative and each row sums to 1, within the rounding of half precision."""
+    return bool(rows.min(initial=0.0) >= 0 and (abs(rows.sum(axis=-1) - 1) < 0.01).all())
+
+
+def character_error_rate(read: str, truth: str) -> float:
+    """Return the insertions, deletions and substitutions that turn ``read`` into ``truth``, per character of it.
+
+    Upper and lower case differ. Convention: where there is no text, reading none is 0, and reading any is 1.
+    """
+    return Levenshtein.distance(read, truth) / len(truth) if truth else float(bool(read))
+
+
 DICTIONARY_KEY = "character"  # metadata of PP-OCR exports: a character a line
-_UNSTATED = ("assumed", "preset")
 
 
 class TextNetwork(OnnxModel):
@@ -49,10 +200,7 @@ class TextNetwork(OnnxModel):
         self.fixed_size_px = height, width
 
     def _answer(self, blob: FloatArray) -> FloatArray:
-        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted.
-
-        Raises :class:`ModelError` where the graph fails.
-        """
+        """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted."""
         (output,) = self.infer(blob)
         if output.ndim < 1 or len(output) != self.batch:
             answers = f"answers {list(output.shape)} to {self.batch} picture(s)"
@@ -85,44 +233,47 @@ class Recogniser(TextNetwork):
         stated: Any = {"contract": contract, "dictionary": dictionary, "timeout_s": self.timeout_s}
         self._opened_again = partial(Recogniser, self.source, **stated)
         suggests = f", which metadata {DICTIONARY_KEY} suggests" * (DICTIONARY_KEY in self.metadata)
-        sources = dict.fromkeys(TextContract.names(), f"assumed: preset ppocr{suggests}")
         found = stated_contract(TEXT_PRESETS, self.path, self.metadata, contract)
-        self.contract = found or TextContract(sources=sources)
-        height = self.fixed_size_px[0]
-        if height is not None:
-            self._settle("graph", height_px=height)
+        self.contract = found or TextContract.assumed(f"preset ppocr{suggests}")
+        if (height := self.fixed_size_px[0]) is not None:
+            self.contract = settled(
+                self.contract, {"height_px": height}, "graph", "the graph takes this height"
+            )
         self._characters = characters(self._dictionary(contract, dictionary))
-        self._look_at_answer()
-
-    def _settle(self, source: str, **fields: Any) -> None:
-        """Put into the contract what the graph shows. Raises :class:`ModelError` where it says otherwise."""
-        for name, value in fields.items():
-            stated, where = getattr(self.contract, name), self.contract.sources[name]
-            if stated != value and not where.startswith(_UNSTATED):
-                raise ModelError(
-                    f"{self.path.name}: {name} = {stated!r} ({where}), but the graph's is {value!r}"
-                )
-        sources = {**self.contract.sources, **dict.fromkeys(fields, source)}
-        self.contract = replace(self.contract, **fields, sources=sources)
+        rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
+        if rows.ndim != 2 or rows.shape[1] != len(self._characters):
+            raise ModelError(
+                f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
+                f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
+                f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
+            )
+        if np.isfinite(rows).all():
+            sure = are_probabilities(rows)
+            why = "sum to 1" if sure else "do not sum to 1, so softmax is applied"
+            why = f"the rows of its answer to a grey picture {why}"
+            output = "probabilities" if sure else "logits"
+            self.contract = settled(self.contract, {"output": output}, f"graph: {why}", why)
 
     def _dictionary(self, contract: object, given: Location | None) -> str:
         """The characters, a line each; those of a file become part of the model's identity."""
-        stated = self.contract.dictionary
-        if given is None and stated is None:
+        name, source = self.contract.dictionary, self.contract.sources["dictionary"]
+        if given is None and name is None:
             if DICTIONARY_KEY not in self.metadata:
                 raise ModelError(
                     f"{self.path.name}: nothing says which characters its classes are: "
                     f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
                 )
-            self._settle(f"metadata {DICTIONARY_KEY}", dictionary=None)
-            return self.metadata[DICTIONARY_KEY]
-        if given is not None:
-            file = fetched_file(given)
-            sources = {**self.contract.sources, "dictionary": "given"}
-            self.contract = replace(self.contract, dictionary=file.name, sources=sources)
+            file, source = None, f"metadata {DICTIONARY_KEY}"
+        elif given is not None:
+            file, source = fetched_file(given), "given"
+            name = file.name
         else:
             own = Path(contract) if isinstance(contract, (str, Path)) else self.path
-            file = (own if own.is_file() else self.path).parent / str(stated)
+            file = (own if own.is_file() else self.path).parent / str(name)
+        sources = {**self.contract.sources, "dictionary": source}
+        self.contract = replace(self.contract, dictionary=name, sources=sources)
+        if file is None:
+            return self.metadata[DICTIONARY_KEY]
         try:
             lines = read_text(file)
         except (OSError, ValueError) as error:
@@ -152,59 +303,55 @@ class Recogniser(TextNetwork):
         rows = self._answer(self.prepare(crop))
         if not np.isfinite(rows).all():
             return NOTHING
-        return decode(softmax(rows) if self.contract.output == "logits" else rows, self._characters)
+        return decode(softmax(rows, axis=1) if self.contract.output == "logits" else rows, self._characters)
 
     def read(
         self, image: NDArray[np.uint8], boxes_xyxy: ArrayLike | Sequence[Sequence[float]]
     ) -> list[Reading]:
         """Return the text in each box (left, top, right, bottom), px, of an RGB picture (h, w, 3), uint8.
 
-        A box is read with the contract's margin around it, to whole pixels, inside the picture, on its own: its
-        reading depends on no other box. A box that is empty, or lies outside, reads as no text.
-        Raises ``TypeError`` or ``ValueError`` for a picture of another type or shape.
+        A box is read with the contract's margin around it, to whole pixels, inside the picture, on its own. One that
+        is empty, or lies outside, reads as no text. Raises ``TypeError`` or ``ValueError`` for another picture.
         """
         height, width = picture_size(image)
-        limit = np.array([width, height], np.float64)
+        limit = np.array([width, height] * 2, np.float64)
         readings = []
         for box in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
-            x0, y0, x1, y1 = np.clip(box, 0, np.tile(limit, 2))
+            x0, y0, x1, y1 = np.clip(box, 0, limit)
             if x1 <= x0 or y1 <= y0:
                 readings.append(NOTHING)
                 continue
-            margin = self.contract.margin * (box[3] - box[1])
-            left, top = np.floor(np.clip(box[:2] - margin, 0, limit)).astype(int)
-            right, bottom = np.ceil(np.clip(box[2:] + margin, 0, limit)).astype(int)
-            readings.append(self.read_crop(image[top:bottom, left:right]))
+            margin = self.contract.margin * (box[3] - box[1]) * np.array([-1, -1, 1, 1])
+            left, top, right, bottom = np.clip(box + margin, 0, limit).tolist()
+            crop = image[math.floor(top) : math.ceil(bottom), math.floor(left) : math.ceil(right)]
+            readings.append(self.read_crop(crop))
         return readings
-
-    def _look_at_answer(self) -> None:
-        """Check classes against dictionary, and see what the values are, on a grey crop."""
-        rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
-        if rows.ndim != 2 or rows.shape[1] != len(self._characters):
-            raise ModelError(
-                f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
-                f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
-                f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
-            )
-        if np.isfinite(rows).all():
-            seen, how = "logits", "do not sum to 1, so softmax is applied"
-            if are_probabilities(rows):
-                seen, how = "probabilities", "sum to 1"
-            self._settle(f"graph: the rows of its answer to a grey picture {how}", output=seen)
 
 
 def is_recogniser(model: OnnxModel) -> bool:
     """Whether the model is a recogniser by its graph and what lies beside it, without running it.
 
-    It takes one picture [N, 3, height, width], gives one answer [N, T, C], and either its metadata holds a
-    dictionary under ``character`` or a contract, in a file beside it or its metadata, is of family "ppocr".
+    It takes one picture [N, 3, height, width], gives one answer [N, T, C], and a contract, in a file beside it or its
+    metadata, is of family "ppocr", or no family is stated and its metadata holds a dictionary under ``character``.
     """
     ranks = [[len(entry.shape) for entry in entries] for entries in (model.inputs, model.outputs)]
     if ranks != [[4], [3]] or model.inputs[0].shape[1] != 3:
         return False
+    family = "ppocr" if DICTIONARY_KEY in model.metadata else None
     with suppress(ModelError):
-        found = beside(model.path, model.metadata)
-        if found is None or (contract_file(model.path) is None and DICTIONARY_KEY in model.metadata):
-            return DICTIONARY_KEY in model.metadata
-        return isinstance(found[0], dict) and found[0].get("family") in TEXT_PRESETS
-    return False
+        stated, _ = beside(model.path, model.metadata) or ({}, "")
+        family = stated.get("family", family) if isinstance(stated, dict) else family
+    return family in TEXT_PRESETS
+
+
+def rapidocr_models() -> tuple[Path, Path] | None:
+    """Return the files (text detection, recognition) in the package ``rapidocr`` or, before it,
+    ``rapidocr-onnxruntime``, of which nothing else is used; None where neither holds networks.
+    """
+    for package in ("rapidocr", "rapidocr_onnxruntime"):
+        spec = find_spec(package)
+        for folder in (spec.submodule_search_locations or ()) if spec else ():
+            every = [sorted(Path(folder, "models").glob(f"*_{task}_*.onnx")) for task in ("det", "rec")]
+            if all(every):
+                return every[0][-1], every[1][-1]
+    return None

@@ -2,17 +2,15 @@
 
 Regions come from a map of probabilities (H, W), float32 in [0, 1], by differentiable binarisation (DB): Liao et al.
 (2020), thresholds and offset as in PP-OCR. There the outline is rounded to whole px before and after it is moved
-outwards; here it is not. Convention: x right, y down, edges at integers; a region's corners are those of a turned
-rectangle, from the upper left one clockwise as displayed.
+outwards; here it is not. Convention: x right, y down, edges at integers; a region's corners (4, 2) are those of a
+turned rectangle, from the upper left one clockwise as displayed.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import cv2
 import numpy as np
@@ -20,11 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
-from blurnoise_eval.detectors.formats.placement import lay_in, picture_size
+from blurnoise_eval.detectors.formats.boxes import lay_in, picture_size
 from blurnoise_eval.detectors.model import TIMEOUT_S
-from blurnoise_eval.detectors.ocr.contract import REGION_PRESETS, RegionContract, TextContract
-from blurnoise_eval.detectors.ocr.ctc import NOTHING, Reading
-from blurnoise_eval.detectors.ocr.recogniser import Recogniser, TextNetwork
+from blurnoise_eval.detectors.ocr.recogniser import (
+    REGION_PRESETS,
+    Reading,
+    Recogniser,
+    RegionContract,
+    SpottingContract,
+    TextNetwork,
+    joined,
+)
 from blurnoise_eval.detectors.records import FloatArray
 from blurnoise_eval.system.urls import Location
 
@@ -32,28 +36,6 @@ _STRIDE_PX = 32  # the network halves the picture five times
 _LEAST_SIDE_PX = 3  # of the map
 _MOST_REGIONS = 1000
 _UPRIGHT = 1.5  # height / width from which a region holds a line that runs downwards
-
-
-@dataclass(frozen=True)
-class SpottingContract:
-    """The contracts of both networks; names and sources have "regions." or "text." before them."""
-
-    regions: RegionContract
-    text: TextContract
-
-    @property
-    def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated."""
-        return [*self.regions.assumptions, *self.text.assumptions]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types, and ``sources``."""
-        values: dict[str, Any] = {}
-        sources: dict[str, str] = {}
-        for part, contract in (("regions", self.regions), ("text", self.text)):
-            for name, source in contract.sources.items():
-                values[f"{part}.{name}"], sources[f"{part}.{name}"] = contract.to_dict()[name], source
-        return {**values, "sources": sources}
 
 
 class TextSpotter(TextNetwork):
@@ -80,9 +62,8 @@ class TextSpotter(TextNetwork):
         self.recogniser = recogniser
         self.name = f"{self.path.stem}+{recogniser.name}"
         self.sha256 = hashlib.sha256((self.sha256 + recogniser.sha256).encode()).hexdigest()
-        assumed = RegionContract(sources=dict.fromkeys(RegionContract.names(), "assumed: preset db"))
-        regions = stated_contract(REGION_PRESETS, self.path, self.metadata, contract) or assumed
-        self.contract = SpottingContract(regions, recogniser.contract)
+        regions = stated_contract(REGION_PRESETS, self.path, self.metadata, contract)
+        self.contract = SpottingContract(regions or RegionContract.assumed("preset db"), recogniser.contract)
         height, width = (side or _STRIDE_PX for side in self.fixed_size_px)
         self._probabilities(np.zeros((1, 3, height, width), np.float32))  # a graph of another form fails here
 
@@ -101,9 +82,9 @@ class TextSpotter(TextNetwork):
     ) -> list[Reading]:
         """Return the text in each box (left, top, right, bottom), px, of an RGB picture (h, w, 3), uint8.
 
-        A box has all the lines whose centre lies in it, joined by spaces in reading order, with the mean
-        confidence of their characters; no text without any. By centres and not by overlap, since a box may be
-        drawn around a word, a line or a whole sign, and a detector may break a word in two.
+        A box has all the lines whose centre lies in it, joined by spaces in reading order. By centres and not by
+        overlap, since a box may be drawn around a word, a line or a whole sign, and a detector may break a word in
+        two.
         """
         regions = self._regions(image)
         centres = np.array([corners.mean(axis=0) for corners in regions]).reshape(-1, 2)
@@ -111,27 +92,23 @@ class TextSpotter(TextNetwork):
         readings = []
         for x0, y0, x1, y1 in np.asarray(boxes_xyxy, np.float64).reshape(-1, 4):
             inside = (centres >= (x0, y0)).all(axis=1) & (centres < (x1, y1)).all(axis=1)
-            places = np.flatnonzero(inside).tolist()
+            places = in_reading_order(regions, np.flatnonzero(inside).tolist())
             for place in places:
                 if place not in read:
                     read[place] = self.recogniser.read_crop(straighten(image, regions[place]))
-            lines = [read[place] for place in in_reading_order(regions, places)]
-            readings.append(_joined([line for line in lines if line.text]))
+            readings.append(joined([read[place] for place in places]))
         return readings
 
     def input_size_px(self, height_px: int, width_px: int) -> tuple[int, int]:
         """Return the size (height, width) at which a picture enters the detector: multiples of 32."""
         contract = self.contract.regions
         scale = max(1.0, contract.min_side_px / min(height_px, width_px))
-        scale = min(scale, contract.max_side_px / max(height_px, width_px))
-        height, width = (
-            max(_STRIDE_PX, round(side * scale / _STRIDE_PX) * _STRIDE_PX) for side in (height_px, width_px)
-        )
-        fixed_height, fixed_width = self.fixed_size_px
-        return fixed_height or height, fixed_width or width
+        scale = min(scale, contract.max_side_px / max(height_px, width_px)) / _STRIDE_PX
+        height, width = (max(1, round(side * scale)) * _STRIDE_PX for side in (height_px, width_px))
+        return self.fixed_size_px[0] or height, self.fixed_size_px[1] or width
 
     def _regions(self, image: NDArray[np.uint8]) -> list[FloatArray]:
-        """Corners (4, 2) of each region in px of the picture, best first."""
+        """Corners of each region in px of the picture, best first."""
         height, width = picture_size(image)
         blob, _ = lay_in(image, self.contract.regions.stretched(), self.input_size_px(height, width))
         probabilities = self._probabilities(blob)
@@ -141,8 +118,7 @@ class TextSpotter(TextNetwork):
 
     def _probabilities(self, blob: FloatArray) -> FloatArray:
         """The network's map (h, w) for its input (1, 3, H, W); values that are not finite are no text."""
-        found = self._answer(blob)
-        found = np.nan_to_num(found, nan=0.0, posinf=0.0, neginf=0.0)
+        found = np.nan_to_num(self._answer(blob), nan=0.0, posinf=0.0, neginf=0.0)
         least, most = found.min(initial=0.0), found.max(initial=0.0)
         if found.ndim != 3 or len(found) != 1 or least < -0.01 or most > 1.01:
             seen = f"answers {list(found.shape)}, {least:g} to {most:g}"
@@ -152,8 +128,8 @@ class TextSpotter(TextNetwork):
 
 
 def in_reading_order(regions: Sequence[FloatArray], places: Sequence[int]) -> list[int]:
-    """Return places among regions, corners (4, 2) px, from the top down and, where one's middle is above another's
-    lower edge, from the left."""
+    """Return places among regions, from the top down and, where one's middle is above another's lower edge, from the
+    left."""
     low = {place: regions[place].min(axis=0) for place in places}
     high = {place: regions[place].max(axis=0) for place in places}
     rows: list[list[int]] = []
@@ -165,16 +141,8 @@ def in_reading_order(regions: Sequence[FloatArray], places: Sequence[int]) -> li
     return [place for row in rows for place in sorted(row, key=lambda place: low[place][0])]
 
 
-def _joined(readings: Sequence[Reading]) -> Reading:
-    if not readings:
-        return NOTHING
-    characters = sum(len(reading.text) for reading in readings)
-    confidence = sum(reading.confidence * len(reading.text) for reading in readings) / characters
-    return Reading(" ".join(reading.text for reading in readings), confidence)
-
-
 def find_regions(probabilities: FloatArray, contract: RegionContract) -> list[FloatArray]:
-    """Return the corners (4, 2) of the regions of a map (H, W), in its px, best first; at most a thousand.
+    """Return the corners of the regions of a map (H, W), in its px, best first; at most a thousand.
 
     Best is the highest mean probability. NaN is no text.
     """
@@ -209,13 +177,8 @@ def straighten(image: NDArray[np.uint8], corners: FloatArray) -> NDArray[np.uint
     half = np.float32(0.5)  # OpenCV has pixel centres at integers
     upright = np.array([[0, 0], [width, 0], [0, height]], np.float32) - half
     turned = np.stack([upper_left, upper_right, lower_left]).astype(np.float32) - half
-    crop = cv2.warpAffine(
-        image,
-        cv2.getAffineTransform(turned, upright),
-        (width, height),
-        flags=cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REPLICATE,
-    )
+    how = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REPLICATE}
+    crop = cv2.warpAffine(image, cv2.getAffineTransform(turned, upright), (width, height), **how)
     return np.rot90(crop) if height >= _UPRIGHT * width else crop
 
 
