@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import builtins
 import io
-import json
 import os
 import shlex
 import shutil
@@ -216,8 +215,3 @@ def test_what_is_no_cell_or_no_run_of_detectors_is_refused(run: Run, tmp_path: P
         store.set_about("manifest", manifest)
     with pytest.raises(ValueError, match="text recognisers"):
         Run(folder)
-
-
-def test_the_run_without_a_page(run: Run, tmp_path: Path, capsys: Output) -> None:
-    assert main(["explore", str(run.folder), "-o", str(tmp_path / "seen.png"), "--json"]) == 0
-    assert 0 < json.loads(capsys.readouterr().out)["confidence"] < 1
