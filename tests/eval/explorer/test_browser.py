@@ -8,11 +8,9 @@ import re
 import shlex
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -157,60 +155,6 @@ def seen(tab: Tab) -> NDArray[Any]:
     """The picture that is shown, as the browser has it."""
     shown = tab.run(f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))")
     return cv2.imdecode(np.array(shown, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-
-
-_ATTACK = """async target => {
-  const fails = promise => promise.then(r => `${r.type} ${r.status}`, () => "refused");
-  const socket = url => new Promise(told => {
-    const made = new WebSocket(url);
-    made.onmessage = made.onopen = () => told("open");
-    made.onerror = () => told("refused");
-  });
-  const sio = "_nicegui_ws/socket.io/?EIO=4&transport=";
-  return [
-    await fails(fetch(target)),
-    await fails(fetch(target + sio + "polling")),
-    await fails(fetch(target + "_nicegui/client/0/upload/1", {method: "POST", body: "a"})),
-    await socket(target.replace("http", "ws") + sio + "websocket"),
-  ];
-}"""
-
-
-def test_a_page_of_another_site_gets_nothing(address: str) -> None:
-    """Whether it asks for this machine by its address, or has its own name rebound to it; even with the token."""
-    rebound = base(address).replace("127.0.0.1", "evil.example")
-    with browsers.browser("--host-resolver-rules=MAP evil.example 127.0.0.1") as browser, foreign() as other:
-        tab = browser.tab()
-        tab.open(address)
-        tab.until(READY)
-        assert tab.run(f"({_ATTACK})({base(address)!r})") == ["basic 200", "basic 200", "basic 404", "open"]
-        for name in ("evil.example", "127.0.0.1", "localhost"):
-            for target in (base(address), rebound):
-                tab.open(f"http://{name}:{other}/")
-                tab.until("document.title === 'foreign'")
-                assert tab.run(f"({_ATTACK})({target!r})") == ["refused"] * 4, (name, target)
-        tab.open(rebound)
-        tab.until("document.body?.innerText.includes('not served here')")
-
-
-@contextmanager
-def foreign() -> Iterator[int]:
-    """The port of another site on this machine."""
-
-    class Answers(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>foreign</title><body></body>")
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Answers) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield server.server_address[1]
-        server.shutdown()
 
 
 def test_files_are_taken_or_refused_and_the_page_lives_on(
