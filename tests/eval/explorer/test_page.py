@@ -130,7 +130,7 @@ def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(visit: Visit, l
     page = visit(large, steps)
     assert (
         len(page.of("preview")) == 3
-    )  # at the start, of the first change, and of the newest once that is painted
+    )  # at the start, of the first change, of the newest once that is painted
     assert len(page.of("picture")) == 2
     assert page.of("seen")[-1].state.seed == 8
 
@@ -155,19 +155,16 @@ def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:
         assert part in told
 
 
-def test_without_its_model_a_picture_is_seen_and_the_model_told(visit: Visit) -> None:
+@pytest.mark.parametrize(
+    ("model", "kinds"), [("gone", ["picture", "fails", "seen"]), ("built-in", ["picture", "seen", "curve"])]
+)
+def test_the_picture_comes_first_with_its_model_or_without(
+    model: str, kinds: list[str], visit: Visit
+) -> None:
     async def steps(page: Told) -> None:
-        await until(lambda: page.of("seen"))
+        await until(lambda: len(page.events) == 3)
 
-    page = visit(State(model="gone"), steps)
-    assert [kind for kind, _ in page.events] == ["picture", "fails", "seen"]
-    assert "model = 'gone'" in page.of("fails")[0]
-
-
-def test_the_curve_comes_after_the_picture(visit: Visit) -> None:
-    async def steps(page: Told) -> None:
-        await until(lambda: page.of("curve"))
-
-    page = visit(State(), steps)
-    assert [kind for kind, _ in page.events] == ["picture", "seen", "curve"]
-    assert len(page.of("curve")[0]["data"]) == POINTS
+    page = visit(State(model=model), steps)
+    assert [kind for kind, _ in page.events] == kinds
+    assert all("model = 'gone'" in told for told in page.of("fails"))
+    assert all(len(curve["data"]) == POINTS for curve in page.of("curve"))

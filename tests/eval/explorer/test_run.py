@@ -29,6 +29,7 @@ from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.score_tables import ENOUGH
 from commands import Output
 
 GRID = {
@@ -59,19 +60,6 @@ def frame(run: Run, row: dict[str, object]) -> Any:
     """The picture of a row's cell, computed anew."""
     cell = run.cell(cell_id=str(row["cell_id"]))
     return run.expose(run.scene(run.picture(cell.image)), cell).image
-
-
-@pytest.mark.parametrize(
-    ("asked", "level"), [({"keep": 0.8}, 0.8), ({"threshold": 0.5, "score": "detection_rate"}, 0.9)]
-)
-def test_a_picture_is_held_to_what_the_run_was_asked_of_confidences(
-    asked: dict[str, Any], level: float, tmp_path: Path
-) -> None:
-    """Not to what is usual: a run with --keep 0.8 has its windows at 0.8 in the explorer, too."""
-    plan = SweepPlan({"exposure_s": (0.02,), "illuminance_lux": (50.0,), "gain_db": (float("inf"),)})
-    signs = rendered_signs((32,), count=1)
-    evaluate(pictures=signs, plan=plan, output=tmp_path / "run", threads=1, progress=False, **asked)
-    assert Run(tmp_path / "run").criterion == Criterion(level, kept=True)
 
 
 def test_every_kept_picture_is_computed_anew(run: Run) -> None:
@@ -200,6 +188,21 @@ def test_files_outside_a_foreign_run_are_not_opened(
             looked()
 
 
+def changed(run: Run, folder: Path, key: str, value: object) -> Path:
+    """A copy of the run, something of what it is about changed."""
+    with Store(shutil.copytree(run.folder, folder)) as store:
+        store.set_about(key, value)
+    return folder
+
+
+@pytest.mark.parametrize(("asked", "level"), [({"keep": 0.8}, 0.8), ({"score": "detection_rate"}, 0.9)])
+def test_a_picture_is_held_to_what_the_run_was_asked_of_confidences(
+    asked: dict[str, Any], level: float, run: Run, tmp_path: Path
+) -> None:
+    """Not to what is usual: a run with --keep 0.8 has its windows at 0.8 in the explorer, too."""
+    assert Run(changed(run, tmp_path / "run", ENOUGH, asked)).criterion == Criterion(level, kept=True)
+
+
 def test_what_is_no_cell_or_no_run_of_detectors_is_refused(run: Run, tmp_path: Path) -> None:
     clean = next(str(row["cell_id"]) for row in rows(run) if row["clean"])
     for cell in ("nonsense", clean):
@@ -207,10 +210,6 @@ def test_what_is_no_cell_or_no_run_of_detectors_is_refused(run: Run, tmp_path: P
             run.cell(cell_id=cell)
     with pytest.raises(StoreError):
         Run(tmp_path / "none")
-    folder = shutil.copytree(run.folder, tmp_path / "run")
-    with Store(folder) as store:
-        manifest = store.about("manifest")
-        manifest["models"][0]["kind"] = "reader"
-        store.set_about("manifest", manifest)
+    manifest = {**run.manifest, "models": [{**run.manifest["models"][0], "kind": "reader"}]}
     with pytest.raises(ValueError, match="text recognisers"):
-        Run(folder)
+        Run(changed(run, tmp_path / "run", "manifest", manifest))
