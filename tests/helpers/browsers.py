@@ -1,9 +1,7 @@
-"""A headless Chromium spoken to by its DevTools protocol: pages opened, keys pressed, files chosen, pictures
-taken."""
+"""A headless Chromium spoken to by its DevTools protocol: pages opened, keys pressed, files chosen."""
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
 import subprocess
@@ -125,11 +123,6 @@ class Tab:
         root = self.call("DOM.getDocument")["root"]["nodeId"]
         node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
         self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
-
-    def shot(self, path: Path, whole: bool = False) -> None:
-        """A picture of what is seen."""
-        data = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]
-        path.write_bytes(base64.b64decode(data))
 
     def close(self) -> None:
         self._opened.close()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -68,10 +68,13 @@ def large(catalogue: Catalogue) -> State:
     return replace(QUIET, picture=catalogue.take("large.png", encode(np.full((600, 700, 3), 90, np.uint8))))
 
 
-def shown(
-    catalogue: Catalogue, state: State, steps: Callable[[Told], Any], monkeypatch: pytest.MonkeyPatch
-) -> Told:
-    async def go() -> Told:
+Steps = Callable[[Told], Awaitable[None]]
+Visit = Callable[[State, Steps], Told]
+
+
+@pytest.fixture
+def visit(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> Visit:
+    async def go(state: State, steps: Steps) -> Told:
         page = Told(catalogue, state)
         monkeypatch.setattr(pages, "ui", SimpleNamespace(run_javascript=page.run_javascript))
         loop = asyncio.create_task(page.live())
@@ -79,7 +82,7 @@ def shown(
         loop.cancel()
         return page
 
-    return asyncio.run(asyncio.wait_for(go(), 60))
+    return lambda state, steps: asyncio.run(asyncio.wait_for(go(state, steps), 60))
 
 
 async def until(ready: Callable[[], Any]) -> None:
@@ -87,16 +90,14 @@ async def until(ready: Callable[[], Any]) -> None:
         await asyncio.sleep(0.01)
 
 
-def test_of_many_changes_the_last_is_seen_exactly_and_few_between(
-    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_many_changes_the_last_is_seen_exactly_and_few_between(visit: Visit, catalogue: Catalogue) -> None:
     async def steps(page: Told) -> None:
         await until(lambda: page.of("seen"))
         for number in range(200):
             page.show(replace(QUIET, seed=number))
         await until(lambda: page.of("seen")[-1].state.seed == 199)
 
-    page = shown(catalogue, QUIET, steps, monkeypatch)
+    page = visit(QUIET, steps)
     assert len(page.of("seen")) <= 3
     content = page.files[page.of("picture")[-1].rpartition("/")[2]]
     decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
@@ -105,21 +106,17 @@ def test_of_many_changes_the_last_is_seen_exactly_and_few_between(
     assert [*page.files] == names[-6:]
 
 
-def test_a_large_picture_is_seen_smaller_first(
-    catalogue: Catalogue, large: State, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_picture_is_seen_smaller_first(visit: Visit, large: State) -> None:
     async def steps(page: Told) -> None:
         await until(lambda: page.of("seen"))
         page.show(replace(large, seed=4))
         await until(lambda: len(page.of("seen")) == 2)
 
-    page = shown(catalogue, large, steps, monkeypatch)
+    page = visit(large, steps)
     assert [kind for kind, _ in page.events] == ["preview", "picture", "seen"] * 2
 
 
-def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(
-    catalogue: Catalogue, large: State, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(visit: Visit, large: State) -> None:
     async def steps(page: Told) -> None:
         await until(lambda: page.of("seen"))
         page.paints = False
@@ -130,17 +127,15 @@ def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(
         page._painted.set()
         await until(lambda: len(page.of("seen")) == 2)
 
-    page = shown(catalogue, large, steps, monkeypatch)
+    page = visit(large, steps)
     assert (
         len(page.of("preview")) == 3
-    )  # at the start, of the first change, and of the newest once that is painted
+    )  # at the start, of the first change, of the newest once that is painted
     assert len(page.of("picture")) == 2
     assert page.of("seen")[-1].state.seed == 8
 
 
-def test_what_cannot_be_seen_is_said_and_the_page_goes_on(
-    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:
     wrong = {
         "camera = 'gone'": replace(QUIET, camera="gone"),
         "read_noise_e": QUIET.put("read_noise_e", -3.0),
@@ -155,26 +150,21 @@ def test_what_cannot_be_seen_is_said_and_the_page_goes_on(
         page.show(replace(QUIET, seed=5))
         await until(lambda: len(page.of("seen")) == 2)
 
-    page = shown(catalogue, QUIET, steps, monkeypatch)
+    page = visit(QUIET, steps)
     for told, part in zip(page.of("fails"), wrong, strict=True):
         assert part in told
 
 
-def test_without_its_model_a_picture_is_seen_and_the_model_told(
-    catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("model", "kinds"), [("gone", ["picture", "fails", "seen"]), ("built-in", ["picture", "seen", "curve"])]
+)
+def test_the_picture_comes_first_with_its_model_or_without(
+    model: str, kinds: list[str], visit: Visit
 ) -> None:
     async def steps(page: Told) -> None:
-        await until(lambda: page.of("seen"))
+        await until(lambda: len(page.events) == 3)
 
-    page = shown(catalogue, State(model="gone"), steps, monkeypatch)
-    assert [kind for kind, _ in page.events] == ["picture", "fails", "seen"]
-    assert "model = 'gone'" in page.of("fails")[0]
-
-
-def test_the_curve_comes_after_the_picture(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def steps(page: Told) -> None:
-        await until(lambda: page.of("curve"))
-
-    page = shown(catalogue, State(), steps, monkeypatch)
-    assert [kind for kind, _ in page.events] == ["picture", "seen", "curve"]
-    assert len(page.of("curve")[0]["data"]) == POINTS
+    page = visit(State(model=model), steps)
+    assert [kind for kind, _ in page.events] == kinds
+    assert all("model = 'gone'" in told for told in page.of("fails"))
+    assert all(len(curve["data"]) == POINTS for curve in page.of("curve"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -28,7 +27,7 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.scoring.on_picture import NOTHING, Sight
 from blurnoise_models.detector import STOP_SIGN
 
-from blurnoise import Camera, ExposedScene, Exposure, photoelectrons
+from blurnoise import Camera, Exposure, photoelectrons
 
 CAMERA = Camera.preset("imx250")
 STATE = State()
@@ -42,13 +41,6 @@ def seen(state: State, subject: Subject, model: Detector | None = None) -> Rende
 @pytest.fixture(scope="module")
 def signs() -> Subject:
     return Subject(rendered_signs(count=1).pictures[0])
-
-
-def test_the_picture_has_the_simulators_bits(signs: Subject) -> None:
-    state = replace(STATE.put("gain_db", 6.0), seed=5)
-    (frame,) = ExposedScene.of_picture(signs.original).frames([state.at.exposure(CAMERA, 5)])
-    assert np.array_equal(signs.frame(state, CAMERA).image, frame.picture)
-    assert not np.array_equal(signs.frame(replace(state, seed=6), CAMERA).image, frame.picture)
 
 
 def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from urllib.parse import urlencode
 
 import pytest
@@ -93,23 +93,17 @@ def test_a_wrong_query_says_what_is_wrong(query: str, told: str) -> None:
     assert told in str(error.value)
 
 
-_HOSTILE = (
-    "own", "auto", "", "nan", "-inf", "1e999", "1e308", "1e-320", "-0", "1", "0.5", "²", "١٢", "\0", "\udcff",
-    "9" * 5000, "1_0", " 1 ", "1,2", "[]", "%", "a=b=c", "sign-0", "sign-²", "run", "run/x", "given",
-    "../../etc/passwd", "/dev/zero", "none", "built-in", "all", "<script>", "a" * 100_000,
+@pytest.mark.parametrize(
+    "value",
+    ["own", "auto", "", "nan", "-inf", "1e999", "1e-320", "-0", "0.5", "²", "\0", "\udcff", "9" * 5000, "1_0", " 1 ",
+     "a=b=c", "sign-²", "run/x", "../../etc/passwd", "none", "all", "<script>", "a" * 100_000],
+    ids=lambda value: repr(value[:20]),
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def catalogue() -> Catalogue:
-    return Catalogue()
-
-
-@pytest.mark.parametrize("value", _HOSTILE, ids=lambda value: repr(value[:20]))
-def test_whatever_a_url_says_it_is_a_state_or_a_line(value: str, catalogue: Catalogue) -> None:
+def test_whatever_a_url_says_it_is_a_state_or_a_line(value: str) -> None:
     """Of every parameter and figure."""
-    names = [*(each.name for each in fields(State) if each.name not in ("at", "figures")), *map(key, AXES)]
-    for name in [*names, *map(key, FIGURES), "token", ""]:
+    catalogue = Catalogue()
+    names = ["picture", "camera", "model", "cell", "seed", "token", "", *map(key, (*AXES, *FIGURES))]
+    for name in names:
         try:
             state = catalogue.start(urlencode([(name, value)], errors="surrogatepass"))
         except (ValueError, TypeError):
