@@ -38,8 +38,7 @@ def cameras(
         show(tables.overview(list(PRESETS.values())))
         return
     found = tables.find(camera)
-    if save:
-        found.save(save)
     show(tables.figures(found))
     if save:
+        found.save(save)
         say(save)

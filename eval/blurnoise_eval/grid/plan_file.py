@@ -44,7 +44,7 @@ class _Axes(Settings):
 def with_axes(panel: str, metavar: str, defaults: Mapping[str, str] | None = None) -> Any:
     """The class of a table of axes; defaults: in place of a sweep's, by the setting's name."""
     if defaults is None:
-        defaults = {each.key: each.default_text for each in AXES if each.default}
+        defaults = {each.key: ",".join(map(each.typed, each.default)) for each in AXES if each.default}
     made = []
     for each in AXES:
         about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
