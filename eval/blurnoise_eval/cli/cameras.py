@@ -38,7 +38,7 @@ def cameras(
         show(tables.overview(list(PRESETS.values())))
         return
     found = tables.find(camera)
-    show(tables.figures(found))
     if save:
         found.save(save)
-        say(save)
+    show(tables.figures(found))
+    say(*filter(None, [save]))

@@ -120,9 +120,7 @@ class PlanFile(with_axes("Conditions, each as 1,5,10 or low:high", "LIST"), Taki
     dictionary: str | None = setting(None, "a file with a recogniser's characters, a line each")
     text_detector: str | None = setting(None, "PP-OCR's network that finds text (default: known boxes)")
     model_timeout_s: float = setting(MODEL_TIMEOUT_S, "for loading a model, and for its first answer, s")
-    images: str | None = setting(
-        None, "a folder; of --labels, or what is found in the original pictures counts as target", "DIR"
-    )
+    images: str | None = setting(None, "pictures; without --labels, targets are what is found in them", "DIR")
     labels: str | None = setting(
         None,
         "COCO instances, YOLO's data.yaml or folder, BDD100K's JSON, or PP-OCR's texts (.txt)",
