@@ -41,5 +41,4 @@ def cameras(
     if save:
         found.save(save)
     show(tables.figures(found))
-    if save:
-        say(save)
+    say(*filter(None, [save]))

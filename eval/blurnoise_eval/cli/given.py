@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from blurnoise_eval.system.terminal import say_wrapped
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from blurnoise_eval.scoring.on_picture import Model
     from blurnoise_eval.system.urls import Location
 
-Labels = Literal["coco", "yolo", "bdd", "text"]
 _HEAD = 4096  # bytes of a file of labels that show which kind it is
 
 
@@ -83,8 +82,8 @@ def _place(name: str, text: str | None) -> Any:
         raise ValueError(f"{name} = {error}") from None
 
 
-def kind_of(labels: Location) -> Labels:
-    """Which labels a file or folder holds, by its name and first bytes."""
+def kind_of(labels: Location) -> str:
+    """Which labels a file or folder holds, coco, yolo, bdd or text, by its name and first bytes."""
     suffix = labels.suffix.lower()
     if suffix in (".yaml", ".yml") or labels.is_dir():
         return "yolo"

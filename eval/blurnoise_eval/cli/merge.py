@@ -6,9 +6,9 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
-from blurnoise_eval.cli._options import Location, new_place, place
+from blurnoise_eval.cli._options import Folder, Location, place
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 
@@ -18,12 +18,7 @@ def merge(
         list[Location], Argument(parser=place, metavar="RUN...", help="folders or URLs of parts")
     ],
     *,
-    output: Annotated[
-        Location,
-        Option(
-            "-o", "--output", parser=new_place, metavar="DIR", help="a new folder or URL for the joined run"
-        ),
-    ],
+    output: Folder,
 ) -> None:
     """Join the runs of a sweep's parts to the run of the whole, every cell once.
 

@@ -131,11 +131,6 @@ class Axis:
         """Its name in files of settings: the option's."""
         return self.option.lstrip("-").replace("-", "_")
 
-    @property
-    def default_text(self) -> str:
-        """The values of a sweep, as they are typed."""
-        return ",".join("auto" if value == AUTOMATIC else f"{self.shown(value):g}" for value in self.default)
-
     def values(self, stated: float | str | Iterable[float | str]) -> tuple[float, ...]:
         """Values of an option or a file, in the option's unit, :meth:`checked` and in the column's.
 
@@ -167,6 +162,12 @@ class Axis:
         """The value in the option's unit, as axes of figures and tables have it."""
         return value / self.per_option
 
+    def typed(self, value: float) -> str:
+        """The value as it is typed."""
+        if self.automatic and value == AUTOMATIC:
+            return "auto"
+        return self.choices[int(value)] if self.choices else f"{self.shown(value):g}"
+
     def text(self, value: float) -> str:
         """The value for captions, unit included."""
         if self.automatic and value == AUTOMATIC:
@@ -177,9 +178,8 @@ class Axis:
 
     def slug(self, value: float) -> str:
         """The value for names of files."""
-        if self.automatic and value == AUTOMATIC:
-            return "auto"
-        return self.slugs.format(self.choices[int(value)] if self.choices else f"{self.shown(value):g}")
+        typed = self.typed(value)
+        return typed if typed == "auto" else self.slugs.format(typed)
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def with_axes(
     """The class of a table of axes; defaults: in place of a sweep's, by the setting's name. axes: default all."""
     axes = axes or AXES
     if defaults is None:
-        defaults = {each.key: each.default_text for each in axes if each.default}
+        defaults = {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
     made = []
     for each in axes:
         about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
@@ -124,9 +124,7 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     dictionary: str | None = setting(None, "a file with a recogniser's characters, a line each")
     text_detector: str | None = setting(None, "PP-OCR's network that finds text (default: known boxes)")
     model_timeout_s: float = setting(MODEL_TIMEOUT_S, "for loading a model, and for its first answer, s")
-    images: str | None = setting(
-        None, "a folder; of --labels, or what is found in the original pictures counts as target", "DIR"
-    )
+    images: str | None = setting(None, "pictures; without --labels, targets are what is found in them", "DIR")
     labels: str | None = setting(
         None,
         "COCO instances, YOLO's data.yaml or folder, BDD100K's JSON, or PP-OCR's texts (.txt)",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -92,20 +90,3 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["bad.yaml"]
     if len(arguments) == 1:
         refused(capsys, named, "sweep", "--camera", *arguments, "-o", "run")
-
-
-@pytest.mark.slow
-def test_help_and_list_are_light() -> None:
-    """The help imports nothing heavy; the list draws nothing."""
-    code = (
-        "import sys\nfrom blurnoise_eval.cli import main\n"
-        "try: main(sys.argv[1:])\nexcept SystemExit: pass\n"
-        "print(sorted({'torch', 'numpy', 'matplotlib', 'yaml', 'rich', 'onnxruntime'} & set(sys.modules)))"
-    )
-
-    def heavy(*arguments: str) -> str:
-        command = [sys.executable, "-c", code, *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
-
-    assert heavy("cameras", "--help") == "['rich']"  # lays the help out
-    assert "matplotlib" not in heavy("cameras")
