@@ -80,12 +80,6 @@ def test_without_labels(sets: dict[str, Path]) -> None:
     assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
 
 
-def test_split_is_chosen(sets: dict[str, Path]) -> None:
-    assert len(chosen(labels=sets["yolo"], split="val")) == 2
-    with pytest.raises(ValueError, match="none': no such folder"):
-        chosen(labels=sets["yolo"], split="train")
-
-
 @pytest.mark.parametrize(
     ("settings", "fault"),
     [
