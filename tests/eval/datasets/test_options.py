@@ -67,13 +67,6 @@ def test_labels_are_told_apart_by_name_and_first_bytes(tmp_path: Path) -> None:
     assert given.kind_of(tmp_path) == "yolo"
 
 
-@pytest.mark.parametrize("kind", ["coco", "bdd", "yolo"])
-def test_pictures_without_the_target_can_stay(sets: dict[str, Path], kind: str) -> None:
-    options: dict[str, Any] = {"labels": sets[kind], "images": sets["images"], "target": "sign"}
-    assert [picture.name for picture in chosen(**options)] == ["a.png"]
-    assert [len(picture.targets or ()) for picture in chosen(**options, keep_empty=True)] == [1, 0]
-
-
 def test_without_labels(sets: dict[str, Path]) -> None:
     assert chosen(images=sets["images"]).kind == "folder"
     assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60
