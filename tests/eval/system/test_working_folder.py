@@ -86,7 +86,10 @@ def test_what_cannot_be_put_stays_and_is_named(tmp_path: Path, monkeypatch: pyte
         raise PermissionError
 
     monkeypatch.setattr(type(RUN.fs), "put", denied)
-    with pytest.raises(OSError, match=r"denied.*; what was not put is in") as told, written_run(RUN) as folder:
+    with (
+        pytest.raises(OSError, match=r"denied.*; what was not put is in") as told,
+        written_run(RUN) as folder,
+    ):
         work(folder.path, results_sqlite="rows")
     (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
     assert here.read_text() == "rows"
