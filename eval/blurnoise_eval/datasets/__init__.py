@@ -7,7 +7,6 @@ strictly: what cannot be meant is a ``ValueError`` of one line that names the fi
 from blurnoise_eval.datasets.cut_outs import check_cut, cut_out
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
-    MOST_MEGAPIXELS,
     content,
     decode,
     decode_linear,
@@ -24,7 +23,6 @@ from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, r
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "MOST_MEGAPIXELS",
     "RENDERED_SIZE_PX",
     "Image",
     "Picture",

@@ -163,11 +163,8 @@ def sizes_px(folder: Location, names: Sequence[str]) -> dict[str, tuple[int, int
         except UnreadablePicture:
             return None
 
-    return {
-        name: found
-        for name, found in for_each({name: folder / name for name in names}, size).items()
-        if found
-    }
+    found = for_each({name: folder / name for name in names}, size)
+    return {name: each for name, each in found.items() if each}
 
 
 def content(picture: Image) -> str:

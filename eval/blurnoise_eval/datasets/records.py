@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from blurnoise.scene.cutting import Cut
+from blurnoise.scene.cutting import Cut
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 

@@ -9,22 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+import torch
 from numpy.random import Generator
 from numpy.typing import NDArray
+from torch import Tensor
 
+from blurnoise import charts
 from blurnoise._core.checks import integer
 from blurnoise._core.rng import LAST_SEED
+from blurnoise.blur.layers import Layer
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.scene.cutting import Cut
 from blurnoise_eval.datasets.records import Picture, PictureSet, Target
-
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from blurnoise.blur.layers import Layer
-    from blurnoise.scene.cutting import Cut
 
 RENDERED_SIZE_PX = 320
 RENDERED_PICTURES = 20
@@ -60,8 +60,6 @@ class _Scene(NamedTuple):
 
     def background(self) -> Tensor:
         """What is behind the signs, (1, 3, N, N)."""
-        import torch
-
         rng = np.random.default_rng([self.seed, self.number])
         return torch.from_numpy(background(self.number, rng, RENDERED_SIZE_PX))
 
@@ -71,8 +69,6 @@ class _Scene(NamedTuple):
 
     def cut(self) -> Cut:
         """The signs as layers, and what is behind them: nothing of it is invented."""
-        from blurnoise.scene.cutting import Cut
-
         behind = self.background()
         return Cut(behind, tuple(map(_layer, self.signs)), np.zeros(behind.shape[-2:], bool))
 
@@ -92,10 +88,8 @@ def rendered_signs(
     of the sign in height. Raises ``TypeError`` or ``ValueError`` for sizes that do not fit, a count that is no
     integer from 1 to 10000, a seed that is none from 0 on.
     """
-    from blurnoise.charts import stop_sign_box
-
     for size in sizes_px:
-        stop_sign_box(size, **_FRAME)
+        charts.stop_sign_box(size, **_FRAME)
     room_px = RENDERED_SIZE_PX - _APART_PX * (len(sizes_px) + 1)
     if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > room_px:
         raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
@@ -105,10 +99,8 @@ def rendered_signs(
     pictures = []
     for number in range(count):
         scene = _Scene(_placed(sizes_px, number, seed), number, seed)
-        name, identity = (
-            f"stop-signs-{listed}px-{number + 1:02}",
-            f"rendered {listed} px, {number} of seed {seed}",
-        )
+        name = f"stop-signs-{listed}px-{number + 1:02}"
+        identity = f"rendered {listed} px, {number} of seed {seed}"
         targets = tuple(_target(sign, reads) for sign in scene.signs)
         pictures.append(Picture(name, targets, scene.load, identity, number + 1, scene.cut))
     what = "texts of stop signs" if reads else "stop signs"
@@ -121,12 +113,10 @@ rendered_texts = partial(rendered_signs, reads=True)
 
 
 def _target(sign: _Sign, reads: bool) -> Target:
-    from blurnoise.charts import stop_sign_box, stop_sign_text_box
-
     if not reads:
-        box = stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+        box = charts.stop_sign_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
         return Target("stop sign", f"stop sign {sign.group_px:g} px", box)
-    box = stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
+    box = charts.stop_sign_text_box(sign.size_px, centre_px=sign.centre_px, **_FRAME)
     return Target("text", f"STOP on a sign of {sign.group_px:g} px", box, text="STOP")
 
 
@@ -151,9 +141,6 @@ def _placed(sizes_px: Sequence[float], number: int, seed: int) -> tuple[_Sign, .
 
 @lru_cache(maxsize=2 * RENDERED_PICTURES)  # 0.3 MB and 0.1 s each; sweeps load some twice
 def _rendered(scene: _Scene) -> NDArray[np.uint8]:
-    from blurnoise import charts
-    from blurnoise.optics.colour import srgb_from_linear
-
     picture = scene.background()
     for sign in scene.signs:
         picture = charts.stop_sign(sign.size_px, centre_px=sign.centre_px, background=picture)
@@ -163,9 +150,6 @@ def _rendered(scene: _Scene) -> NDArray[np.uint8]:
 
 def _layer(sign: _Sign) -> Layer:
     """From the sign before black, which is its light times its matte, and before white."""
-    from blurnoise import charts
-    from blurnoise.blur.layers import Layer
-
     where: Any = {"centre_px": sign.centre_px, **_FRAME}
     x0, y0, x1, y1 = charts.stop_sign_box(sign.size_px, **where)
     left, top, right, bottom = math.floor(x0), math.floor(y0), math.ceil(x1), math.ceil(y1)

@@ -11,13 +11,9 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING
 
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.urls import Location, cache_folder, explained, is_url, listing, without_secrets
-
-if TYPE_CHECKING:
-    from upath import UPath
 
 _READ = (RUN_FILE, "examples/", "coco/instances.json")  # files of a run that are read again
 
@@ -27,7 +23,7 @@ class WorkingFolder:
     """``path``, and the ``url`` that it stands for, if any."""
 
     path: Path
-    url: UPath | None = None
+    url: Location | None = None
 
     def told(self, text: object) -> str:
         """The text with the URL in place of the folder's path."""
@@ -73,8 +69,14 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
         changed = [name for name, held in listing(path).items() if held != before.get(name)]
         left_out = (".", f"{RUN_FILE}-", *([] if results else [RUN_FILE]))  # SQLite's own, unfinished files
         changed = [name for name in changed if not Path(name).name.startswith(left_out)]
-        with explained(where):
-            where.fs.put([str(path / name) for name in changed], [(where / name).path for name in changed])
+        try:
+            with explained(where):
+                where.fs.put(
+                    [str(path / name) for name in changed], [(where / name).path for name in changed]
+                )
+        except OSError as error:
+            why = f"{error.strerror}; what was not put is in {path}"
+            raise type(error)(error.errno, why, error.filename) from None
         shutil.rmtree(path)
 
 
@@ -88,7 +90,7 @@ def output_folder(where: Location) -> AbstractContextManager[WorkingFolder]:
     return written_run(where, fetch=False, results=False)
 
 
-def _found(url: UPath) -> dict[str, str]:
+def _found(url: Location) -> dict[str, str]:
     with suppress(FileNotFoundError):
         return listing(url)
     return {}

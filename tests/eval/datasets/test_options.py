@@ -67,12 +67,6 @@ def test_labels_are_told_apart_by_name_and_first_bytes(tmp_path: Path) -> None:
     assert given.kind_of(tmp_path) == "yolo"
 
 
-@pytest.mark.parametrize("kind", ["coco", "bdd", "yolo"])
-def test_pictures_with_the_target_alone(sets: dict[str, Path], kind: str) -> None:
-    found = chosen(labels=sets[kind], images=sets["images"], target="sign")
-    assert [picture.name for picture in found] == ["a.png"]
-
-
 def test_without_labels(sets: dict[str, Path]) -> None:
     assert chosen(images=sets["images"]).kind == "folder"
     assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60

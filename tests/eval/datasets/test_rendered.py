@@ -95,20 +95,6 @@ def test_texture_falls_as_one_over_frequency() -> None:
     assert falls == pytest.approx(4**3, rel=0.25)  # 10 fields of hundreds of modes; clipping takes a little
 
 
-def test_outside_the_signs_is_the_background() -> None:
-    import torch
-
-    from blurnoise.optics.colour import srgb_from_linear
-
-    for number, picture in enumerate(rendered_signs(count=KINDS)):
-        image, outside = picture.load(), np.ones((RENDERED_SIZE_PX,) * 2, bool)
-        for x0, y0, x1, y1 in boxes(picture):
-            outside[int(y0) : int(np.ceil(y1)), int(x0) : int(np.ceil(x1))] = False
-        bare = srgb_from_linear(torch.from_numpy(reflectance(number))).mul(255).round().byte().numpy()
-        np.testing.assert_array_equal(image[outside], bare.transpose(1, 2, 0)[outside])
-        assert not (image == bare.transpose(1, 2, 0)).all(axis=2)[~outside].all()
-
-
 def test_a_picture_depends_on_seed_and_number_alone() -> None:
     few, many, other = (rendered_signs(count=count, seed=seed) for count, seed in ((5, 0), (12, 0), (5, 1)))
     for a, b, c in zip(few, many, other, strict=False):

@@ -56,15 +56,6 @@ def test_two_writers_of_one_file_do_not_share_what_is_unfinished(tmp_path: Path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["table.csv"]
 
 
-def test_a_file_is_on_disk_before_it_takes_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, synced = tmp_path / "table.csv", []
-    monkeypatch.setattr(os, "fsync", lambda handle: synced.append((os.fstat(handle).st_size, path.exists())))
-    write_whole(path, b"data")
-    assert synced[0] == (4, False)
-    assert len(synced) == 2  # the folder, with the new name
-    assert synced[1][1]
-
-
 @pytest.mark.parametrize("name", ["no folder/a.csv", "n" * 255 + ".csv", "folder"])
 def test_errors_name_the_file_that_was_asked_for(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder").mkdir()
@@ -95,6 +86,11 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(
         assert synced[-1] == tmp_path.name
         assert [file.name for file in tmp_path.iterdir()] == ["table"]
         assert (tmp_path / "table" / "below" / "part").read_text() == text
+    synced.clear()
+    write_whole(tmp_path / "table" / "file", b"data")
+    assert len(synced) == 2, "the file before it takes its name, and the folder with the new name"
+    assert synced[0].endswith(".partial")
+    (tmp_path / "table" / "file").unlink()
     with pytest.raises(FileExistsError), written_whole(tmp_path / "table") as unfinished:
         unfinished.mkdir(parents=not unfinished.mkdir())
     with pytest.raises(OSError, match="table'"), written_whole(tmp_path / "table", over=False) as unfinished:

@@ -111,18 +111,11 @@ def test_denied(wire: Wire) -> None:
     assert list(versions(location(f"s3://{BUCKET}"), names)) == ["a.bin", "sub/b.bin"]
 
 
-@pytest.mark.parametrize("url", [f"s3://{BUCKET}/none", "s3://no-such-bucket/a"])
-def test_missing(url: str, wire: Wire) -> None:
-    with pytest.raises(FileNotFoundError, match="no such object") as told:
-        read(url)
-    assert told.value.filename == url
-
-
-def test_changed_since_it_was_looked_up(wire: Wire) -> None:
-    known = version(location(A))
-    location(A).write_bytes(b"other" * 1000)  # as many bytes
-    with pytest.raises(OSError, match="has changed"):
-        read(A, known)
+def test_missing(wire: Wire) -> None:
+    for url in (f"s3://{BUCKET}/none", "s3://no-such-bucket/a"):
+        with pytest.raises(FileNotFoundError, match="no such object") as told:
+            read(url)
+        assert told.value.filename == url
 
 
 def test_no_such_host(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,6 +81,21 @@ def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path: Path) -> 
     assert here.read_text() == "rows of this one"
 
 
+def test_what_cannot_be_put_stays_and_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(type(RUN.fs), "put", denied)
+    with (
+        pytest.raises(OSError, match=r"denied.*; what was not put is in") as told,
+        written_run(RUN) as folder,
+    ):
+        work(folder.path, results_sqlite="rows")
+    (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
+    assert here.read_text() == "rows"
+    assert str(here.parent) in str(told.value)
+
+
 def test_reading_leaves_the_results_as_they_are(tmp_path: Path) -> None:
     (RUN / RUN_FILE).write_bytes(b"rows")
     with read_run(RUN) as folder:
