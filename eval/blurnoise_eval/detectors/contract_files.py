@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from typing_extensions import TypeVar
 
-from blurnoise._core.checks import an_instance, shown
+from blurnoise._core.checks import an_instance, known, shown
 from blurnoise._core.files import json_of
 from blurnoise_eval.detectors.contract import (
     COCO80,
@@ -127,18 +126,14 @@ def load_contract(name_or_path: str | Path, presets: Mapping[str, Kind] = PRESET
 def _completed(base: Kind, stated: Mapping[str, Any], source: str) -> Kind:
     """``base`` with what ``source`` states. Raises :class:`ModelError` for another key and a bad value."""
     values: dict[str, Any] = {}
-    for name, value in stated.items():
-        field = SHORT_NAMES.get(name, name)
-        if field in values:
-            raise ModelError(f"{source}: {field} is stated twice")
-        if field not in (*base.names(), "sources"):
-            near = get_close_matches(str(name)[:99], base.names(), n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            known = ", ".join(base.names())
-            raise ModelError(f"{source}: unknown key {shown(name)}; known are {known}{hint}")
-        values[field] = value
-    values["sources"] = {**base.sources, **dict.fromkeys(values, source)}
     try:
+        for name, value in stated.items():
+            field = SHORT_NAMES.get(name, name)
+            if field in values:
+                raise ValueError(f"{field} is stated twice")
+            known("key", field, [*base.names(), "sources"])
+            values[field] = value
+        values["sources"] = {**base.sources, **dict.fromkeys(values, source)}
         return replace(base, **values)
     except (TypeError, ValueError) as error:
         raise ModelError(f"{source}: {error}") from None
@@ -181,7 +176,7 @@ def contract_option(contract: Contract) -> str | None:
 
 def contract_document(contract: Contract) -> dict[str, Any]:
     """What a contract's file holds: every field but the sources, COCO's classes by their short name."""
-    known = {COCO80: "coco80", COCO91: "coco91"}
-    document = contract.to_dict() | {"classes": known.get(contract.classes, list(contract.classes))}
+    short = {COCO80: "coco80", COCO91: "coco91"}
+    document = contract.to_dict() | {"classes": short.get(contract.classes, list(contract.classes))}
     del document["sources"]
     return document

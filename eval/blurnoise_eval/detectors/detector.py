@@ -105,19 +105,11 @@ class Detector(OnnxModel):
         each. Candidates with NaN are dropped, counted in ``non_finite_values_here`` and warned of once. Raises
         :class:`ModelError` if scores exceed 1, which no family's do, or for a class without a name.
         """
-        candidates = self._candidates(outputs, placement, min_score)
-        return self._counted(candidates, placement, min_score, max_detections)
+        return self._found(outputs, placement, min_score, max_detections)[1]
 
-    def _counted(
-        self, candidates: Candidates, placement: Placement, min_score: float, most: int
-    ) -> Detections:
-        if self.family.several_classes:
-            candidates = candidates.with_classes(min_score)
-        return self._kept(candidates, placement, most)
-
-    def _candidates(
-        self, outputs: Sequence[FloatArray], placement: Placement, min_score: float
-    ) -> Candidates:
+    def _found(
+        self, outputs: Sequence[FloatArray], placement: Placement, min_score: float, most: int
+    ) -> tuple[Candidates, Detections]:
         self._count_non_finite(outputs)
         own_size = self.contract.resize == "none"
         size_px = (placement.height_px, placement.width_px) if own_size else self.input_size_px
@@ -132,7 +124,8 @@ class Detector(OnnxModel):
                 f"{self.path.name}: finds class {found.class_ids.max()}, counted from 0, but the contract "
                 f"names {len(self.contract.classes)} ({self.contract.sources['classes']}); a background is named, too"
             )
-        return found
+        counted = found.with_classes(min_score) if self.family.several_classes else found
+        return found, self._kept(counted, placement, most)
 
     def _kept(
         self, candidates: Candidates, placement: Placement, most: int, per_class: int | None = None
@@ -172,8 +165,7 @@ class Detector(OnnxModel):
         suppressed within each class. None where the graph has one score a box, or one class.
         """
         outputs, placement = self._answers(image)
-        candidates = self._candidates(outputs, placement, MIN_SCORE)
-        found = self._counted(candidates, placement, MIN_SCORE, MOST_DETECTIONS)
+        candidates, found = self._found(outputs, placement, MIN_SCORE, MOST_DETECTIONS)
         each = candidates.class_scores
         if each is None or each.shape[1] == 1:
             return found, None

@@ -60,7 +60,7 @@ def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
     [
         ("yolox,mean=0.5", "mean = .*: must be three numbers"),
         ("yolox,mean=a/b/c", "mean = .*: must be three numbers"),
-        ("yolox,tint=rgb", "unknown key 'tint'"),
+        ("yolox,tint=rgb", "key 'tint' is unknown"),
         ("yolox,colour=grb", "colour = 'grb'"),
         ("yolo99,colour=rgb", "contract 'yolo99': neither a file nor a preset"),
         ("yolox,colour", "contract 'yolox,colour': neither a file nor a preset"),
@@ -97,8 +97,8 @@ def test_a_file_may_say_what_differs_from_its_base() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"tint": "rgb"}, "unknown key 'tint'"),
-        ({"colours": "rgb"}, "known are .*; did you mean 'colour'.$"),
+        ({"tint": "rgb"}, "key 'tint' is unknown; Known are"),
+        ({"colours": "rgb"}, "did you mean 'colour'. Known are"),
         ({"colour": "grb"}, "colour = 'grb': must be one of"),
         ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
         ({"mean": [10**400, 0, 0]}, "mean = .*: must be three numbers"),

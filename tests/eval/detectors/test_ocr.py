@@ -14,7 +14,6 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.ocr import Reading, Recogniser
 from constant_graphs import answering_graph
 from numpy.typing import NDArray
-from onnx import TensorProto
 
 
 def bands(letters: str, *, height: int = 48, width: int = 48) -> NDArray[np.uint8]:
@@ -60,24 +59,6 @@ def test_input_is_the_crop_normalised_beside_zeros(
     assert not blob[..., filled:].any()
 
 
-@pytest.mark.parametrize(
-    ("dtype", "shape"),
-    [
-        (TensorProto.FLOAT16, ("N", 48, "W")),
-        (TensorProto.FLOAT, (1, "H", 320)),
-        (TensorProto.FLOAT, (3, "H", "W")),
-    ],
-)
-def test_declared_types_and_sizes(
-    tmp_path: Path, dtype: int, shape: tuple[int | str, int | str, int | str]
-) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx", shape=shape, dtype=dtype))
-    assert one_text(recogniser, bands("r-g")) == "rg"
-    assert recogniser.prepare(bands("r-g", width=480)).shape[3] == (1440 if shape[2] == "W" else 320)
-    assert one_text(recogniser, bands("r-gbr", width=480)) == "rgbr"  # squeezed where the width is fixed
-    assert recogniser.contract.output == "probabilities"
-
-
 def test_height_is_the_graphs(tmp_path: Path) -> None:
     path = band_reader(tmp_path / "m.onnx", shape=("N", 32, "W"), height=32)
     recogniser = Recogniser(path)
@@ -118,24 +99,6 @@ def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> Non
 # --- answers ---
 
 
-def rows(*steps: tuple[float, ...]) -> NDArray[np.float32]:
-    return np.array([steps], np.float32)
-
-
-def test_confidence_is_the_mean_of_the_characters_kept(tmp_path: Path) -> None:
-    answer = rows(
-        (0.1, 0.0, 0.9, 0.0, 0.0),  # g
-        (0.4, 0.0, 0.6, 0.0, 0.0),  # the same g
-        (0.7, 0.0, 0.3, 0.0, 0.0),  # blank
-        (0.2, 0.0, 0.5, 0.3, 0.0),  # another g
-        (0.2, 0.0, 0.0, 0.1, 0.7),  # a space
-    )
-    recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
-    reading = recogniser.read(bands("r"), whole(bands("r")))[0]
-    assert reading.text == "gg "
-    assert reading.confidence == pytest.approx((0.9 + 0.5 + 0.7) / 3)
-
-
 def test_logits_are_noticed(tmp_path: Path) -> None:
     sure = Recogniser(band_reader(tmp_path / "p.onnx"))
     logits = Recogniser(band_reader(tmp_path / "l.onnx", softmax=False))
@@ -154,7 +117,7 @@ def test_logits_are_noticed(tmp_path: Path) -> None:
 
 
 def test_nan_is_no_text_and_counted(tmp_path: Path) -> None:
-    answer = rows((0, 1, 0, 0, 0), (0, np.nan, 0, 0, 1), (np.inf, 0, 0, 0, 0))
+    answer = np.array([[(0, 1, 0, 0, 0), (0, np.nan, 0, 0, 1), (np.inf, 0, 0, 0, 0)]], np.float32)
     with pytest.warns(RuntimeWarning, match="outputs contain NaN or Inf"):
         recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
     seen = recogniser.non_finite_values_here
