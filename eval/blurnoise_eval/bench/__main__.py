@@ -16,7 +16,6 @@ from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
     from blurnoise_eval.bench.contest import Case, Contest
-    from blurnoise_eval.datasets import PictureSet
 
 What = Literal["blur", "motion", "noise", "edges", "decide", "sweep", "augment"]
 OF_MODELS = ("decide", "sweep")
@@ -68,6 +67,7 @@ def bench(
     workers = given.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
+    from blurnoise_eval import datasets
     from blurnoise_eval.bench import contest, decide, edges, motion, noise, sweep
 
     contests: dict[str, Any] = {
@@ -75,7 +75,9 @@ def bench(
         "augment": _augment,
     }  # fmt: skip
     if what in OF_MODELS:
-        detector, pictures = given.detector(model, contract), _pictures(images, what, quick=quick)
+        signs = 3 if what == "sweep" else 8 if quick else 20
+        pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=signs)
+        detector = given.detector(model, contract)
         contests["sweep"] = partial(sweep.sweep, detector, pictures, workers)
         contests["decide"] = partial(decide.decide, detector, pictures, workers, folder)
     chosen: Contest = contests[what](quick=quick)
@@ -88,14 +90,6 @@ def bench(
         return
     say(*result.table())
     say(f"open {folder / f'{what}.png'}")
-
-
-def _pictures(images: Path | None, what: str, *, quick: bool) -> PictureSet:
-    from blurnoise_eval import datasets
-
-    if images:
-        return datasets.image_folder(images)
-    return datasets.rendered_signs(count=3 if what == "sweep" else 8 if quick else 20)
 
 
 def _augment(*, quick: bool) -> Contest:

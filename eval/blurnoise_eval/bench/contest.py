@@ -25,7 +25,6 @@ Progress = Callable[[float], object]
 FEWEST, MOST = 3, 12
 """Timed rounds of a case."""
 _MARKERS = "osX^DPv<ph"
-_LEAST = 1e-6  # the smallest error of a chart
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class Result:
             with_errors = rows[0].error is not None
             for row in rows:
                 number = names.index(row.contender)
-                place = -number if row.error is None else max(row.error, _LEAST)
+                place = -number if row.error is None else max(row.error, 1e-6)
                 axes.plot([row.low, row.high], [place, place], color=f"C{number}", lw=1.2, zorder=2)
                 axes.plot(row.cost, place, zorder=4 if row.ours else 3, **_look(number))
             axes.set(xscale="log", yscale="log" if with_errors else "linear")

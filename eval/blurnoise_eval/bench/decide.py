@@ -7,7 +7,7 @@ exposure on the wrong side of a level, mean of lines; a line is one light and sp
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -53,11 +53,9 @@ def decide(
         groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
         raise ValueError(f"model = {detector.name!r}: finds too little of these targets for a window")
-    means, errors = (
-        np.array([getattr(each, name) for each in groups]) for name in ("mean", "standard_error")
-    )
+    known = (np.array([getattr(each, name) for each in groups]) for name in ("mean", "standard_error"))
     return Contest(
-        "decide", f"Windows of {detector.name}", [partial(case, Truth(groups[0].places, means, errors))],
+        "decide", f"Windows of {detector.name}", [partial(case, Truth(groups[0].places, *known))],
         cost_unit="conditions", error_unit="stops wrong",
     )  # fmt: skip
 
@@ -65,7 +63,7 @@ def decide(
 class Truth:
     """Kept shares of groups of targets and their standard errors over pictures, anywhere between (N, 2) places.
 
-    mean, error: (Q, N) of Q groups.
+    mean, error: (Q, N) of Q groups. kept: on the lines, finely, (Q, M).
     """
 
     def __init__(self, places: Array, mean: Array, error: Array) -> None:
@@ -75,17 +73,13 @@ class Truth:
         self.lines = [Line(lux, (speed, 0.0)) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S]
         self.times = np.geomspace(*EXPOSURES, 24 * 7)
         self.places = np.concatenate([line.places(self.times) for line in self.lines])
+        self.kept = self.seen(self.places)[0]
 
     def seen(self, places: Array) -> tuple[Array, Array]:
         """Of places (M, 2), two times (Q, M); beyond all nodes that of the nearest one."""
         values = self._between(places)
         mean, error = np.moveaxis(np.where(np.isfinite(values), values, self._beyond(places)), 0, -1)
         return mean, error
-
-    @cached_property
-    def kept(self) -> Array:
-        """On the lines, finely, (Q, M)."""
-        return self.seen(self.places)[0]
 
     def through(self, nodes: Array) -> Array:
         """On the lines by surfaces through some nodes (M, 2), as ``blurnoise decide`` has them."""

@@ -83,13 +83,11 @@ def _case(blur: str, cnr: float, count: int) -> Case:
         off = np.array([each.mtf50 for each in found]) / truth - 1
         return float(np.sqrt(np.nanmean(off**2)))
 
-    def way(name: str, mode: Any, bootstrap: int) -> Contender:
-        call = partial(slanted_edge, regions, full_scale=_ENOUGH, mode=mode, bootstrap=bootstrap)
-        return Contender(name, call, True)
-
-    ways = [
-        way("exact", "exact", 0),
-        way("exact, with intervals", "exact", 200),
-        way("the standard's steps (ISO 12233)", "iso", 0),
-    ]
+    modes: dict[str, Any] = {
+        "exact": {"bootstrap": 0},
+        "exact, with intervals": {"bootstrap": 200},
+        "the standard's steps (ISO 12233)": {"mode": "iso", "bootstrap": 0},
+    }
+    measure = partial(slanted_edge, regions, full_scale=_ENOUGH)
+    ways = [Contender(name, partial(measure, **how), True) for name, how in modes.items()]
     return Case(f"{blur}, CNR {cnr:g}", ways, error, units=count)

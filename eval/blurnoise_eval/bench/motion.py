@@ -44,7 +44,6 @@ FINE = 4
 """Samples to a pixel's side of the truth's pictures."""
 _LENS_PX = 0.6  # sigma of a Gaussian: with the pixel's own area 0.24 of 0.4 cycles/px is left
 _TEXT = "Speed limit 50 km/h, keep RIGHT & yield. " * 8
-Floats = Any
 
 
 def blur(*, quick: bool) -> Contest:
@@ -117,11 +116,7 @@ def _tensor(pixels: Picture) -> Tensor:
     return torch.from_numpy(pixels).permute(2, 0, 1)[None].contiguous()
 
 
-def _pixels(shown: Tensor) -> Picture:
-    return np.asarray(shown[0].permute(1, 2, 0).contiguous().numpy())
-
-
-def _moments(count: int = _MOMENTS) -> Floats:
+def _moments(count: int = _MOMENTS) -> Any:
     """Times in the middle of equal parts of the exposure, (count, 1, 1)."""
     return (((np.arange(count) + 0.5) / count - 0.5) * EXPOSURE_S)[:, None, None]
 
@@ -140,9 +135,9 @@ def _ours(**moving: Any) -> Contender:
     return Contender("blurnoise", call, True)
 
 
-def _point_spread(path_px: Floats) -> Contender:
+def _point_spread(path_px: Any) -> Contender:
     """The path's places (2, n), each shared among four pixels as in DeblurGAN (Kupyn et al., CVPR 2018)."""
-    pixels = _pixels(picture())
+    sharp = pixels(leaves(HEIGHT, WIDTH))
     reach = math.ceil(float(np.abs(path_px).max())) + 1
 
     def call() -> Picture:
@@ -151,7 +146,7 @@ def _point_spread(path_px: Floats) -> Contender:
         for dy, dx in ((0, 0), (0, 1), (1, 0), (1, 1)):
             share = np.abs(1 - dy - down) * np.abs(1 - dx - right)
             np.add.at(spread, (y + dy + reach, x + dx + reach), share / path_px.shape[1])
-        seen = cv2.filter2D(pixels, -1, spread[::-1, ::-1], borderType=cv2.BORDER_REFLECT_101)
+        seen = cv2.filter2D(sharp, -1, spread[::-1, ::-1], borderType=cv2.BORDER_REFLECT_101)
         return np.asarray(seen, np.float32)
 
     return Contender("cv2.filter2D by the path", call)
@@ -160,12 +155,12 @@ def _point_spread(path_px: Floats) -> Contender:
 def _against_truth(name: str, ways: Sequence[Contender], where: Where, margin_px: int = _MARGIN_PX) -> Case:
     """The ways, and the mean of warped pictures as one writes it with OpenCV; errors off a margin from the picture
     that moves as ``where`` says."""
-    pixels, (x, y) = _pixels(picture()), places(HEIGHT, WIDTH)
+    sharp, (y, x) = pixels(leaves(HEIGHT, WIDTH)), np.indices((HEIGHT, WIDTH), np.float32)
 
     def mean() -> Picture:
-        total = np.zeros_like(pixels)
+        total = np.zeros_like(sharp)
         for time in _moments(FRAMES):
-            cv2.accumulate(remapped(pixels, *where(x, y, time)), total)
+            cv2.accumulate(remapped(sharp, *where(x, y, time)), total)
         return np.asarray(total / FRAMES)
 
     def coded(seen: Tensor | Picture) -> Tensor:
@@ -216,18 +211,12 @@ def truth(fine: Picture, where: Where, times_s: Picture) -> Picture:
     times_s: (n, 1, 1). What lies beyond the picture is reflected.
     """
     averaged = cv2.blur(fine, (FINE, FINE))  # sample i is the mean about i - 1/2
-    x, y = places(fine.shape[0] // FINE, fine.shape[1] // FINE)
+    y, x = np.indices((fine.shape[0] // FINE, fine.shape[1] // FINE), np.float32)
     total = np.zeros((*x.shape, fine.shape[2]))
     for times in times_s:
         across, down = where(x, y, times)
         total += remapped(averaged, FINE * (across + 0.5), FINE * (down + 0.5), cv2.INTER_CUBIC)
     return np.asarray(total / len(times_s), np.float32)
-
-
-def places(height: int, width: int) -> tuple[Picture, Picture]:
-    """x and y of all pixels, (H, W) each."""
-    x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    return x, y
 
 
 def remapped(picture: Picture, x: Picture, y: Picture, how: int = cv2.INTER_LINEAR) -> Picture:

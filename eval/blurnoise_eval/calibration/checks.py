@@ -184,7 +184,10 @@ def stray_light(
     away = exposure - exposure.mean()
     slope = away / (away @ away)
     at_light = 1 / len(dark) + slope * (columns(bright, "exposure_s")[0].mean() - exposure.mean())
-    every, between = (np.stack([files.mean(frames[half::2]) for frames in files.dark]) for half in (0, 1))
+    every, between = (
+        np.stack([np.mean([*files.planes(frames[half::2])], axis=0) for frames in files.dark])
+        for half in (0, 1)
+    )
     beneath = np.tensordot(at_light, between, 1)
     signal = float((light - beneath).mean())
     noise = levels.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())

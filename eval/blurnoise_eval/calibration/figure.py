@@ -29,10 +29,7 @@ def draw_fit(found: Measurement, name: str) -> Figure:
         mean, variance = columns(noisy, "mean_dn", "variance_dn2")
         transfer.plot(mean - fit.dark.offset, variance, color=colour, label=label, **_HOLLOW)
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
-    text = (
-        f"K {gain.value:.4g} ({gain.low:.4g}-{gain.high:.4g}) DN/e⁻\n"
-        f"read noise {read.value:.3g} ({read.low:.3g}-{read.high:.3g}) e⁻"
-    )
+    text = f"K {gain.value:.4g} DN/e⁻, read noise {read.value:.3g} e⁻"
     signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
     line = fit.read_dn2 + 1 / 12 + fit.gain * signal
     transfer.plot(signal, line, label=text, **_MODEL)

@@ -37,7 +37,7 @@ FEWEST_FLAT = 3
 _LIST = "frames.csv"
 _NAME = re.compile(r"(dark|flat)_(\d+(?:\.\d+)?)(ns|us|ms|s)(?:_[^.]*)?\.\w+", re.IGNORECASE)
 _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
-_LOSSY = {b"\xff\xd8\xff": "JPEG", b"RIFF": "WebP"}
+_JPEG = b"\xff\xd8\xff"
 
 
 class Frame(BaseModel, frozen=True, extra="forbid"):
@@ -93,10 +93,6 @@ class Folder:
         """The frames' numbers in steps of the converter, one after the other."""
         for frame in frames:
             yield read_plane(frame.file, self._raw_size_px) // self.step_dn
-
-    def mean(self, frames: Sequence[Frame]) -> Floats:
-        """The mean (H, W) of these frames."""
-        return sum(self.planes(frames), np.zeros(())) / len(frames)
 
 
 def refuse(applies: object, text: str) -> None:
@@ -156,10 +152,8 @@ def read_plane(path: Path, raw_size_px: Size | None = None) -> Plane:
     check_regular(path)
     try:
         with path.open("rb") as file:
-            head = file.read(4)
-        for magic, name in _LOSSY.items():
-            lossy = f"{name} is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
-            refuse(head.startswith(magic), lossy)
+            lossy = "JPEG is lossy, which alters noise; must be PNG, TIFF, NPY or raw"
+            refuse(file.read(3) == _JPEG, lossy)
         plane = READERS.get(path.suffix.lower(), _raw)(path, raw_size_px)
         colours = f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
         refuse(plane.ndim != 2, colours)

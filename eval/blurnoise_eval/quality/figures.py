@@ -82,6 +82,7 @@ def against_exposure(rows: Sequence[Row], title: str) -> Figure:
         Patch(color=SATURATED, alpha=0.4, label="a line saturates"),
         Line2D([], [], color="0.3", marker="x", ls="", ms=5, label="not available"),
         Line2D([], [], color="0.3", marker="o", mfc="white", ls="", ms=4.5, label="with a flag"),
+        Patch(color="0.3", alpha=0.18, label="95 % interval"),
     ]
     style.legend_above(figure, handles, f"{title}: image quality against exposure")
     return figure

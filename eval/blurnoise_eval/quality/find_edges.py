@@ -81,7 +81,7 @@ def find_edges(light: Linear) -> Found:
     """
     kept: list[tuple[Roi, bool, Segment]] = []
     reasons: Counter[Flag] = Counter()
-    frames = [_Frame(each) for each in (light, light.transposed)]
+    frames = [_Frame(each) for each in (light, replace(light, picture=light.picture.mT))]
     for lying, line in _lines(frames[0].plane):
         alike = [(roi, known) for roi, other, known in kept if other == lying]
         if any(_crosses(line, roi) for roi, _ in alike):

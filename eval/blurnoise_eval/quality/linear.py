@@ -52,11 +52,6 @@ class Linear:
         weights = LUMINANCE if len(self.picture) == 3 else (1.0,)
         return np.asarray(np.tensordot(weights, self.picture.numpy(), 1) - self.black_level)
 
-    @property
-    def transposed(self) -> Linear:
-        """The picture with rows for columns."""
-        return Linear(self.picture.mT, self.full_scale, self.black_level)
-
     def edge(self, roi: Roi, mode: Mode = "exact", bootstrap: int = 0) -> SlantedEdge:
         """The slanted edge in a region. Raises ``ValueError`` for one outside the picture or below 8 x 8 px."""
         levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}

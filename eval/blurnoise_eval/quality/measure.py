@@ -34,7 +34,7 @@ from blurnoise.metrics.values import BatchEstimate, Estimate
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.grid.axes import EGO, blur_px
+from blurnoise_eval.grid.axes import EGO, MOVES, blur_px
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan, cell_seed
 from blurnoise_eval.quality.picture import Metric
 from blurnoise_eval.system.files import write_records
@@ -89,15 +89,14 @@ class Charts:
     @cached_property
     def edges(self) -> tuple[list[SlantedEdge], ...]:
         """The edge that motion along x blurs, and that which motion along y does."""
-        return tuple(self._edges(axis) for axis in (0, 1))
-
-    def _edges(self, axis: int) -> list[SlantedEdge]:
-        if self._moved_px[1 - axis] > 2 * SPARE_PX:
-            return [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
-        dn = self.frames("across_y" if axis else "across_x").narrow(2 + axis, SPARE_PX, ALONG_PX)
         levels: Any = {"full_scale": self._full, "black_level": self._black}
-        edges: Any = slanted_edge(dn.clamp(max=self._full), **levels, seed=axis)
-        return list(edges)
+        found: list[Any] = []
+        for axis, along_px in enumerate(self._moved_px[::-1]):
+            dn = self.frames(("across_x", "across_y")[axis]).narrow(2 + axis, SPARE_PX, ALONG_PX)
+            found.append(slanted_edge(dn.clamp(max=self._full), **levels, seed=axis))
+            if along_px > 2 * SPARE_PX:
+                found[axis] = [SlantedEdge("exact", frozenset({Flag.REGION_TOO_SMALL}))] * self._repeats
+        return tuple(found)
 
     @cached_property
     def patches(self) -> tuple[Tensor, Tensor]:
@@ -160,22 +159,19 @@ def mean_of(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(value, value - below, value + above, flags)
 
 
-Measure = Callable[[Charts], list[Estimate]]
-
-
-def _edge(axis: int, measure: Callable[[SlantedEdge], Estimate]) -> Measure:
+def _edge(axis: int, measure: Callable[[SlantedEdge], Estimate]) -> Callable[[Charts], list[Estimate]]:
     return lambda charts: [measure(edge) for edge in charts.edges[axis]]
 
 
-def _both(measure: Callable[..., Estimate], **how: int) -> Measure:
+def _both(measure: Callable[..., Estimate], **how: int) -> Callable[[Charts], list[Estimate]]:
     return lambda charts: [measure(*pair, **how) for pair in zip(*charts.edges, strict=True)]
 
 
-def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Measure:
+def _patches(measure: Callable[[Tensor, Tensor], BatchEstimate]) -> Callable[[Charts], list[Estimate]]:
     return lambda charts: charts.of_patches(measure(*charts.patches))
 
 
-def _contrast(name: str) -> Measure:
+def _contrast(name: str) -> Callable[[Charts], list[Estimate]]:
     return _patches(lambda bright, dark: getattr(patch_contrast(bright, dark), name))
 
 
@@ -300,10 +296,13 @@ def measure(
 
 def check(camera: Camera, plan: SweepPlan) -> None:
     """Raise ``ValueError`` for conditions that charts or the camera cannot take."""
-    if plan.cuts:
-        raise ValueError("moves: must be all; a chart has no targets that could move by themselves")
-    if any(plan.values(EGO.name)):
-        raise ValueError(f"{EGO.name}: must be 0; a chart is no road")
+    needed = {
+        MOVES.name: "all; a chart has no targets that move by themselves",
+        EGO.name: "0; a chart is no road",
+    }
+    for name, must in needed.items():
+        if any(plan.values(name)):
+            raise ValueError(f"{name}: must be {must}")
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

@@ -163,8 +163,8 @@ def measure(
         flags = frozenset[str]().union(*(estimate.flags for estimate in estimates.values()))
         doubts = [flag.value for flag in Flag if flag in edge.flags]
         doubts += [text for flag, text in _DOUBTS.items() if flag in flags]
-        number = None if second is None else second + 1
-        measured.append(Measured(index + 1, roi, edge, number, estimates, tuple(doubts)))
+        across = None if second is None else second + 1
+        measured.append(Measured(index + 1, roi, edge, across, estimates, tuple(doubts)))
     return measured
 
 
