@@ -61,7 +61,8 @@ def views(data: RunData) -> list[View]:
         View(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
             "Along a line the exposure grows: light, noise and blur all change together. Bars: the exposure window "
-            "at each speed, pale where the pictures cannot tell; thin: the intervals of its ends.",
+            "at each speed, pale where the pictures cannot tell; thin: the intervals of its ends; tick: the exposure "
+            "to use.",
             "log" if exposures.logarithmic else "linear", bands=True,
         ),
         View(

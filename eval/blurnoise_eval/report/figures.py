@@ -93,7 +93,6 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     handles, title = grid[0].get_legend_handles_labels()[0], of_lines["word"].capitalize()
     if view["along"] == EXPOSURES:
         handles.append(Patch(color="0.5", alpha=0.2, label="surely in the window at every speed"))
-        title += "; tick: the recommended exposure"
     figure.supxlabel("\n".join([view["title"], *notes, view["reading"]]), fontsize=9)
     figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the threshold)", fontsize=9)
     legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
