@@ -168,11 +168,9 @@ class Problem:
         found = []
         for speed, target in self.scenario.cases:
             plane, places = self.inputs.planes[target], places_of(exposures_s, lights_lux, speed)
-            outside = ~plane.inside(places)
-            at = plane.on(places)
-            for values in at:
-                values[:, outside] = np.nan
-            found.append(at)
+            tested = np.where(plane.inside(places), 1.0, np.nan)
+            sums, counts = plane.on(places)
+            found.append((sums * tested, counts * tested))
         return found
 
     def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array]:
@@ -182,10 +180,11 @@ class Problem:
 
     def objective(self, times_s: Sequence[float]) -> Array:
         """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
-        shape = len(self.scenario.lights_lux), len(times_s)
-        _, values = self.at(np.repeat(self.scenario.lights_lux, shape[1]), np.tile(times_s, shape[0]))
-        allowed = self.gains_db(times_s) <= self.limits.gain_max_db + 1e-9
-        return np.where(allowed, values.reshape(shape), np.nan)
+        lights = np.repeat(self.scenario.lights_lux, len(times_s))
+        _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
+        gains_db = self.gains_db(times_s)
+        allowed = gains_db <= self.limits.gain_max_db + 1e-9
+        return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:
         """(L, S)."""
@@ -196,11 +195,11 @@ class Problem:
         """What these exposures do, one at each light, with the camera's gain."""
         cases, values = self.at(self.scenario.lights_lux, exposures_s)
         by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
-        of_speeds = np.average(by_speed, axis=1, weights=list(self.scenario.targets.values()))
+        of_speeds = by_speed @ list(self.scenario.targets.values())
         metering = self.inputs.metering
         gains_db = tuple(map(metering.gain_db, self.scenario.lights_lux, exposures_s))
         return Schedule(
-            exposures_s=tuple(float(exposure) for exposure in exposures_s),
+            exposures_s=tuple(map(float, exposures_s)),
             gains_db=gains_db,
             lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
@@ -212,16 +211,15 @@ class Problem:
         """At pairs the objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the
         surfaces' prediction, ``CAUTION`` times as wide as they have it."""
         there = self.predicted(lights_lux, exposures_s)
-        cases = np.array([ratio_of_sums(*of_case) for of_case in there])
+        cases = np.array([ratio_of_sums(*each) for each in there])
         weights = self.scenario.weights(cases)
         objective, weights = (weights * cases).sum(axis=0), np.nan_to_num(weights)
-        place = {cluster: index for index, cluster in enumerate(self.clusters)}
-        total = np.zeros((len(place), len(objective)))
+        total = np.zeros((len(self.clusters), len(objective)))
         for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
             own = influence(*of_case)
             known = np.maximum(np.isfinite(own).sum(axis=0), 1)
-            rows = [place[cluster] for cluster in self.inputs.planes[target].clusters]
-            total[rows] += weight * np.nan_to_num(own) * len(place) / known
+            rows = [self.clusters.index(cluster) for cluster in self.inputs.planes[target].clusters]
+            total[rows] += weight * np.nan_to_num(own) * len(total) / known
         speeds, targets = self.scenario.speeds_px_s, self.scenario.targets
         at = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
         cov = np.zeros((len(objective),) * 2)

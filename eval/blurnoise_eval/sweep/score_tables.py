@@ -6,6 +6,7 @@ Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of picture
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,7 +20,7 @@ from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
-from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
+from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
 from blurnoise_eval.scoring.evaluated import Evaluated
 from blurnoise_eval.store import queries
@@ -115,13 +116,15 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
     shares = queries.saturated_shares(store)
     of_model: dict[str, list[ScoreTable]] = {}
     for table in tables:
-        of_model.setdefault(table.model, []).extend(table.split(SETTING))
+        keys = zip(*(table.conditions[name].tolist() for name in ORDER), strict=True)
+        of_pictures = np.array([shares.get(key) for key in keys], float)
+        by_picture = np.where(np.isnan(of_pictures), table.saturated, of_pictures)
+        of_model.setdefault(table.model, []).extend(replace(table, saturated=by_picture).split(SETTING))
     return [
         averages(
             [pooled(each) if monotone and is_uniform(each) else each for each in own],
             level,
             monotone=monotone and all(map(is_uniform, own)),
-            saturated=shares,
         )
         for own in of_model.values()
     ]
