@@ -6,11 +6,12 @@ what was tested beside them; where that is not enough, there is no guess.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from blurnoise_eval.answers.table import ScoreTable
 
@@ -61,7 +62,7 @@ class Line:
         brightness = self.of.brightness[place]
         return None if np.isnan(brightness) else "darkness" if brightness < self.dark_below else "noise"
 
-    def saturates(self, place: int, others: ArrayLike) -> bool | None:
+    def saturates(self, place: int, others: Sequence[int] | NDArray[np.int64]) -> bool | None:
         """Whether more is saturated at one exposure than at the least saturated of others."""
         more = self.of.saturated[place] - np.fmin.reduce(self.of.saturated[others])
         return bool(more > SATURATES) if np.isfinite(more) else None

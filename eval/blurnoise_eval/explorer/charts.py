@@ -17,13 +17,15 @@ from blurnoise_eval.grid.axes import Axis
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import MATCH_IOU
-from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.scoring.on_picture import ModelOutput
 
 _INK, _ACCENT, _GOOD = "#7c8894", "#2584ad", "#12803f2b"
 _QUIET: dict[str, Any] = {"animation": False, "textStyle": {"color": _INK}}
 
 
-def boxes(sight: Sight | None, size: tuple[int, int], found_from: float, classes: Sequence[str] = ()) -> str:
+def boxes(
+    sight: ModelOutput | None, size: tuple[int, int], found_from: float, classes: Sequence[str] = ()
+) -> str:
     """Targets with their confidence, found from ``found_from`` on, and what else is found, for a picture (H, W)."""
     if sight is None:
         return ""

@@ -32,7 +32,7 @@ from blurnoise_eval.explorer.state import Control, State, with_figures
 from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.on_picture import Model, Sight, View
+from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
@@ -66,7 +66,7 @@ class Standard:
     original: float
 
     @classmethod
-    def of(cls, criterion: Criterion, clean: Sight) -> Standard:
+    def of(cls, criterion: Criterion, clean: ModelOutput) -> Standard:
         """The standard of a picture, by the model's answer to the original."""
         scored = {row["target_id"]: _score(criterion, row) for row in clean.targets}
         if criterion.kept:
@@ -89,11 +89,11 @@ class Standard:
         absolute = not self.criterion.kept and self.criterion.score == CONFIDENCE
         return self.criterion.level if absolute else FOUND_SCORE
 
-    def sight(self, sight: Sight) -> Sight:
+    def sight(self, sight: ModelOutput) -> ModelOutput:
         """With the targets that count alone."""
         return sight._replace(targets=tuple(row for row in sight.targets if row["target_id"] in self.counted))
 
-    def scores(self, sight: Sight) -> tuple[float, ...]:
+    def scores(self, sight: ModelOutput) -> tuple[float, ...]:
         """Of the targets that count."""
         return tuple(_score(self.criterion, row) for row in self.sight(sight).targets)
 
@@ -125,7 +125,7 @@ def keeps_most(curve: Sequence[Point], standard: Standard) -> Point:
     return curve[best_exposure([point.value for point in curve], values) or 0]
 
 
-def verdict(sight: Sight, standard: Standard) -> tuple[bool, str]:
+def verdict(sight: ModelOutput, standard: Standard) -> tuple[bool, str]:
     """Whether the model works on the picture, and a sentence on it."""
     if sight.error:
         return False, f"The model fails on this picture: {sight.error[:160]}"
@@ -239,8 +239,8 @@ class Rendered:
     camera: Camera
     numbers: tuple[Number, ...]
     left_out: str
-    sight: Sight | None = None
-    clean: Sight | None = None
+    sight: ModelOutput | None = None
+    clean: ModelOutput | None = None
     standard: Standard | None = None
     classes: tuple[str, ...] = ()
 
@@ -273,7 +273,7 @@ def rendered(
     standard = Standard.of(criterion, view.clean)
     return replace(
         found,
-        sight=standard.sight(view.look(frame.image, frame.move_boxes, frame.sweep_boxes)),
+        sight=standard.sight(view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)),
         clean=standard.sight(view.clean),
         standard=standard,
         classes=tuple(getattr(model.contract, "classes", ())),
@@ -289,7 +289,7 @@ def curve_points(
         at = along.put(state, value)
         with suppress(ValueError):  # conditions that do not go together
             frame = subject.frame(at, with_figures(camera, at.figures))
-            sight = view.look(frame.image, frame.move_boxes, frame.sweep_boxes)
+            sight = view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
             if scores := standard.scores(sight):
                 yield Point(value, scores, frame.saturated or 0.0)
 

@@ -198,8 +198,8 @@ def best_stages(
     best[0, 0] = met[0, 0]
     risen: list[tuple[Places, Places]] = []
     found: list[tuple[Stages, float]] = []
-    before = np.zeros(0)
-    while not np.array_equal(best, before):
+    before: Array | None = None
+    while before is None or not np.array_equal(best, before):
         before = best
         best, from_time = _rising(best, met, early=True)
         transposed, from_gain = _rising(best.T, met.T, early=False)

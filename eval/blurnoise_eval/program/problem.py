@@ -59,38 +59,38 @@ def inputs_of(
     camera or a motion for which the plane does not hold.
     """
     run, where = Run(store), f"run = {str(store.folder)!r}"
-    withheld = withheld_models(store, cluster)
-    names = [name for name in run.models if name not in withheld]
+    without_answers = withheld_models(store, cluster)
+    names = [name for name in run.models if name not in without_answers]
     chosen = names[0] if model is None and len(names) == 1 else model
     if chosen not in names:
-        unfit = "".join(f"; {name}: {reason}" for name, reason in withheld.items())
+        unfit = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
         given = "model: missing" if model is None else f"model = {chosen!r}"
         raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
     of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]
     notes = [f"{group}: left out, for the model knows too little of these" for group in little]
-    seen = [plane for table in tables for plane in table.on_plane()]
-    if not seen:
-        raise StoreError(f"{where}: tells of no targets under any light")
+    every_plane = [plane for table in tables for plane in table.on_plane()]
+    if not every_plane:
+        raise StoreError(f"{where}: has no targets under any light")
     asked = question_of(store) or Question(run.grid)
     question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
-    setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
+    setting = {name: float(every_plane[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
     if because := what_breaks(camera, question, run.trajectory):
         raise ValueError(f"{where}: has no program, for its conditions are no plane: {'; '.join(because)}")
-    light = mean_light(queries.gains_set(store, seen[0].model), camera)
+    light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
     if light is None:
-        notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")
+        notes.append(f"no gain of the run shows how bright its pictures are: taken for {GREY:g} of white")
     lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
-    planes = {each.group: Predicted(each, Trend.of(camera)) for each in seen}
+    planes = {each.group: Predicted(each, Trend.of(camera)) for each in every_plane}
     choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
     return Inputs(
-        model=seen[0].model,
+        model=every_plane[0].model,
         criterion=criterion,
         planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
@@ -159,7 +159,7 @@ class Problem:
         speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
         return ValueError(
             f"lux = {lights}: no exposure is left that was tested at {speeds} px/s, is not longer in more light, and "
-            f"keeps to {', '.join(self.limits.words)}; the run tells of light x exposure {light_low:.3g} to "
+            f"keeps to {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
             f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
         )
 

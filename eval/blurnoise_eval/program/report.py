@@ -126,20 +126,18 @@ def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
 def rows(program: Program) -> list[dict[str, Any]]:
     """A row per light: the program there, whether it is shorter than was tested, and one of any number of stages."""
     ours, best = program.schedule, program.best
-    return [
-        {
-            "illuminance_lux": light,
-            "exposure_s": ours.exposures_s[place],
-            "gain_db": ours.gains_db[place],
-            "gain_limited": int(ours.lacks_gain[place]),
-            "extrapolated": int(program.extrapolates(ours.exposures_s[place])),
-            "value": ours.values[place],
-            "best_exposure_s": best.exposures_s[place],
-            "best_gain_db": best.gains_db[place],
-            "best_value": best.values[place],
-        }
-        for place, light in enumerate(program.problem.scenario.lights_lux)
-    ]
+    columns = {
+        "illuminance_lux": program.problem.scenario.lights_lux,
+        "exposure_s": ours.exposures_s,
+        "gain_db": ours.gains_db,
+        "gain_limited": map(int, ours.lacks_gain),
+        "extrapolated": (int(program.extrapolates(each)) for each in ours.exposures_s),
+        "value": ours.values,
+        "best_exposure_s": best.exposures_s,
+        "best_gain_db": best.gains_db,
+        "best_value": best.values,
+    }
+    return [dict(zip(columns, each, strict=True)) for each in zip(*columns.values(), strict=True)]
 
 
 def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:

@@ -218,7 +218,7 @@ class Metering:
     temperature_c: float = 25.0
 
     @property
-    def _picture(self) -> dict[str, float]:
+    def _picture(self) -> dict[str, Any]:
         return {"mean_light": self.mean_light, "temperature_c": self.temperature_c}
 
     def total_s(self, illuminance_lux: float) -> float:
@@ -227,7 +227,7 @@ class Metering:
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """As the camera sets it, from 0 dB to its most."""
-        at = {"illuminance_lux": illuminance_lux, "exposure_s": exposure_s}
+        at: Any = {"illuminance_lux": illuminance_lux, "exposure_s": exposure_s}
         return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 

@@ -58,7 +58,7 @@ def test_the_best_fixed_time_is_what_the_report_recommends(
             ["--anti-flicker", "50", "--fps", "125"],
             "whole periods of 50 Hz mains, exposures from 20 us on: leave no exposure at any light",
         ),
-        (["--lux", "2:100000000"], "the run tells of light x exposure"),
+        (["--lux", "2:100000000"], "the run covers light x exposure"),
         (["--model", "other"], "model = 'other': must be one of stop_sign"),
         (["--targets", "cat"], "targets = 'cat'"),
         (["--speeds", "0:0.5,800:0.2,800.0:0.3"], "must have each entry once"),

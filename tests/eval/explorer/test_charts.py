@@ -10,7 +10,7 @@ from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.charts import boxes
 from blurnoise_eval.explorer.rendered import Point
 from blurnoise_eval.explorer.state import control
-from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.scoring.on_picture import ModelOutput
 
 from blurnoise import Camera
 
@@ -23,10 +23,10 @@ def row(x: float, confidence: float, text: str | None = None) -> dict[str, objec
     return {**place, "confidence": confidence, "text": text}
 
 
-def found(*targets: dict[str, object]) -> Sight:
+def found(*targets: dict[str, object]) -> ModelOutput:
     places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
-    return Sight(detections, targets, 1.0, None, 0)
+    return ModelOutput(detections, targets, 1.0, None, 0)
 
 
 def test_boxes_are_found_missed_or_others() -> None:

@@ -24,7 +24,7 @@ from blurnoise_eval.explorer.rendered import (
     works,
 )
 from blurnoise_eval.explorer.state import State, control, with_figures
-from blurnoise_eval.scoring.on_picture import NOTHING, Sight
+from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
 
 from blurnoise import Camera, ExposedScene, Exposure, photoelectrons
@@ -84,7 +84,7 @@ def test_a_detector_is_asked_as_in_a_sweep(signs: Subject, detector: Detector) -
     taken = seen(STATE, signs, CAMERA, detector)
     assert taken.sight is not None
     assert taken.clean is not None
-    own = [row["confidence"] for row in signs.view(detector).look(taken.image).targets]
+    own = [row["confidence"] for row in signs.view(detector).evaluate(taken.image).targets]
     assert [row["confidence"] for row in taken.sight.targets] == own
     assert taken.confidence == pytest.approx(np.mean(own))
     assert taken.standard is not None
@@ -122,9 +122,9 @@ def test_the_smaller_copy_is_the_picture_averaged() -> None:
         subject.preview(STATE.put("ego_speed_m_s", 20.0), CAMERA)
 
 
-def sight(*confidences: float) -> Sight:
+def sight(*confidences: float) -> ModelOutput:
     rows = tuple({"target_id": 2 * place, "confidence": held} for place, held in enumerate(confidences))
-    return Sight(NOTHING, rows, 1.0, None, 0)
+    return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
 
 def strip(best_ms: float, stops: float = 3.0, saturated_from: float = math.inf) -> list[Point]:
@@ -155,11 +155,11 @@ def test_a_confidence_is_enough_where_a_run_asks_for_one_of_all_its_targets() ->
 
 
 def test_texts_are_read_or_not() -> None:
-    def read(*texts: str) -> Sight:
+    def read(*texts: str) -> ModelOutput:
         rows = (
             {"target_id": n, "confidence": 0.4, "text": each, "truth": "ab"} for n, each in enumerate(texts)
         )
-        return Sight(NOTHING, tuple(rows), 1.0, None, 0)
+        return ModelOutput(NOTHING, tuple(rows), 1.0, None, 0)
 
     standard = Standard.of(Criterion(0.9, kept=True, score=MATCHES), read("ab", "cd", "ab"))
     assert standard.scores(read("ab", "ab", "cd")) == (1.0, 0.0)

@@ -187,7 +187,7 @@ def test_a_gain_limit_holds(program: Program) -> None:
 @pytest.mark.parametrize(
     ("more", "named"),
     [
-        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run tells of light x exposure 0.000488 to 8 lux s"),
+        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run covers light x exposure 0.000488 to 8 lux s"),
         ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
         ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 0, 1e\+07 px/s.*motion 0.5 to 64 px"),
     ],
