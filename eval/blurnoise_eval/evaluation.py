@@ -73,7 +73,7 @@ def evaluate(
     default :func:`~blurnoise_eval.sweep.default_camera.default_for` these models and pictures.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
     URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
-    of what a model reaches on the untouched pictures that is enough, by default 0.9; threshold: in place of it, the
+    of what a model reaches on the original pictures that is enough, by default 0.9; threshold: in place of it, the
     score that is enough, by default 0.6 for rendered pictures. score: of what, see
     :mod:`blurnoise_eval.answers.criterion`. cluster: pictures in whose names this
     regular expression finds the same (its first group, if it has one) count as one, such as frames of one drive.

@@ -10,7 +10,7 @@ import numpy as np
 from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.scoring.on_picture import ModelOutput
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import Answers
@@ -107,5 +107,5 @@ def _result(cell: Cell, rng: np.random.Generator) -> CellResult:
     detections = Detections(boxes, rng.random(_DETECTIONS, np.float32), np.zeros(_DETECTIONS, np.int64))
     targets = tuple({"target_id": place, **_TARGET} for place in range(_TARGETS))
     frame = Frame(cell, np.empty((0, 0, 3), np.uint8), 1.0, saturated=0.0, snr_db=30.0, brightness=0.5)
-    row = cell_result(frame, "made up", CAMERA, Sight(detections, targets, 1.0, None, 0), None, None)
+    row = cell_result(frame, "made up", CAMERA, ModelOutput(detections, targets, 1.0, None, 0), None, None)
     return replace(row, picture=("made up", "0" * 64, 640, 480, ""))

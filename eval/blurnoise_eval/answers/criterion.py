@@ -1,7 +1,7 @@
 """A criterion: what of a detector's performance is enough.
 
 Domain: levels are shares, 0 to 1. Scores: :func:`names` by kind of model; "recall@0.1" is the recall at the
-confidence at which the untouched pictures give 0.1 false alarms each, the same under every condition.
+confidence at which the original pictures give 0.1 false alarms each, the same under every condition.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def names(kind: str) -> list[str]:
 @dataclass(frozen=True)
 class Criterion:
     """Enough is ``level`` of a score or, where it is ``kept``, that share of what the same model reaches with the
-    same targets in the untouched pictures.
+    same targets in the original pictures.
 
     score: one of :func:`names`. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another score.
     """
@@ -93,7 +93,7 @@ def criterion_for(
     reads: bool,
     labelled: bool = True,
 ) -> Criterion:
-    """The criterion of a run: as given, else ``KEPT`` of what the untouched pictures give, and ``ENOUGH`` for
+    """The criterion of a run: as given, else ``KEPT`` of what the original pictures give, and ``ENOUGH`` for
     ``rendered`` pictures, whose every target a model should find.
 
     reads: text; readers have exact matches as the default on the user's pictures. labelled: whether the pictures have

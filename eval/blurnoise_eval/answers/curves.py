@@ -11,13 +11,13 @@ value to another.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
@@ -35,19 +35,17 @@ _STEPS = 16  # between two tested values, at which the interval is known; betwee
 _UNKNOWN = 1e9  # where no interval is known, it reaches beyond every threshold
 
 
-def windows(
-    x: Sequence[float], y: Sequence[float], threshold: float, logarithmic: bool = True
-) -> list[Stretch]:
+def windows(x: ArrayLike, y: ArrayLike, threshold: float, logarithmic: bool = True) -> list[Stretch]:
     """Stretches of x, increasing, in which y(x) is at or above ``threshold``."""
-    at, is_log = _coordinate(x, logarithmic)
-    above = np.asarray(y, float) >= threshold
-    ends = [x[0]] if above[:1].any() else []
+    tested, values = np.asarray(x, float).tolist(), np.asarray(y, float)
+    (at, is_log), above = _coordinate(tested, logarithmic), values >= threshold
+    ends = [tested[0]] if above[:1].any() else []
     for place in np.flatnonzero(above[1:] != above[:-1]).tolist():
-        share = (threshold - y[place]) / (y[place + 1] - y[place])
+        share = (threshold - values[place]) / (values[place + 1] - values[place])
         end = float(at[place] + share * (at[place + 1] - at[place]))
         end = float(np.exp(end)) if is_log else end
-        ends.append(min(max(end, x[place]), x[place + 1]))  # exp(log x) may miss x by a rounding
-    ends += [x[-1]] if above[-1:].any() else []
+        ends.append(min(max(end, tested[place]), tested[place + 1]))  # exp(log x) may miss x by a rounding
+    ends += [tested[-1]] if above[-1:].any() else []
     return list(zip(ends[::2], ends[1::2], strict=True))
 
 
@@ -133,17 +131,15 @@ class Curve:
 
     def windows(self, level: float) -> list[Stretch]:
         """Where the mean is at or above a level."""
-        return windows(self.x, self.line.mean.tolist(), level, self.logarithmic)
+        return windows(self.x, self.line.mean, level, self.logarithmic)
 
     def sure(self, level: float) -> list[Stretch]:
         """Where the low end of the interval is; nothing from too few clusters."""
-        low = np.nan_to_num(self.ends.low, nan=-_UNKNOWN)
-        return windows(self.fine.tolist(), low.tolist(), level, self.logarithmic)
+        return windows(self.fine, np.nan_to_num(self.ends.low, nan=-_UNKNOWN), level, self.logarithmic)
 
     def possible(self, level: float) -> list[Stretch]:
         """Where the high end of the interval is; everything from too few clusters."""
-        high = np.nan_to_num(self.ends.high, nan=_UNKNOWN)
-        return windows(self.fine.tolist(), high.tolist(), level, self.logarithmic)
+        return windows(self.fine, np.nan_to_num(self.ends.high, nan=_UNKNOWN), level, self.logarithmic)
 
     def around(self, end: float, level: float) -> Bounds:
         """The interval of a window's end: the stretch about it in which the curve is not sure to be above or below,
@@ -213,28 +209,25 @@ def _endurance(curve: Curve, over: str, fixed: Collection[str], criterion: Crite
     over ``n_pictures`` clusters: auc_low, auc_high; fails_low, fails_high, None at an end that is not reached within
     the range, and from too few. non_monotonic: the curve had been below and come back.
     """
-    line, windows, level = curve.line, curve.windows(criterion.level), criterion.level
+    line, windows = curve.line, curve.windows(criterion.level)
     at = {name: value if name in fixed else None for name, value in line.at(0).items()}
     first = {"illuminance_lux": at["illuminance_lux"], "axis": over}
-    above = line.mean >= level
-    auc, (auc_low, auc_high) = curve.area()
-    fails_low, fails_high = curve.fails_between(level)
+    above = line.mean >= criterion.level
+    auc, of_auc = curve.area()
     return {"model": line.model, "group": line.group, **first, **at} | {
         "x": curve.x,
         "confidence": tuple(line.mean.tolist()),
         "auc": auc,
         "fails_at": None if above[-1] else windows[-1][1] if windows else curve.x[0],
-        "fails_low": fails_low,
-        "fails_high": fails_high,
+        **dict(zip(("fails_low", "fails_high"), curve.fails_between(criterion.level), strict=True)),
         "non_monotonic": bool((above[1:] & ~above[:-1]).any()),
-        "auc_low": auc_low,
-        "auc_high": auc_high,
+        **dict(zip(("auc_low", "auc_high"), of_auc, strict=True)),
         **{name: line.sizes[name] for name in ("n_pictures", "few_pictures")},
         "criterion": criterion.text,
     }
 
 
-def _coordinate(x: Sequence[float], logarithmic: bool) -> tuple[Array, bool]:
+def _coordinate(x: ArrayLike, logarithmic: bool) -> tuple[Array, bool]:
     """Where the values x are on their axis, and whether these are logarithms: lines are straight there."""
     values = np.asarray(x, float)
     is_log = logarithmic and bool((values > 0).all())

@@ -1,7 +1,7 @@
 """The exposure window in which a detector fulfils a criterion, and an exposure inside it.
 
 Domain: exposures in s, logarithmic; confidences in the criterion's unit: its score, or the share of it that is kept
-(above 1 where a condition does better than the untouched pictures). An end of the tested range is unknown, never an
+(above 1 where a condition does better than the original pictures). An end of the tested range is unknown, never an
 edge: a window reaches at least that far.
 """
 
@@ -86,7 +86,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
 
     limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first;
     limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean
-    score in the untouched pictures, None where unknown.
+    score in the original pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
@@ -94,9 +94,8 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     chosen, best = recommended(curve.x, mean, level, saturated), int(np.argmax(table.mean.round(12)))
     ends = curve.interval()
     low, high = (None, None) if ends is None else (tuple(end.tolist()) for end in ends)
-    verdict = CANNOT_TELL if curve.possible(level) else NONE_WORKS
-    if any(first <= x <= last for first, last in sure for x in curve.x):
-        verdict = WORKS
+    works = any(first <= x <= last for first, last in sure for x in curve.x)
+    verdict = WORKS if works else CANNOT_TELL if curve.possible(level) else NONE_WORKS
 
     def at(place: int | None, *names: str) -> Row:
         columns = zip(names, (curve.x, mean, low, high, saturated), strict=False)
@@ -106,7 +105,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
         recommended_s = None if chosen is None else curve.x[chosen]
         limits = of_window(line, windows[chosen_window(windows, recommended_s)], level)
     elif not criterion.kept and table.clean is not None and table.clean < level:
-        limits = Limits(by="the model, as the untouched pictures show")
+        limits = Limits(by="the model, as the original pictures show")
     else:
         limits = of_best(line, best)
     axes = {name: value for name, value in table.at(0).items() if name != "exposure_s"}

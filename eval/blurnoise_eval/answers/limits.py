@@ -6,6 +6,7 @@ what was tested beside them; where that is not enough, there is no guess.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -61,9 +62,9 @@ class Line:
         brightness = self.of.brightness[place]
         return None if np.isnan(brightness) else "darkness" if brightness < self.dark_below else "noise"
 
-    def saturates(self, place: int, before: int) -> bool | None:
-        """Whether more is saturated at one exposure than at another."""
-        more = self.of.saturated[place] - self.of.saturated[before]
+    def saturates(self, place: int, others: Sequence[int] | NDArray[np.int64]) -> bool | None:
+        """Whether more is saturated at one exposure than at the least saturated of others."""
+        more = self.of.saturated[place] - np.fmin.reduce(self.of.saturated[others])
         return bool(more > SATURATES) if np.isfinite(more) else None
 
 
@@ -72,20 +73,19 @@ def of_window(line: Line, window: tuple[float, float], level: float) -> Limits:
 
     At the last exposure that fails before its lower end: darkness or noise, see :meth:`Line.lacks`. At the first
     that fails beyond its upper end: blur, if the slowest speed works with the same light and time, else saturation
-    if more of the picture is saturated than at the window's best. With no slower speed tested it is saturation at
+    if more of the picture is saturated than somewhere in the window. With no slower speed tested it is saturation at
     rest; of a line that moves it is blur where nothing saturates, else unknown.
     """
     x, value = line.x, line.of.mean
     inside = (window[0] <= x) & (x <= window[1])
     here = np.flatnonzero(inside) if inside.any() else np.array([np.abs(x - window[0]).argmin()])
-    best = int(here[np.nanargmax(value[here])])
     low: Limit | None = None
     high: Limit | None = None
     if window[0] > x[0] or value[0] < level:
         low = line.lacks(max(int((x < window[0]).sum()) - 1, 0))
     if window[1] < x[-1] or value[-1] < level:
         place = min(int((x <= window[1]).sum()), len(x) - 1)
-        saturates = line.saturates(place, best)
+        saturates = line.saturates(place, here)
         slower = np.nan if line.slower is None else line.slower[place]
         if slower >= level:
             high = "blur"
@@ -121,7 +121,7 @@ def of_best(line: Line, best: int) -> Limits:
         if best > 0 and value[best] - value[best - 1] > MATTERS:
             parts.append(line.lacks(best - 1 if best + 1 < len(x) else best))
         if best + 1 < len(x) and value[best] - value[best + 1] > MATTERS:
-            saturates = line.saturates(best + 1, best)
+            saturates = line.saturates(best + 1, [best])
             parts.append("saturation" if saturates else "blur" if line.moves and saturates is False else None)
     named = list(dict.fromkeys(part for part in parts if part is not None))
     return Limits(by=" and ".join(named) or None)

@@ -10,6 +10,7 @@ import numpy as np
 
 from blurnoise_eval.scoring.scores import of_models
 from blurnoise_eval.scoring.uncertainty import Estimate, behind_best, columns, mean_of, ratio
+from blurnoise_eval.system.tables import finite
 
 _ENDS = "", "_low", "_high"
 
@@ -41,28 +42,26 @@ def model_rows(
     ]
 
 
-def _behind(mpc: Mapping[str, Estimate]) -> dict[str, tuple[float | None, float | None, float | None]]:
+def _behind(mpc: Mapping[str, Estimate]) -> dict[str, tuple[float | None, ...]]:
     """By model how much less it is than the best, and the interval of that; None of the best itself."""
-    found: dict[str, tuple[float | None, float | None, float | None]] = dict.fromkeys(mpc, (None, None, None))
     values = {name: each.value for name, each in mpc.items() if each.value is not None}
-    if not values:
-        return found
-    first = max(values, key=lambda name: values[name])
+    first = max(values, key=lambda name: values[name], default=None)
     away = {name: own for name in values if (own := mpc[name].influence) is not None}
-    ends: dict[str, tuple[float | None, float | None]] = dict.fromkeys(values, (None, None))
+    ends = dict.fromkeys(mpc, (np.nan, np.nan))
     if first in away:
         together = behind_best([values[name] for name in away], np.array(list(away.values())).T)
-        for name, *both in zip(away, *together, strict=True):
-            if np.isfinite(both).all():
-                low, high = np.clip(both, -1.0, 1.0).tolist()  # of a difference of shares
-                ends[name] = low, high
-    return found | {name: (values[first] - values[name], *ends[name]) for name in values if name != first}
+        both = np.clip(together, -1.0, 1.0).T.tolist()  # of a difference of shares
+        ends |= {name: (low, high) for name, (low, high) in zip(away, both, strict=True)}
+    lacks = {name: values[first] - values[name] for name in values if first is not None and name != first}
+    return {
+        name: tuple(map(finite, (lacks[name], *ends[name]))) if name in lacks else (None,) * 3 for name in mpc
+    }
 
 
 def _summary(
     model: dict[str, Any],
     scores: list[dict[str, Any]],
-    told: list[tuple[dict[str, Any], Estimate]],
+    own_scores: list[tuple[dict[str, Any], Estimate]],
     mpc: Estimate,
     curves: list[dict[str, Any]],
     labelled: bool,
@@ -73,11 +72,11 @@ def _summary(
     P, mPC and rPC have intervals over clusters of pictures, each left out of the whole measure.
     """
     own = [row for row in scores if row["model"] == model["name"]]
-    p = next((each for row, each in told if row["clean"]), Estimate(None))
+    p = next((each for row, each in own_scores if row["clean"]), Estimate(None))
     against_itself = model["kind"] == "detector" and not labelled
     rpc = ratio(mpc, p)
     held = [each for each in curves if each["model"] == model["name"]]
-    untouched = next((row for row in own if row["clean"]), {})
+    clean_row = next((row for row in own if row["clean"]), {})
     latency = model.get("latency", {})
     original = [score.name for score in of_models("detector") if score.of_pictures]
     return {
@@ -89,7 +88,7 @@ def _summary(
         **columns(rpc, "rpc", 1 / p.value if p.value else math.inf),
         "auc_exposure": _mean_auc(held, "exposure_s"),
         "auc_blur": _mean_auc(held, "blur_px"),
-        **{f"{name}{end}": untouched.get(f"{name}{end}") for name in original for end in _ENDS},
+        **{f"{name}{end}": clean_row.get(f"{name}{end}") for name in original for end in _ENDS},
         "latency_ms": latency.get("median_ms"),
         "latency_p95_ms": latency.get("p95_ms"),
         "latency_threads": latency.get("threads"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.scoring.boxes import MoveBoxes
-from blurnoise_eval.scoring.evaluated import Evaluated, Truth
+from blurnoise_eval.scoring.evaluated import NO_ANSWERS, NO_TRUTH, Evaluated, Truth
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
@@ -22,7 +22,7 @@ from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 
 COUNTS = ("n_images", "n_targets", "errors")
 PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
-"""Means over the pictures of a condition; None of the untouched ones."""
+"""Means over the pictures of a condition; None of the original ones."""
 
 Moves = Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]
 """Where the conditions of a row have moved the truth's boxes, and what these sweep."""
@@ -79,10 +79,9 @@ def scored(
     for model, every in groupby(conditions, key=lambda each: str(each.counted["model"])):
         truth = truth_of(model)
         for row, as_set, sums in every:
-            answers = None if truth is None else queries.answers_at(store, model, row)
-            evaluated = Evaluated(
-                sums, truth, answers, *((None, None) if row["clean"] else moves(as_set)), clusters
-            )
+            boxes = (None, None) if row["clean"] else moves(as_set)
+            answers = NO_ANSWERS if truth is None else queries.answers_at(store, model, row)
+            evaluated = Evaluated(sums, truth or NO_TRUTH, answers, *boxes, clusters)
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
             for score in of_conditions():
                 found |= columns(score.estimate(evaluated), score.name, score.most)

@@ -12,8 +12,9 @@ a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -107,11 +108,8 @@ class Averages:
     @property
     def speeds(self) -> list[float]:
         """Of each condition: px/s, or km/h of a vehicle."""
-        egos = [setting[_EGO] for setting in self.settings]
-        return [
-            float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*velocity)
-            for ego, velocity in zip(egos, self.velocities_px_s, strict=True)
-        ]
+        both = zip((setting[_EGO] for setting in self.settings), self.velocities_px_s, strict=True)
+        return [float(EGO_SPEED.of({EGO.name: ego})) if ego else math.hypot(*v) for ego, v in both]
 
     def choose(self, places: Iterable[int] | None = None) -> Row | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
@@ -132,22 +130,21 @@ class Averages:
             each[own, e] for each in (self.value, self.sigma, self.effective, self.saturated)
         )
         away, most = self.influence[:, own, e], self.most[own]
-        ends = uncertainty.of_level(value, away, most, sigma, effective)
-        verdicts = [self._verdict(*each) for each in zip(*ends, strict=True)]
+        ends = zip(*uncertainty.of_level(value, away, most, sigma, effective), strict=True)
+        verdicts = [self._verdict(*each) for each in ends]
         mean = np.where(np.isfinite(away).any(axis=1), np.nansum(away, axis=1) / len(own), np.nan)
         together = uncertainty.of_level(value.mean(), mean, most.mean(), sigma.mean(), effective.min())
-        low, high = map(float, together)
         best = np.nanmax(without_saturated(self.value[own], self.saturated[own], self.level), axis=1)
         gains = {self.settings[place][_GAIN] for place in own}
         return {
             GAIN.name: gains.pop() if len(gains) == 1 else None,
             "exposure_s": self.exposures_s[e],
             "value": float(value.mean()),
-            "low": finite(low),
-            "high": finite(high),
-            "verdict": self._verdict(low, high),
+            "low": finite(float(together.low)),
+            "high": finite(float(together.high)),
+            "verdict": self._verdict(*map(float, together)),
             "loss": float(np.maximum(best - value, 0.0).mean()),
-            "saturated": float(np.nanmax(share)) if np.isfinite(share).any() else None,
+            "saturated": finite(float(np.fmax.reduce(share))),
             "sure": verdicts.count(SURE),
             "fails": verdicts.count(FAILS),
             "conditions": len(own),
@@ -212,34 +209,25 @@ class Averages:
         return SURE if low >= self.level else FAILS if high < self.level else CANNOT_TELL
 
 
-def averages(
-    tables: Sequence[ScoreTable],
-    level: float,
-    *,
-    monotone: bool = False,
-    saturated: Mapping[tuple[float, ...], float | None] | None = None,
-) -> Averages:
+def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = False) -> Averages:
     """The averages of one model's tables, all target groups weighted alike. monotone: whether these are pooled
-    over speeds (:mod:`.monotone`), so that no verdict is better at a higher speed. saturated: mean shares of pictures
-    by setting, velocity and exposure, in place of those of the targets.
+    over speeds (:mod:`.monotone`), so that no verdict is better at a higher speed.
 
     An exposure counts in a condition where every group was measured that is measured there at all.
     """
-    groups = list(dict.fromkeys(table.group for table in tables))
     at = [list(zip(table.settings, table.velocities_px_s, strict=True)) for table in tables]
-    conditions = list(dict.fromkeys(condition for own in at for condition in own))
     exposures = np.unique(np.concatenate([table.conditions["exposure_s"] for table in tables]))
-    clusters = list(dict.fromkeys(name for table in tables for name in table.clusters))
-    place_of, cluster_of = (
-        {each: place for place, each in enumerate(every)} for every in (conditions, clusters)
+    groups, conditions, clusters = (
+        {each: place for place, each in enumerate(dict.fromkeys(every))}
+        for every in ((table.group for table in tables), chain(*at), chain(*(t.clusters for t in tables)))
     )
     shape = len(groups), len(conditions), len(exposures)
     value, sigma, most, share = np.full((4, *shape), np.nan)
     influence, counts = np.full((2, len(clusters), *shape), np.nan)
     for table, own in zip(tables, at, strict=True):
-        g, e = groups.index(table.group), np.searchsorted(exposures, table.conditions["exposure_s"])
-        n = np.array([place_of[condition] for condition in own], np.int64)
-        c = np.array([cluster_of[name] for name in table.clusters])[:, None]
+        g, n = groups[table.group], np.array([conditions[condition] for condition in own], np.int64)
+        e = np.searchsorted(exposures, table.conditions["exposure_s"])
+        c = np.array([clusters[name] for name in table.clusters])[:, None]
         value[g, n, e], share[g, n, e], sigma[g, n, e] = table.mean, table.saturated, table.sigma
         most[g, n, e] = table.most
         influence[c, g, n, e], counts[c, g, n, e] = table.influence, table.counts
@@ -251,17 +239,13 @@ def averages(
     each = np.where(known, influence, 0.0) * known.any(axis=1).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     together = np.where(known.any(axis=1), (each * weights).sum(axis=1), np.nan)
     sizes = np.nan_to_num(counts / np.maximum(np.nansum(counts, axis=0), 1e-300)).sum(axis=1)
-    of_targets = ratio_of_sums(np.nan_to_num(share), np.isfinite(share))
-    of_pictures = saturated or {}
-    at_all = [[of_pictures.get((*s, *v, x)) for x in exposures.tolist()] for s, v in conditions]
-    found = np.array(at_all, float)
     settings, velocities = zip(*conditions, strict=True)
     means = [np.where(complete, (np.nan_to_num(of) * weights).sum(axis=0), np.nan) for of in (value, sigma)]
-    greatest = np.nansum(np.where(measured, most, np.nan), axis=(0, 2)) / np.maximum(measured.sum((0, 2)), 1)
+    greatest = np.nansum(most, axis=(0, 2)) / np.maximum(measured.sum((0, 2)), 1)
     return Averages(
         tables[0].model, level, settings, velocities, tuple(exposures.tolist()),
         means[0], together, uncertainty.effective(sizes), means[1], greatest,
-        np.where(np.isnan(found), of_targets, found), monotone,
+        ratio_of_sums(np.nan_to_num(share), np.isfinite(share)), monotone,
     )  # fmt: skip
 
 
@@ -274,7 +258,7 @@ def recommendations(of: Averages) -> list[Row]:
     whole = of.choose()
     common = None if whole is None else of.exposures_s.index(whole["exposure_s"])
 
-    def row(scope: str, light: Setting | None, speed: float | None, places: Iterable[int]) -> list[Row]:
+    def rows(scope: str, light: Setting | None, speed: float | None, places: Iterable[int]) -> list[Row]:
         choice = of.choose(places)
         if choice is None:
             return []
@@ -284,17 +268,18 @@ def recommendations(of: Averages) -> list[Row]:
         axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
         return [{"model": of.model, "scope": scope, **axes, "speed": speed, **choice, "at_common": at_common}]
 
-    rows = row("all", None, None, range(len(lights)))
+    every = rows("all", None, None, range(len(lights)))
     for light in sorted(set(lights)):
         here = [place for place, each in enumerate(lights) if each == light]
-        rows += row("light", light, None, here)
-        found = []
-        for speed in sorted({speeds[place] for place in here}):
-            found += row("condition", light, speed, [place for place in here if speeds[place] == speed])
+        by_speed = [
+            row
+            for speed in sorted({speeds[place] for place in here})
+            for row in rows("condition", light, speed, [place for place in here if speeds[place] == speed])
+        ]
         if of.monotone:
-            _nest(found)
-        rows += found
-    return rows
+            _nest(by_speed)
+        every += rows("light", light, None, here) + by_speed
+    return every
 
 
 def _nest(by_speed: list[Row]) -> None:

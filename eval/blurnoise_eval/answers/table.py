@@ -220,7 +220,7 @@ class ScoreTable:
 
     @property
     def places(self) -> Array:
-        """(N, 2) on the plane of :mod:`.plane`, rounded as places are told apart."""
+        """(N, 2) on the plane of :mod:`.plane`, rounded as far as places are the same."""
         exposures, lux = self.conditions["exposure_s"], self.conditions[LIGHT.name]
         return np.asarray(plane.places_of(exposures, lux, self.speeds_px_s).round(plane.DIGITS) + 0.0)
 
@@ -262,8 +262,8 @@ def table_of(
     if not counted.any():
         return None
     rows, value, weight, clean = rows.rows(counted), value[counted], weight[counted], clean[counted]
-    seen, picture = np.unique(rows.picture, return_inverse=True)
-    names = [cluster_of(rows.pictures[place]) for place in seen.tolist()]
+    different, picture = np.unique(rows.picture, return_inverse=True)
+    names = [cluster_of(rows.pictures[place]) for place in different.tolist()]
     clusters = {name: place for place, name in enumerate(dict.fromkeys(names))}
     used, place = np.unique(rows.condition, return_inverse=True)
     of_used = same_rows([conditions[name][used] for name in ORDER], len(used))

@@ -169,12 +169,12 @@ class _Run:
     def _find_edges(self) -> None:
         """Ask until the search is done, or no group of targets has a score that means something.
 
-        The search is told each batch once; where the groups become others it begins anew with all of them.
+        The search is given each batch once; where the groups become others it begins anew with all of them.
         """
-        search, told, groups = self._search(), 0, 0
+        search, used, groups = self._search(), 0, 0
         while not search.done:
             batches = [batch for batch in asked(self.store) if batch.places]
-            if told == len(batches):
+            if used == len(batches):
                 places = [(u, w) for u, w in search.ask().tolist()]
                 of = self.question.lines, self.question.exposures_s, self.question.further
                 self._ask(places, [conditions_at(at, *of) for at in places])
@@ -183,11 +183,11 @@ class _Run:
             if not planes:
                 return
             if len(planes) != groups:
-                search, told, groups = self._search(), 0, len(planes)
-            for batch in batches[told:]:
+                search, used, groups = self._search(), 0, len(planes)
+            for batch in batches[used:]:
                 values, errors = zip(*(_at(plane, batch.places) for plane in planes), strict=True)
                 search.tell(batch.places, np.array(values), np.array(errors))
-            told = len(batches)
+            used = len(batches)
 
     @cached_property
     def _withheld(self) -> Collection[str]:
@@ -219,11 +219,11 @@ class _Run:
         return tuple(Conditions(**at, **line.axes) for line in self.question.lines)
 
 
-def _at(seen: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
+def _at(plane: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:
     """The mean and its standard error over clusters at nodes as they were asked, (N,); NaN where nothing is known."""
-    away = np.abs(np.array(places)[:, None] - seen.places).max(axis=-1)
+    away = np.abs(np.array(places)[:, None] - plane.places).max(axis=-1)
     nearest, there = away.argmin(axis=1), away.min(axis=1) <= _SAME_PLACE
-    mean, error = (np.where(there, values[nearest], np.nan) for values in (seen.mean, seen.standard_error))
+    mean, error = (np.where(there, values[nearest], np.nan) for values in (plane.mean, plane.standard_error))
     return mean, error
 
 
@@ -244,8 +244,8 @@ def on_lines(store: Store, measured: Tables) -> Tables:
         return
     trend = Trend.of(Camera.from_dict(store.about("manifest")["camera"]))
     for table in measured:
-        for seen in table.on_plane():
-            yield predicted_table(seen, question, trend)
+        for plane in table.on_plane():
+            yield predicted_table(plane, question, trend)
 
 
 class Decision(Evaluation):
@@ -268,13 +268,8 @@ class Decision(Evaluation):
             n_pictures = store.about("manifest")["images"]["count"]
         grid = question.grid_conditions
         nodes = grid if question.because else sum(len(batch.conditions) for batch in batches)
-        return {
-            "nodes": nodes,
-            "pictures": n_pictures,
-            "cells": nodes * n_pictures * repeats,
-            "grid_cells": grid * n_pictures * repeats,
-            "because": list(question.because),
-        }
+        cells = {"cells": nodes * n_pictures * repeats, "grid_cells": grid * n_pictures * repeats}
+        return {"nodes": nodes, "pictures": n_pictures, **cells, "because": list(question.because)}
 
     @property
     def _searched(self) -> bool:

@@ -2,7 +2,7 @@
 
 Domain: places (u, w) of :mod:`blurnoise_eval.answers.plane`. A question is a score of one model and kind of targets,
 in the criterion's unit, to be distinguished from the levels; all questions share their nodes. The search knows
-neither pictures nor the engine, and draws nothing: what it asks follows from the batches it was told, in order.
+neither pictures nor the engine, and draws nothing: what it asks follows from the batches it was given, in order.
 
 Its phases: ``first``, nodes spread over the lattice; ``search``, batches where a score may be at a level, until the
 edges are precise; ``check``, held-out nodes near the levels, predicted before their values are known; ``done``. A
@@ -63,7 +63,7 @@ class Search:
     nothing more is searched for; held-out nodes, and the lattice that replaces a surface that is not smooth, may come
     on top. trend: guides the surfaces.
 
-    phase: what the next batch is for. nodes: the places told so far, (N, 2). precise: whether the nodes leave less
+    phase: what the next batch is for. nodes: the places measured, (N, 2). precise: whether the nodes leave less
     open than pictures do. not_smooth: whether the whole lattice is asked. surprises: of each check so far, whether a
     held-out node was farther off than a smooth surface allows.
     """
@@ -143,22 +143,22 @@ class Search:
         """The phase now, and the places it asks for."""
         apart = np.abs(self.lattice[:, None] - self.nodes[None]).max(axis=-1, initial=0.0)
         left = self.lattice[(apart > _SAME).all(axis=1)]
-        told, first = len(self.nodes), min(FIRST, self.most_nodes)
+        measured, first = len(self.nodes), min(FIRST, self.most_nodes)
         if not len(left):
             return "done", left
-        if told < first:
-            return "first", left[spread(left, first - told, self.nodes)]
+        if measured < first:
+            return "first", left[spread(left, first - measured, self.nodes)]
         if self.not_smooth:
             return "lattice", left[:_LATTICE_BATCH]
         if not self._fitted or (self.surprises and not self.surprises[-1]):
             return "done", left[:0]
-        if told < self.most_nodes and not self.precise:
-            return "search", left[self._straddled(left, min(BATCH, self.most_nodes - told))]
+        if measured < self.most_nodes and not self.precise:
+            return "search", left[self._straddled(left, min(BATCH, self.most_nodes - measured))]
         return "check", left[self._held_out(left)]
 
     def _straddled(self, left: Array, count: int) -> list[int]:
-        """Which of the places left tell most: where a score may be at a level and little is known of it (straddle:
-        Bryan et al., NIPS 2005). After each, sigma is as if it were told: for that no score is needed."""
+        """Which of the places left say most: where a score may be at a level and little is known of it (straddle:
+        Bryan et al., NIPS 2005). After each, sigma is as if it were measured: for that no score is needed."""
         away = [self._away(fitted, left) for fitted in self._fitted]
         covariances = [fitted.surface.covariance(left) for fitted in self._fitted]
         chosen: list[int] = []

@@ -5,7 +5,7 @@ may be those of a search or of a full grid.
 
 Universal kriging (Cressie, Statistics for Spatial Data, 1993, 3.4) on a constant and a :class:`Trend`, with a Matern
 5/2 covariance, one length per axis, and a nugget. The trend is a logistic curve of signal to noise, motion and
-saturation, as high as the highest score seen: it guides a surface between few nodes and need not be right.
+saturation, as high as the highest score measured: it guides a surface between few nodes and need not be right.
 Lengths and nugget are the most probable ones: restricted likelihood, lengths log-normal about ``USUAL_LENGTH``.
 A prediction is a weighted sum of the nodes' values. The weights of a fitted surface depend on places alone, so
 every cluster's surface has those of the mean's.
@@ -224,9 +224,9 @@ class Predicted:
     A cluster that was not measured at a node has the mean there. trend: what the surface is guided by.
     """
 
-    def __init__(self, seen: ScoreTable, trend: Trend | None = USUAL) -> None:
-        measured = seen.take(seen.measured)
-        self.clusters, self.most, self.places = seen.clusters, seen.most, measured.places
+    def __init__(self, plane: ScoreTable, trend: Trend | None = USUAL) -> None:
+        measured = plane.take(plane.measured)
+        self.clusters, self.most, self.places = plane.clusters, plane.most, measured.places
         self._mean, self._trend = measured.mean, trend
         known, counts = measured.counts > 0, measured.counts
         self._rates = np.where(known, measured.sums / np.where(known, counts, 1.0), self._mean)
@@ -239,7 +239,7 @@ class Predicted:
 
     def on(self, places: ArrayLike) -> tuple[Array, Array]:
         """Sums and counts (C, M) predicted at places (M, 2). Beside a cliff a surface swings beyond its nodes, where
-        no model was seen: all clusters are moved alike there, to a mean between 0 and the greatest observed."""
+        nothing was measured: all clusters are moved alike there, to a mean between 0 and the greatest observed."""
         at = np.asarray(places, float).reshape(-1, 2)
         rates = self._rates @ self.surface.weights(at).T
         mean = self._counts @ rates / self._counts.sum()
@@ -264,36 +264,36 @@ class Predicted:
         return np.asarray((beyond <= reach) & within.all(axis=1))
 
 
-def predicted_table(seen: ScoreTable, question: Question, trend: Trend) -> ScoreTable:
+def predicted_table(plane: ScoreTable, question: Question, trend: Trend) -> ScoreTable:
     """Of one plane the table of all lines of the question, ``PER_STOP`` exposures to a stop; without conditions where
     the model knows too little. The covariance of the prediction is that of the surface, ``CAUTION`` times as wide."""
-    if seen.knows_too_little:
-        return seen.take([])
+    if plane.knows_too_little:
+        return plane.take([])
     exposures = exposures_on(question.exposures_s, PER_STOP)
     lines = sorted(question.lines, key=lambda line: (line.illuminance_lux, line.velocity_px_s))
     count = len(lines) * len(exposures)
-    conditions = {name: np.full(count, values[0]) for name, values in seen.conditions.items()}
+    conditions = {name: np.full(count, values[0]) for name, values in plane.conditions.items()}
     conditions["exposure_s"] = np.tile(exposures, len(lines))
     for name in lines[0].axes:
         conditions[name] = np.repeat([line.axes[name] for line in lines], len(exposures))
     places = np.concatenate([line.places(exposures) for line in lines])
-    plane = Predicted(seen, trend)
-    sums, counts = plane.on(places)
+    predicted = Predicted(plane, trend)
+    sums, counts = predicted.on(places)
     return replace(
-        seen,
+        plane,
         conditions=conditions,
         sums=sums,
         counts=counts,
-        saturated=_by_light(seen, seen.saturated, places),
-        brightness=_by_light(seen, seen.brightness, places),
-        prediction_cov=lambda those: CAUTION**2 * plane.surface.covariance(places[those]),
+        saturated=_by_light(plane, plane.saturated, places),
+        brightness=_by_light(plane, plane.brightness, places),
+        prediction_cov=lambda those: CAUTION**2 * predicted.surface.covariance(places[those]),
     )
 
 
-def _by_light(seen: ScoreTable, values: Array, places: Array) -> Array:
+def _by_light(plane: ScoreTable, values: Array, places: Array) -> Array:
     """At places (M, 2), between the nodes' values (N,), which depend on the light and hardly on motion."""
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(places), np.nan)
-    lights, which = np.unique(seen.places[known, 0], return_inverse=True)
+    lights, which = np.unique(plane.places[known, 0], return_inverse=True)
     return np.asarray(np.interp(places[:, 0], lights, np.bincount(which, values[known]) / np.bincount(which)))

@@ -13,12 +13,12 @@ from blurnoise_eval.explorer.rendered import Point, Rendered, window
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
-from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.scoring.on_picture import ModelOutput
 
 _INK, _ACCENT, _GOOD = "#7c8894", "#2584ad", "#12803f2b"
 
 
-def boxes(found: Rendered, sight: Sight | None) -> str:
+def boxes(found: Rendered, sight: ModelOutput | None) -> str:
     """Targets with their confidence, found and missed, and what else a detector finds in the picture or, where
     ``sight`` is of that, in the original."""
     if sight is None:

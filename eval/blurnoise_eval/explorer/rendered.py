@@ -32,7 +32,7 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.on_picture import Sight, View
+from blurnoise_eval.scoring.on_picture import ModelOutput, View
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
 Picture8 = NDArray[np.uint8]
@@ -51,7 +51,7 @@ class Point(NamedTuple):
     saturated: float = 0.0
 
 
-def mean_confidence(sight: Sight) -> float:
+def mean_confidence(sight: ModelOutput) -> float:
     """Over the targets; 0 without any."""
     return sum(float(row["confidence"]) for row in sight.targets) / max(1, len(sight.targets))
 
@@ -68,7 +68,7 @@ class Standard:
     counted: frozenset[int]
 
     @classmethod
-    def of(cls, criterion: Criterion, clean: Sight) -> Standard:
+    def of(cls, criterion: Criterion, clean: ModelOutput) -> Standard:
         """The standard of a picture, by the detector's answer to the original."""
         least = FOUND_SCORE if criterion.kept else 0.0
         rows = tuple(row for row in clean.targets if row["confidence"] >= least)
@@ -80,7 +80,7 @@ class Standard:
         """The mean confidence from which the detector works."""
         return self.level * self.unit
 
-    def sight(self, sight: Sight) -> Sight:
+    def sight(self, sight: ModelOutput) -> ModelOutput:
         """With the targets that count alone."""
         return sight._replace(targets=tuple(row for row in sight.targets if row["target_id"] in self.counted))
 
@@ -175,8 +175,8 @@ class Rendered:
     state: State
     frame: Frame
     exposure: Exposure
-    sight: Sight | None = None
-    clean: Sight | None = None
+    sight: ModelOutput | None = None
+    clean: ModelOutput | None = None
     standard: Standard | None = None
     classes: tuple[str, ...] = ()
 
@@ -233,7 +233,7 @@ def rendered(state: State, subject: Subject, frame: Frame, model: Detector | Non
     standard = Standard.of(subject.criterion, view.clean)
     return replace(
         found,
-        sight=standard.sight(view.look(frame.image, frame.move_boxes, frame.sweep_boxes)),
+        sight=standard.sight(view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)),
         clean=standard.sight(view.clean),
         standard=standard,
         classes=model.contract.classes,
@@ -249,6 +249,6 @@ def curve_points(
         exposure_ms = along.value(along.steps * place / (POINTS - 1))
         with suppress(ValueError):  # more motion than is allowed
             frame = subject.frame(state.put(EXPOSURE.name, EXPOSURE.of_option(exposure_ms)), camera)
-            sight = standard.sight(view.look(frame.image, frame.move_boxes, frame.sweep_boxes))
+            sight = standard.sight(view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes))
             if sight.targets:
                 yield Point(exposure_ms, mean_confidence(sight), frame.saturated or 0.0)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.answers.recommendation import best_exposure
+from blurnoise_eval.deciding.question import exposures_on
 from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.program.problem import Problem, Schedule
 from blurnoise_eval.program.scenario import STEPS_PER_STOP
@@ -24,9 +25,8 @@ from blurnoise_eval.system.tables import finite
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
-MOST = 7  # stages of a program
 ENOUGH = 0.002
-"""That few stages may lose against many."""
+"""That few stages may lose against any number of them, worth and not value: what their gain costs counts."""
 GAIN_COSTS = ENOUGH / 6.0
 """What a decibel of gain has to earn, so that of exposures that do alike the longer one, with less gain, is used."""
 EARLY_GAIN_DB = 36.0
@@ -62,9 +62,9 @@ STOCK = {
 @dataclass(frozen=True)
 class Program:
     """Stages and their schedule over the scenario's lights; tested_s: the shortest exposure that was tested, below
-    which the first stage is extrapolated; best: the schedule without stages. baselines: what else a camera may do, by
-    its name. low, high: the 95 % interval of the schedule's value; regret_95: what it loses at most at 95 % against
-    any other exposures; None from few pictures."""
+    which the first stage is extrapolated; best: the schedule of as many stages as gain anything. baselines: what else
+    a camera may do, by its name. low, high: the 95 % interval of the schedule's value; regret_95: what it loses at
+    most at 95 % against any other exposures; None from few pictures."""
 
     problem: Problem
     stages: Stages
@@ -77,18 +77,13 @@ class Program:
     high: float | None
     regret_95: float | None
 
-    @property
-    def pictures(self) -> int:
-        """How many, or how many clusters of them, it rests on."""
-        return len(self.problem.clusters)
-
     def extrapolates(self, exposure_s: float) -> bool:
         """Whether an exposure is shorter than what was tested."""
         return exposure_s < self.tested_s * (1 - 1e-9)
 
 
 def optimise(problem: Problem) -> Program:
-    """The program, in as few stages as lose less than ``ENOUGH``.
+    """The program, in the fewest stages that lose less than ``ENOUGH`` against any number of them.
 
     Raises ``ValueError`` that names the lights at which no exposure is left.
     """
@@ -97,17 +92,18 @@ def optimise(problem: Problem) -> Program:
     for light, row in zip(lights, objective, strict=True):
         if not np.isfinite(row).any():
             raise problem.nothing_left([light])
-    chosen = solve(objective)
-    if chosen is None:
-        raise problem.nothing_left((lights[0], lights[-1]))
-    best = problem.schedule([times[place] for place in chosen])
+    totals = [problem.inputs.metering.total_s(light) for light in lights]
     tested_s = np.array(times)[np.isfinite(objective).any(axis=0)].tolist()
-    tested = _staged(problem, tested_s[0], tested_s[-1], best.value or 0.0)
+    ways = _staged(problem, totals, tested_s[0], tested_s[-1])
+
+    def schedule(stages: Stages) -> Schedule:
+        return problem.schedule([limits.settled(stages.divided(total)[0]) for total in totals])
+
+    (most, reached), enough = ways[-1], ENOUGH * len(lights)
+    tested = next(stages for stages, worth in ways if worth >= reached - enough)
     # more light than was tested is met by shorter exposures
     found = replace(tested, times_s=(min(limits.shortest_s, tested.times_s[0]), *tested.times_s[1:]))
-    metering = problem.inputs.metering
-    totals = [metering.total_s(light) for light in lights]
-    ours = problem.schedule([limits.settled(found.divided(total)[0]) for total in totals])
+    ours = schedule(found)
     if None in ours.values:
         raise problem.nothing_left([lights[ours.values.index(None)]])
     baselines, fixed_s = {}, problem.inputs.recommended_s
@@ -124,44 +120,25 @@ def optimise(problem: Problem) -> Program:
         if limits.mains_hz and not np.allclose(list(map(limits.settled, taken)), taken, rtol=0.02):
             within += ", flickers"
         baselines[name + within] = problem.schedule(taken)
-    low, high = interval_of(problem, ours)
-    regret_95 = regret_of(problem, ours, times, objective)
-    return Program(problem, found, tested.times_s[0], ours, best, fixed_s, baselines, low, high, regret_95)
+    return Program(
+        problem, found, tested.times_s[0], ours, schedule(most), fixed_s, baselines,
+        *interval_of(problem, ours), regret_of(problem, ours, times, objective),
+    )  # fmt: skip
 
 
-def solve(worth: Array) -> tuple[int, ...] | None:
-    """Of each light's exposures the one by which the sum of ``worth`` (L, S) is largest, none longer than that of
-    less light; of equals the shortest. None where nothing is allowed.
-
-    Lights and exposures rise; NaN: not allowed, or not known. More light with a longer exposure would let a control
-    loop swing. Dynamic programming, O(L S).
-    """
-    first, *others = np.where(np.isnan(worth), -np.inf, worth)
-    sums = [first]
-    for row in others:
-        sums.append(row + np.maximum.accumulate(sums[-1][::-1])[::-1])
-    if not np.isfinite(sums[-1].max()):
-        return None
-    chosen = [0]
-    for row in reversed(sums):
-        chosen.append(chosen[-1] + int(np.argmax(row[chosen[-1] :])))
-    return tuple(reversed(chosen[1:]))
-
-
-def _staged(problem: Problem, low_s: float, high_s: float, best: float) -> Stages:
-    """As few stages as lose less than ``ENOUGH``, with times between two."""
-    limits, lights, metering = problem.limits, problem.scenario.lights_lux, problem.inputs.metering
-    steps = int(np.ceil(STEPS_PER_STOP * np.log2(high_s / low_s) - 1e-9))
-    lattice = np.geomspace(low_s, high_s, 1 + steps).tolist()
+def _staged(
+    problem: Problem, totals_s: Sequence[float], low_s: float, high_s: float
+) -> list[tuple[Stages, float]]:
+    """The best programs of each number of stages, with times between two, and their sums of worth."""
+    limits, metering = problem.limits, problem.inputs.metering
+    lattice = exposures_on((low_s, high_s), STEPS_PER_STOP).tolist()
     worth = problem.objective([limits.settled(min(time, high_s)) for time in lattice])
     worth -= GAIN_COSTS * problem.gains_db(lattice)
     most_db = min(limits.gain_max_db, metering.camera.gain_max_db)
-    totals = [metering.total_s(light) for light in lights]
-    found = best_stages(worth, totals, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
-    if not found:
-        raise problem.nothing_left((lights[0], lights[-1]))
-    least = min(best * len(lights), found[-1][1]) - ENOUGH * len(lights)
-    return next(stages for stages, reached in found if reached >= least)
+    ways = best_stages(worth, totals_s, lattice, 10 ** (most_db / 20), 10 ** (EARLY_GAIN_DB / 20))
+    if not ways:
+        raise problem.nothing_left(problem.scenario.lights_lux[:: len(totals_s) - 1 or 1])
+    return ways
 
 
 def interval_of(problem: Problem, ours: Schedule) -> tuple[float | None, float | None]:
@@ -190,7 +167,8 @@ def best_stages(
     most_gain: float,
     early_gain: float = math.inf,
 ) -> list[tuple[Stages, float]]:
-    """The best programs of at most 1, 2 ... ``MOST`` stages, with their sums of worth; none where none is allowed.
+    """The best programs of at most 1, 2 ... stages, with their sums of worth, as long as another stage may gain
+    anything; none where none is allowed.
 
     worth: (L, I) of each light at each of ``times_s`` (I,), equally many stops apart and rising, NaN where it is not
     allowed; totals_s: (L,) what each light asks for, times gain; early_gain: the most gain at any time but the
@@ -219,8 +197,10 @@ def best_stages(
     best = np.full(met.shape, -np.inf)
     best[0, 0] = met[0, 0]
     risen: list[tuple[Places, Places]] = []
-    found = []
-    for _ in range(MOST):
+    found: list[tuple[Stages, float]] = []
+    before: Array | None = None
+    while before is None or not np.array_equal(best, before):
+        before = best
         best, from_time = _rising(best, met, early=True)
         transposed, from_gain = _rising(best.T, met.T, early=False)
         best = transposed.T

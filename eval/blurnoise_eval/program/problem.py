@@ -59,38 +59,38 @@ def inputs_of(
     camera or a motion for which the plane does not hold.
     """
     run, where = Run(store), f"run = {str(store.folder)!r}"
-    withheld = withheld_models(store, cluster)
-    names = [name for name in run.models if name not in withheld]
+    without_answers = withheld_models(store, cluster)
+    names = [name for name in run.models if name not in without_answers]
     chosen = names[0] if model is None and len(names) == 1 else model
     if chosen not in names:
-        unfit = "".join(f"; {name}: {reason}" for name, reason in withheld.items())
+        unfit = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
         given = "model: missing" if model is None else f"model = {chosen!r}"
         raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
     of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]
     notes = [f"{group}: left out, for the model knows too little of these" for group in little]
-    seen = [plane for table in tables for plane in table.on_plane()]
-    if not seen:
-        raise StoreError(f"{where}: tells of no targets under any light")
+    every_plane = [plane for table in tables for plane in table.on_plane()]
+    if not every_plane:
+        raise StoreError(f"{where}: has no targets under any light")
     asked = question_of(store) or Question(run.grid)
     question = Question({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
-    setting = {name: float(seen[0].conditions[name][0]) for name in FURTHER}
+    setting = {name: float(every_plane[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
     if because := what_breaks(camera, question, run.trajectory):
         raise ValueError(f"{where}: has no program, for its conditions are no plane: {'; '.join(because)}")
-    light = mean_light(queries.gains_set(store, seen[0].model), camera)
+    light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
     if light is None:
-        notes.append(f"no gain of the run tells how bright its pictures are: taken for {GREY:g} of white")
+        notes.append(f"no gain of the run shows how bright its pictures are: taken for {GREY:g} of white")
     lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
-    planes = {each.group: Predicted(each, Trend.of(camera)) for each in seen}
+    planes = {each.group: Predicted(each, Trend.of(camera)) for each in every_plane}
     choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
     return Inputs(
-        model=seen[0].model,
+        model=every_plane[0].model,
         criterion=criterion,
         planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
@@ -159,7 +159,7 @@ class Problem:
         speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
         return ValueError(
             f"lux = {lights}: no exposure is left that was tested at {speeds} px/s, is not longer in more light, and "
-            f"keeps to {', '.join(self.limits.words)}; the run tells of light x exposure {light_low:.3g} to "
+            f"keeps to {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
             f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
         )
 
@@ -168,11 +168,9 @@ class Problem:
         found = []
         for speed, target in self.scenario.cases:
             plane, places = self.inputs.planes[target], places_of(exposures_s, lights_lux, speed)
-            outside = ~plane.inside(places)
-            at = plane.on(places)
-            for values in at:
-                values[:, outside] = np.nan
-            found.append(at)
+            tested = np.where(plane.inside(places), 1.0, np.nan)
+            sums, counts = plane.on(places)
+            found.append((sums * tested, counts * tested))
         return found
 
     def at(self, lights_lux: ArrayLike, exposures_s: ArrayLike) -> tuple[Array, Array]:
@@ -182,10 +180,11 @@ class Problem:
 
     def objective(self, times_s: Sequence[float]) -> Array:
         """(L, S) of these exposures, NaN where it was not tested or the gain is not allowed."""
-        shape = len(self.scenario.lights_lux), len(times_s)
-        _, values = self.at(np.repeat(self.scenario.lights_lux, shape[1]), np.tile(times_s, shape[0]))
-        allowed = self.gains_db(times_s) <= self.limits.gain_max_db + 1e-9
-        return np.where(allowed, values.reshape(shape), np.nan)
+        lights = np.repeat(self.scenario.lights_lux, len(times_s))
+        _, values = self.at(lights, np.tile(times_s, len(self.scenario.lights_lux)))
+        gains_db = self.gains_db(times_s)
+        allowed = gains_db <= self.limits.gain_max_db + 1e-9
+        return np.where(allowed, values.reshape(gains_db.shape), np.nan)
 
     def gains_db(self, times_s: Sequence[float]) -> Array:
         """(L, S)."""
@@ -196,11 +195,11 @@ class Problem:
         """What these exposures do, one at each light, with the camera's gain."""
         cases, values = self.at(self.scenario.lights_lux, exposures_s)
         by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
-        of_speeds = np.average(by_speed, axis=1, weights=list(self.scenario.targets.values()))
+        of_speeds = by_speed @ list(self.scenario.targets.values())
         metering = self.inputs.metering
         gains_db = tuple(map(metering.gain_db, self.scenario.lights_lux, exposures_s))
         return Schedule(
-            exposures_s=tuple(float(exposure) for exposure in exposures_s),
+            exposures_s=tuple(map(float, exposures_s)),
             gains_db=gains_db,
             lacks_gain=tuple(gain_db >= metering.camera.gain_max_db for gain_db in gains_db),
             values=tuple(map(finite, values)),
@@ -212,16 +211,15 @@ class Problem:
         """At pairs the objective (M,), the influence of each cluster on it (C, M), and the covariance (M, M) of the
         surfaces' prediction, ``CAUTION`` times as wide as they have it."""
         there = self.predicted(lights_lux, exposures_s)
-        cases = np.array([ratio_of_sums(*of_case) for of_case in there])
+        cases = np.array([ratio_of_sums(*each) for each in there])
         weights = self.scenario.weights(cases)
         objective, weights = (weights * cases).sum(axis=0), np.nan_to_num(weights)
-        place = {cluster: index for index, cluster in enumerate(self.clusters)}
-        total = np.zeros((len(place), len(objective)))
+        total = np.zeros((len(self.clusters), len(objective)))
         for weight, (_, target), of_case in zip(weights, self.scenario.cases, there, strict=True):
             own = influence(*of_case)
             known = np.maximum(np.isfinite(own).sum(axis=0), 1)
-            rows = [place[cluster] for cluster in self.inputs.planes[target].clusters]
-            total[rows] += weight * np.nan_to_num(own) * len(place) / known
+            rows = [self.clusters.index(cluster) for cluster in self.inputs.planes[target].clusters]
+            total[rows] += weight * np.nan_to_num(own) * len(total) / known
         speeds, targets = self.scenario.speeds_px_s, self.scenario.targets
         at = np.concatenate([places_of(exposures_s, lights_lux, speed) for speed in speeds])
         cov = np.zeros((len(objective),) * 2)

@@ -21,12 +21,13 @@ from matplotlib.ticker import LogLocator
 from blurnoise_eval.grid.axes import milliseconds
 from blurnoise_eval.plots.style import COLOURS, plain_numbers, spread, tidy
 from blurnoise_eval.program.optimise import Program, Stages
+from blurnoise_eval.report.words import counted, keeps, reached_text
 from blurnoise_eval.system.files import write_figure, write_whole
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
 _SHOWN = 12  # lights of the table
-_EXTRAPOLATED = "extrapolated: shorter than tested"
+_EXTRAPOLATED = " (extrapolated: shorter than tested)"
 _OURS: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
 _BEST: dict[str, Any] = {"color": "0.55", "ls": "", "marker": "o", "ms": 3.5, "mfc": "none"}
 _DASHES = ((4, 1.5), (1, 1), (5, 1.5, 1, 1.5))
@@ -38,24 +39,20 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
     yield from paragraph(sentence(program), prose)
     yield ""
     schedule, problem, inputs = program.schedule, program.problem, program.problem.inputs
-    reached = "keeps" if inputs.criterion.kept else "reaches"
-    rows = []
-    for place in spread(range(len(problem.scenario.lights_lux)), _SHOWN):
-        exposure_s = schedule.exposures_s[place]
-        note = _EXTRAPOLATED * program.extrapolates(exposure_s)
-        if schedule.lacks_gain[place]:
-            note = "most gain: darker than metered"
-        gain, value = f"{schedule.gains_db[place]:.1f}", _value(schedule.values[place])
-        rows.append([_lux(problem.scenario.lights_lux[place]), milliseconds(exposure_s), gain, value, note])
-    least_s, unity = program.stages.times_s[0], inputs.metering.total_s(1.0)
-    if program.extrapolates(least_s):
-        rows.append([_lux(unity / least_s), milliseconds(least_s), "0.0", "-", _EXTRAPOLATED])
-    heads = ["light, lux", "exposure, ms", "gain, dB", reached, ""]
-    yield from table_lines(heads, rows, (True, True, True, True, False), width)
+    reached = keeps(inputs.criterion)
+    every = zip(problem.scenario.lights_lux, *schedule[:2], schedule.values, strict=True)
+    rows = [
+        [_lux(light), milliseconds(exposure_s), f"{gain_db:.1f}", _value(value)]
+        for light, exposure_s, gain_db, value in spread(list(every), _SHOWN)
+    ]
+    yield from table_lines(["light, lux", "exposure, ms", "gain, dB", reached], rows, (True,) * 4, width)
     yield ""
     both = zip(program.stages.times_s, program.stages.gains, strict=True)
-    stages = "; ".join(f"{milliseconds(time)} ms, x{gain:.3g}" for time, gain in both)
-    yield from paragraph(f"Stages (time first, then gain): {stages}.", prose)
+    stages = [
+        f"{milliseconds(time)} ms{_EXTRAPOLATED * program.extrapolates(time)}, x{gain:.3g}"
+        for time, gain in both
+    ]
+    yield from paragraph(f"Stages (time first, then gain): {'; '.join(stages)}.", prose)
     yield from paragraph(
         f"For {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. Gain by metering to 18 % of full "
         f"scale, {inputs.metering.camera.name}, pictures of {100 * inputs.metering.mean_light:.1f} % of white on "
@@ -63,22 +60,20 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         prose,
     )
     yield ""
-    ways = {"this program": schedule, "the best, without stages": program.best, **program.baselines}
+    ways = {"this program": schedule, "with any number of stages": program.best, **program.baselines}
     compared = [[name, _value(way.value), _value(way.worst_speed)] for name, way in ways.items()]
     yield from table_lines(["", reached, "worst speed"], compared, (False, True, True), width)
 
 
 def sentence(program: Program) -> str:
     """What the program gives, and what it may lose."""
-    inputs, lights = program.problem.inputs, program.problem.scenario.lights_lux
+    problem, lights = program.problem, program.problem.scenario.lights_lux
     value = _value(program.schedule.value)
     if program.low is not None and program.high is not None:
         value += f" ({program.low:.3f}-{program.high:.3f})"
-    does = f"gives {inputs.model} a {inputs.criterion.title} of {value}"
-    if inputs.criterion.kept:
-        does = f"keeps {value} of {inputs.model}'s {inputs.criterion.noun}"
+    does = reached_text(value, problem.inputs.criterion)
     start = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}."
-    pictures = f"{program.pictures} picture{'s' * (program.pictures != 1)}"
+    pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
         return f"{start} From {pictures} it cannot be said what another program could gain."
     return f"{start} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
@@ -100,7 +95,7 @@ def draw(program: Program, title: str, path: Path) -> Path:
     panels = list(figure.subplots(3, 1, sharex=True))
     lights = np.array(program.problem.scenario.lights_lux)
     dashed = [{"color": each, "dashes": dash} for each, dash in zip(COLOURS[1:], _DASHES, strict=False)]
-    ways = {"best at each light": program.best, "program": program.schedule, **program.baselines}
+    ways = {"any number of stages": program.best, "program": program.schedule, **program.baselines}
     for (name, way), style in zip(ways.items(), (_BEST, _OURS, *dashed), strict=True):
         of_panels = 1e3 * np.array(way.exposures_s), way.gains_db, np.array(way.values, float)
         for axes, values in zip(panels, of_panels, strict=True):
@@ -129,22 +124,20 @@ def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
 
 
 def rows(program: Program) -> list[dict[str, Any]]:
-    """A row per light: the program there, whether it is shorter than was tested, and the best without stages."""
+    """A row per light: the program there, whether it is shorter than was tested, and one of any number of stages."""
     ours, best = program.schedule, program.best
-    return [
-        {
-            "illuminance_lux": light,
-            "exposure_s": ours.exposures_s[place],
-            "gain_db": ours.gains_db[place],
-            "gain_limited": int(ours.lacks_gain[place]),
-            "extrapolated": int(program.extrapolates(ours.exposures_s[place])),
-            "value": ours.values[place],
-            "best_exposure_s": best.exposures_s[place],
-            "best_gain_db": best.gains_db[place],
-            "best_value": best.values[place],
-        }
-        for place, light in enumerate(program.problem.scenario.lights_lux)
-    ]
+    columns = {
+        "illuminance_lux": program.problem.scenario.lights_lux,
+        "exposure_s": ours.exposures_s,
+        "gain_db": ours.gains_db,
+        "gain_limited": map(int, ours.lacks_gain),
+        "extrapolated": (int(program.extrapolates(each)) for each in ours.exposures_s),
+        "value": ours.values,
+        "best_exposure_s": best.exposures_s,
+        "best_gain_db": best.gains_db,
+        "best_value": best.values,
+    }
+    return [dict(zip(columns, each, strict=True)) for each in zip(*columns.values(), strict=True)]
 
 
 def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:
@@ -166,7 +159,7 @@ def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]
         "value_low": program.low,
         "value_high": program.high,
         "regret_95": program.regret_95,
-        "pictures": program.pictures,
+        "pictures": len(problem.clusters),
         "stages": asdict(program.stages),
         "shortest_tested_s": program.tested_s,
         "nodes": rows(program),

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from blurnoise._core.checks import Figure, in_range, limited, one_of
 from blurnoise.optics.camera import Camera
-from blurnoise.scene.metering import USUAL, AutoExposure, Setting
+from blurnoise.scene.metering import USUAL, AutoExposure
+from blurnoise_eval.deciding.question import exposures_on
 
 Objective = Literal["expected", "worst", "tail"]
 Array = NDArray[np.float64]
@@ -105,9 +106,7 @@ def half_stops(low_lux: float, high_lux: float) -> tuple[float, ...]:
     """Lights from low to high, both included, half a stop apart or a little less. Raises ``ValueError``."""
     if not 0 < limited("illuminance_lux", low_lux) <= limited("illuminance_lux", high_lux):
         raise ValueError(f"lux = {low_lux:g}:{high_lux:g}: must be above 0 and rise")
-    steps = math.ceil(LIGHTS_PER_STOP * math.log2(high_lux / low_lux) - 1e-9)
-    between = (low_lux * (high_lux / low_lux) ** (step / steps) for step in range(1, steps))
-    return (low_lux, *between, high_lux) if steps else (low_lux,)
+    return tuple(exposures_on((low_lux, high_lux), LIGHTS_PER_STOP).tolist())
 
 
 def speed_shares(text: str) -> dict[float, float]:
@@ -218,19 +217,18 @@ class Metering:
     mean_light: float
     temperature_c: float = 25.0
 
-    def _setting(self, rule: AutoExposure, lux: float, exposure_s: float | None = None) -> Setting:
-        return rule.setting(
-            self.camera, mean_light=self.mean_light, illuminance_lux=lux,
-            exposure_s=exposure_s, temperature_c=self.temperature_c,
-        )  # fmt: skip
+    @property
+    def _picture(self) -> dict[str, Any]:
+        return {"mean_light": self.mean_light, "temperature_c": self.temperature_c}
 
     def total_s(self, illuminance_lux: float) -> float:
         """Exposure times gain that the meter asks for: the exposure that needs no gain; an hour at most."""
-        return self._setting(_UNHURRIED, illuminance_lux).exposure_s
+        return _UNHURRIED.setting(self.camera, illuminance_lux=illuminance_lux, **self._picture).exposure_s
 
     def gain_db(self, illuminance_lux: float, exposure_s: float) -> float:
         """As the camera sets it, from 0 dB to its most."""
-        return self._setting(USUAL, illuminance_lux, exposure_s).gain_db
+        at: Any = {"illuminance_lux": illuminance_lux, "exposure_s": exposure_s}
+        return USUAL.setting(self.camera, **at, **self._picture).gain_db
 
 
 def mean_light(gains: Iterable[Mapping[str, Any]], camera: Camera) -> float | None:

@@ -19,6 +19,7 @@ from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
 from blurnoise_eval.report.words import counted, joined, keeps, limit_text, reached_text, value_text
+from blurnoise_eval.scoring.uncertainty import FEWEST
 from blurnoise_eval.system.tables import finite
 
 MAX_MODELS = 4
@@ -138,7 +139,7 @@ class _OfModel:
             return f"No exposure was tested in all lights. With the best of each it {reached} on average."
         n, sure, use = row["conditions"], row["sure"], EXPOSURE.text(row["exposure_s"])
         reached = reached_text(value_text(row["value"], row["low"], row["high"]), criterion)
-        bright = "" if brief else self._bright(row)
+        bright = self._unsure(row) + ("" if brief else self._bright(row))
         if n == 1:
             after = {
                 SURE: f", surely at least {self.level:g}",
@@ -157,6 +158,16 @@ class _OfModel:
         return (
             f"Best single exposure: {use}. It {reached}{average}, surely at least {self.level:g} in {often} of "
             f"{where}{lost}.{weak}{bright}"
+        )
+
+    def _unsure(self, row: Row) -> str:
+        """Why a value has no interval."""
+        if row["low"] is not None:
+            return ""
+        count = max(answer["n_pictures"] for answer in self.answers)
+        weight = ", of unequal weight," if count >= FEWEST else ""
+        return (
+            f" {counted(count, 'picture')}{weight} {'is' if count == 1 else 'are'} too few for an interval."
         )
 
     def _of_lights(self) -> float:

@@ -74,6 +74,9 @@ class Truth:
         return move_boxes(corners, self.sizes, [names[each["category_id"]] for each in self.annotations])
 
 
+NO_TRUTH, NO_ANSWERS = Truth({"annotations": (), "categories": ()}, {}, {}), Answers.of(())
+
+
 class Alarms(NamedTuple):
     """Of N detections: scores, whether each is right, its cluster; pictures: their number per cluster, (n,)."""
 
@@ -116,14 +119,14 @@ class Evaluated:
     """A model's answers under one condition.
 
     sums: of each score of single targets and readings its sums over clusters and their counts, both (n,). truth:
-    None for a reader. found: in every picture. move_boxes: to where the truth's boxes are here; None: they stay.
-    sweep_boxes: to all that these cover during the exposure; None: no more than that. cluster_of: the number of a
-    picture's cluster; without, each is its own.
+    ``NO_TRUTH`` for a reader. found: in every picture. move_boxes: to where the truth's boxes are here; None: they
+    stay. sweep_boxes: to all that these cover during the exposure; None: no more than that. cluster_of: the number of
+    a picture's cluster; without, each is its own.
     """
 
     sums: Mapping[str, tuple[Array, Array]]
-    truth: Truth | None = None
-    found: Answers | None = None
+    truth: Truth = NO_TRUTH
+    found: Answers = NO_ANSWERS
     move_boxes: MoveBoxes | None = None
     sweep_boxes: MoveBoxes | None = None
     cluster_of: Mapping[str, int] | None = None
@@ -148,7 +151,7 @@ class Evaluated:
     @property
     def swept_ap50(self) -> Estimate:
         """COCO's AP50 with the boxes that the motion sweeps; where these are the boxes at mid-exposure, that."""
-        if self.truth is None or self.sweep_boxes is None or self._at_middle is None:
+        if self.sweep_boxes is None or self._at_middle is None:
             return self.average(ious=_IOU_50)
         at_middle, sizes = self.truth.moved(self.move_boxes), self.truth.sizes
         swept = swept_within(
@@ -156,14 +159,12 @@ class Evaluated:
         )
         if np.array_equal(swept, at_middle):
             return self.average(ious=_IOU_50)
-        found = self._precision(self.truth, swept, ap50_only=True)
+        found = self._precision(swept, ap50_only=True)
         return left_out(found.precision[:, 0, 0], found.cautious[:, 0, 0])
 
     @property
     def targets_by_size(self) -> dict[str, int]:
         """How many targets of each of ``SIZES`` the pictures have, each once; crowds are none."""
-        if self.truth is None:
-            return dict.fromkeys(SIZES, 0)
         targets = self.truth.targets.of_pictures(np.unique(self._pictures[1]), len(self.truth.places))
         areas = targets.area_px2[~targets.crowd, None]
         counts = ((AREAS_PX2[:, 0] <= areas) & (areas <= AREAS_PX2[:, 1])).sum(axis=0)
@@ -171,15 +172,13 @@ class Evaluated:
 
     @cached_property
     def alarms(self) -> Alarms:
-        """Detections that count as alarms; none, in no picture, without a truth to hold them against."""
+        """Detections that count as alarms."""
         return self.alarms_from(FOUND_SCORE)
 
     def alarms_from(self, least: float) -> Alarms:
         """Those of at least this confidence; those in a crowd are neither right nor wrong."""
-        if self.truth is None:
-            return Alarms(np.zeros(0), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(1))
         answers, _, clusters, count = self._pictures
-        targets = self._targets(self.truth, self.truth.moved(self.move_boxes))
+        targets = self._targets(self.truth.moved(self.move_boxes))
         category, categories = targets.category_of_class(self.truth.category_of, answers.class_ids)
         certain = np.flatnonzero((answers.scores >= least) & answers.leads & (category >= 0))
         picture = answers.picture[certain]
@@ -200,30 +199,28 @@ class Evaluated:
     @cached_property
     def _at_middle(self) -> Precision | None:
         """With the boxes at mid-exposure; None without targets."""
-        if self.truth is None or not self.truth.annotations:
+        if not self.truth.annotations:
             return None
-        return self._precision(self.truth, self.truth.moved(self.move_boxes))
+        return self._precision(self.truth.moved(self.move_boxes))
 
-    def _precision(self, truth: Truth, boxes_xyxy: Array, *, ap50_only: bool = False) -> Precision:
+    def _precision(self, boxes_xyxy: Array, *, ap50_only: bool = False) -> Precision:
         answers, _, cluster, count = self._pictures
-        targets, of = self._targets(truth, boxes_xyxy), truth.category_of
+        targets, of = self._targets(boxes_xyxy), self.truth.category_of
         return precision(answers, cluster, targets, of, count, ap50_only=ap50_only)
 
-    def _targets(self, truth: Truth, boxes_xyxy: Array) -> Targets:
+    def _targets(self, boxes_xyxy: Array) -> Targets:
         """The truth's targets in the pictures, boxes: (N, 4) of all annotations."""
-        moved = truth.targets._replace(boxes_xywh=xywh(boxes_xyxy))
-        return moved.of_pictures(self._pictures[1], len(truth.places))
+        moved = self.truth.targets._replace(boxes_xywh=xywh(boxes_xyxy))
+        return moved.of_pictures(self._pictures[1], len(self.truth.places))
 
     @cached_property
     def _pictures(self) -> tuple[Answers, Places, Places, int]:
         """The answers in COCO's order of pictures, which ranks equal scores; of each picture its place in the truth
         and its cluster, and how many clusters there are."""
-        answers, numbers = Answers.of(()), list[int]()
-        if self.truth is not None and self.found is not None:
-            of = self.truth.image_ids
-            order = np.lexsort(([of[name] for name in self.found.names], self.found.repeats))
-            answers = self.found.in_order(order)
-            numbers = [self.truth.places[of[name]] for name in answers.names]
+        of, places = self.truth.image_ids, self.truth.places
+        order = np.lexsort(([of[name] for name in self.found.names], self.found.repeats))
+        answers = self.found.in_order(order)
+        numbers = [places[of[name]] for name in answers.names]
         clusters = self.cluster_of
         if clusters is None:
             clusters = {name: place for place, name in enumerate(dict.fromkeys(answers.names))}

@@ -35,7 +35,7 @@ class Reader(Protocol):
 
     @property
     def non_finite_values_here(self) -> int:
-        """NaN and infinite output values that the calling thread has seen so far."""
+        """NaN and infinite output values among its outputs so far, in the calling thread."""
 
     @property
     def contract(self) -> Any:
@@ -48,7 +48,7 @@ class Reader(Protocol):
 Model = Detector | Reader
 
 
-class Sight(NamedTuple):
+class ModelOutput(NamedTuple):
     """A model's answer to one picture: its detections, a row per target, ms, and what went wrong if it did.
 
     non_finite_values: NaN and infinite values among the model's outputs.
@@ -86,11 +86,11 @@ class View:
             self._ids = np.array([number[target.label] for _, target in self._targets], np.int64)
         self._answer = self._read if reads else self._detect
         self._labelled = picture.targets is not None
-        self.clean = self.look(image8)
+        self.clean = self.evaluate(image8)
 
-    def look(
+    def evaluate(
         self, image: Picture8, move_boxes: MoveBoxes | None = None, sweep_boxes: MoveBoxes | None = None
-    ) -> Sight:
+    ) -> ModelOutput:
         """The model's answer to a picture, compared with its targets where ``move_boxes`` puts them, and with what
         they cover, ``sweep_boxes``; None: they stay. One on which the model fails gives no rows, and the reason."""
         before = self.model.non_finite_values_here
@@ -101,7 +101,9 @@ class View:
         except ModelError as error:
             wrong = str(error)
         infer_ms = 1e3 * (time.perf_counter() - started)
-        return Sight(detections, tuple(rows), infer_ms, wrong, self.model.non_finite_values_here - before)
+        return ModelOutput(
+            detections, tuple(rows), infer_ms, wrong, self.model.non_finite_values_here - before
+        )
 
     def _detect(
         self, model: Any, image: Picture8, move_boxes: MoveBoxes | None, sweep_boxes: MoveBoxes | None

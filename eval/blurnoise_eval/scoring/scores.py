@@ -106,15 +106,15 @@ def _precision(evaluated: Evaluated, size: str, first: int = 0, last: int = 10) 
 SCORES: tuple[Score, ...] = (
     Score(
         "p", "P", DETECTOR, of_models=DETECTOR, missing=_UNKNOWN,
-        meaning="AP (IoU 0.50 to 0.95) on the untouched pictures",
+        meaning="AP (IoU 0.50 to 0.95) on the original pictures",
     ),
     Score(
         "p", "P", READER, of_models=READER, missing=_NO_TEXT,
-        meaning="exact matches on the untouched pictures",
+        meaning="exact matches on the original pictures",
     ),
     Score(
         "mpc", "mPC", of_models=BOTH, missing="no condition scored",
-        meaning="mean of the same over all conditions but the untouched, each weighted alike",
+        meaning="mean of the same over all conditions but the original pictures, each weighted alike",
     ),
     Score("rpc", "rPC", of_models=BOTH, missing="needs mPC, and P above 0", meaning="mPC / P"),
     Score(

@@ -91,7 +91,7 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
 
 
 def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
-    """As :func:`models_withheld`, by what is scored here of the untouched pictures alone."""
+    """As :func:`models_withheld`, by what is scored here of the original pictures alone."""
     manifest = store.about("manifest")
     clusters = numbered(queries.pictures_seen(store), cluster)
     models = [model["name"] for model in manifest["models"]]

@@ -6,6 +6,7 @@ Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of picture
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,9 +20,9 @@ from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.recommendation import Averages, averages
-from blurnoise_eval.answers.table import ScoreTable, table_of, tables_by_size
+from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
-from blurnoise_eval.scoring.evaluated import Evaluated
+from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
@@ -101,18 +102,18 @@ def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | Non
 
 
 def _clean_values(
-    columns: TargetColumns, values: NDArray[np.float64], untouched: NDArray[np.bool_]
+    columns: TargetColumns, values: NDArray[np.float64], original: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """What the target of each row has in the untouched picture, NaN where that is not known."""
+    """What the target of each row has in the original picture, NaN where that is not known."""
     most = 1 + int(columns.target_id.max(initial=0))
     key = columns.picture.astype(np.int64) * most + columns.target_id
-    of_clean = key[untouched]
+    of_clean = key[original]
     order = np.argsort(of_clean, kind="stable")
     if not len(order):
         return np.full(len(key), np.nan)
     place = np.minimum(np.searchsorted(of_clean[order], key), len(order) - 1)
     found = of_clean[order][place] == key
-    return np.where(found, values[untouched][order][place], np.nan)
+    return np.where(found, values[original][order][place], np.nan)
 
 
 def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> list[Averages]:
@@ -122,13 +123,15 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
     shares = queries.saturated_shares(store)
     of_model: dict[str, list[ScoreTable]] = {}
     for table in tables:
-        of_model.setdefault(table.model, []).extend(table.split(SETTING))
+        keys = zip(*(table.conditions[name].tolist() for name in ORDER), strict=True)
+        of_pictures = np.array([shares.get(key) for key in keys], float)
+        by_picture = np.where(np.isnan(of_pictures), table.saturated, of_pictures)
+        of_model.setdefault(table.model, []).extend(replace(table, saturated=by_picture).split(SETTING))
     return [
         averages(
             [pooled(each) if monotone and is_uniform(each) else each for each in own],
             level,
             monotone=monotone and all(map(is_uniform, own)),
-            saturated=shares,
         )
         for own in of_model.values()
     ]
@@ -157,5 +160,5 @@ def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
         name = model["name"]
         (clean,) = [row for row in queries.condition_counts(store, name) if row["clean"]]
         answers = queries.answers_at(store, name, clean)
-        found[name] = Evaluated({}, truth_of(name), answers).alarms_from(0.0).confidence_at(rate)
+        found[name] = Evaluated({}, truth_of(name) or NO_TRUTH, answers).alarms_from(0.0).confidence_at(rate)
     return found

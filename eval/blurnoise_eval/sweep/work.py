@@ -25,7 +25,7 @@ from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.scoring.on_picture import Model, Sight, View
+from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
 from blurnoise_eval.store.store import CellResult
 from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
@@ -111,7 +111,7 @@ class Worker:
                 sight = (
                     each.clean
                     if frame.cell.conditions is None
-                    else each.look(frame.image, frame.move_boxes, frame.sweep_boxes)
+                    else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
                 yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.source)
 
@@ -137,7 +137,7 @@ def cell_result(
     frame: Frame,
     model: str,
     camera: Camera,
-    sight: Sight,
+    sight: ModelOutput,
     example: str | None,
     example_png: bytes | None,
     source: tuple[str, str, int, int, str] | None = None,

@@ -15,7 +15,7 @@ from plans import OWN
 
 KEEP = Criterion(0.9, kept=True)
 Known = dict[tuple[str, int], float]
-"""Confidence in the untouched picture by picture and target."""
+"""Confidence in the original picture by picture and target."""
 
 
 def kept_table(clean: Known, seen: dict[float, dict[tuple[str, int], tuple[float, ...]]]) -> ScoreTable:
@@ -34,7 +34,7 @@ def kept_table(clean: Known, seen: dict[float, dict[tuple[str, int], tuple[float
 
 
 def test_a_ratio_of_sums() -> None:
-    """a: 0.8 and 0.1 untouched, 0.4 in two noise fields each; b: 0.5 and 0; c has no untouched picture."""
+    """a: 0.8 and 0.1 untouched, 0.4 in two noise fields each; b: 0.5 and 0; c has no original picture."""
     clean = {("a", 0): 0.8, ("a", 1): 0.1, ("b", 0): 0.5, ("b", 1): 0.0}
     seen = {("a", 0): (0.4, 0.6), ("a", 1): (0.2, 0.2), ("b", 0): (0.5, 0.4), ("b", 1): (0.1, 0.0)}
     found = kept_table(clean, {0.01: {**seen, ("c", 0): (0.9, 0.9)}})
@@ -69,7 +69,7 @@ def answer(kept: dict[float, list[float]], known: float = 0.5) -> Named:
 
 
 def test_more_than_all_can_be_kept() -> None:
-    """Twice the untouched confidence is the most there is; the best may exceed it by far."""
+    """Twice the original confidence is the most there is; the best may exceed it by far."""
     found = answer({0.01: [0.5] * 24, 0.02: [1.2] * 24, 0.04: [1.19] * 24, 0.08: [1.0] * 24})
     assert found.verdict == "works"
     assert (found.best_s, found.best_value) == (0.02, pytest.approx(1.2))

@@ -231,7 +231,7 @@ def test_rows_of_a_run(tmp_path: Path) -> None:
 
         moving = score_rows(store, truth, moves=moves)
         assert [each.row for each in moving] == [clean, exposed]
-        assert [row["exposure_s"] for row in moved] == [0.01]  # untouched pictures do not move
+        assert [row["exposure_s"] for row in moved] == [0.01]  # original pictures do not move
     shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", *PICTURES)
     columns = [f"{score.name}{end}" for score in table.of_conditions() for end in ("", "_low", "_high")]
     assert tuple(clean) == tuple(exposed) == (*shared, *columns)

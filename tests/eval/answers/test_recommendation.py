@@ -218,12 +218,3 @@ def test_a_group_of_few_pictures_widens_the_interval_and_does_not_take_it_away()
     )
     assert both["verdict"] == alone["verdict"] == FAILS
     assert both["high"] - both["low"] > alone["high"] - alone["low"]
-
-
-def test_shares_of_pictures_take_the_place_of_those_of_targets() -> None:
-    values = {0.0: {0.001: 0.92, 0.01: 0.99}}
-    of = averages([kept_table(values)], 0.9)
-    assert (of.choose() or {})["exposure_s"] == 0.01
-    shares = {(*of.settings[0], *of.velocities_px_s[0], 0.01): 0.4}
-    seen = averages([kept_table(values)], 0.9, saturated=shares)
-    assert (seen.choose() or {})["exposure_s"] == 0.001

@@ -70,5 +70,5 @@ def test_values_and_intervals_are_the_scores_own(kept: bool) -> None:
 
 
 def test_a_size_without_targets_has_no_table() -> None:
-    """There is no AP of small targets, and none of medium ones in the untouched pictures."""
+    """There is no AP of small targets, and none of medium ones in the original pictures."""
     assert [table.group for table in tables_by_size(scored(), kept=False)] == ["large"]

@@ -25,7 +25,7 @@ def test_a_program_from_a_sweep(run: Path, tmp_path: Path, capsys: pytest.Captur
     capsys.readouterr()
     assert main(["program", str(run), "-o", str(tmp_path / "out"), "--speeds", "0:0.7,800:0.3"]) == 0
     told = capsys.readouterr().out.splitlines()
-    assert told[0].startswith("From 2 to 40 lux this program gives stop_sign a mean confidence of 0.")
+    assert told[0].startswith("From 2 to 40 lux this program reaches mean confidence 0.")
     assert max(map(len, told[:-1])) <= 80
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"program.csv", "program.json", "program.png", "libcamera.json"}
@@ -58,7 +58,7 @@ def test_the_best_fixed_time_is_what_the_report_recommends(
             ["--anti-flicker", "50", "--fps", "125"],
             "whole periods of 50 Hz mains, exposures from 20 us on: leave no exposure at any light",
         ),
-        (["--lux", "2:100000000"], "the run tells of light x exposure"),
+        (["--lux", "2:100000000"], "the run covers light x exposure"),
         (["--model", "other"], "model = 'other': must be one of stop_sign"),
         (["--targets", "cat"], "targets = 'cat'"),
         (["--speeds", "0:0.5,800:0.2,800.0:0.3"], "must have each entry once"),

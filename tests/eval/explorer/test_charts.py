@@ -10,7 +10,7 @@ import numpy as np
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.rendered import Point
-from blurnoise_eval.scoring.on_picture import Sight
+from blurnoise_eval.scoring.on_picture import ModelOutput
 
 HOSTILE = "</text><script>alert(1)</script>"
 
@@ -24,7 +24,7 @@ def drawn(classes: tuple[str, ...], *targets: dict[str, object]) -> ET.Element:
     places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
     found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
-    return ET.fromstring(charts.boxes(found, Sight(detections, targets, 1.0, None, 0)))
+    return ET.fromstring(charts.boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
 
 
 def test_boxes_are_found_missed_or_others() -> None:

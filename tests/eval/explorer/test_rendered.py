@@ -24,7 +24,7 @@ from blurnoise_eval.explorer.rendered import (
     window_sentence,
 )
 from blurnoise_eval.explorer.state import State, controls
-from blurnoise_eval.scoring.on_picture import NOTHING, Sight
+from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
 
 from blurnoise import Camera, Exposure, photoelectrons
@@ -103,9 +103,9 @@ def test_the_smaller_copy_is_the_picture_averaged() -> None:
         subject.preview(STATE.put("ego_speed_m_s", 20.0), CAMERA)
 
 
-def sight(*confidences: float) -> Sight:
+def sight(*confidences: float) -> ModelOutput:
     rows = tuple({"target_id": 2 * place, "confidence": held} for place, held in enumerate(confidences))
-    return Sight(NOTHING, rows, 1.0, None, 0)
+    return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
 
 def test_what_is_enough_is_a_share_of_the_original_or_a_confidence() -> None:

@@ -10,8 +10,8 @@ import pytest
 from blurnoise_eval.answers.recommendation import NEAR
 from blurnoise_eval.deciding.surface import Predicted
 from blurnoise_eval.program.optimise import (
+    EARLY_GAIN_DB,
     ENOUGH,
-    MOST,
     STOCK,
     Program,
     Stages,
@@ -19,7 +19,6 @@ from blurnoise_eval.program.optimise import (
     interval_of,
     optimise,
     regret_of,
-    solve,
 )
 from blurnoise_eval.program.report import sentence
 from blurnoise_eval.program.scenario import Limits
@@ -53,16 +52,25 @@ def test_never_longer_in_more_light(program: Program) -> None:
 
 def test_better_than_what_else_a_camera_may_do(program: Program) -> None:
     ours = number(program.schedule.value)
-    # times between the lattice's are free to the stages
-    assert ours - 1e-3 <= number(program.best.value) < ours + ENOUGH + 1e-3
+    assert ours <= number(program.best.value) < ours + ENOUGH
     for name in ("best fixed time", *(f"{name}, to 30.3 ms" for name in STOCK)):
         assert value(program, name) < ours - 0.005, name
+
+
+def test_few_stages_lose_little_where_the_gain_is_at_its_limit() -> None:
+    """Held against stages that keep to the same limits of gain, not against exposures that keep to none."""
+    found = optimise(made_problem(LIMITS, lights_lux=(0.4, 1.6, 6.4), speeds_px_s={0.0: 0.1, 1500.0: 0.9}))
+    assert max(found.schedule.gains_db) > EARLY_GAIN_DB
+    assert number(found.best.value) < number(found.schedule.value) + ENOUGH
 
 
 def test_its_sentence(program: Program) -> None:
     found = sentence(program)
     assert found.startswith(f"From 2 to 300 lux this program keeps {program.schedule.value:.3f} (")
-    assert f"Another could gain at most {program.regret_95:.3f} (95 %, 24 pictures)." in found
+    assert (
+        f") of its confidence. Another could gain at most {program.regret_95:.3f} (95 %, 24 pictures)."
+        in found
+    )
 
 
 def test_the_fixed_time_is_the_best(program: Program) -> None:
@@ -179,7 +187,7 @@ def test_a_gain_limit_holds(program: Program) -> None:
 @pytest.mark.parametrize(
     ("more", "named"),
     [
-        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run tells of light x exposure 0.000488 to 8 lux s"),
+        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run covers light x exposure 0.000488 to 8 lux s"),
         ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
         ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 0, 1e\+07 px/s.*motion 0.5 to 64 px"),
     ],
@@ -192,28 +200,6 @@ def test_what_was_not_tested_is_refused_with_the_range(more: dict[str, object], 
 def test_nothing_is_said_outside_the_range() -> None:
     _, objective = made_problem(lights_lux=(1e4,)).at([1e4], [0.01])
     assert np.isnan(objective).all()
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_solve_equals_brute_force(seed: int) -> None:
-    worth = np.random.default_rng(seed).normal(size=(4, 6))
-    worth[worth > 1.2] = np.nan
-    never_longer = [way for way in product(range(6), repeat=4) if all(np.diff(way) <= 0)]
-    sums = {way: sum(worth[light, place] for light, place in enumerate(way)) for way in never_longer}
-    best = max((total for total in sums.values() if np.isfinite(total)), default=None)
-    chosen = solve(worth)
-    if best is None:
-        assert chosen is None
-    else:
-        assert chosen in sums
-        assert sums[chosen] == pytest.approx(best, abs=1e-12)
-
-
-def test_solve_takes_the_shortest_of_equals_and_nothing_of_none() -> None:
-    assert solve(np.zeros((3, 5))) == (0, 0, 0)
-    longer_in_more_light = np.array([[1.0, np.nan], [np.nan, 1.0]])
-    assert solve(longer_in_more_light) is None
-    assert solve(longer_in_more_light[::-1]) == (1, 0)
 
 
 SHORT = STOCK["libcamera imx296 short"]
@@ -267,7 +253,7 @@ def test_stages_equal_brute_force(seed: int) -> None:
             if all(way.divided(total)[0] in times for total in totals)
             and (way.divided(totals[0])[0] * way.divided(totals[0])[1] == totals[0] or way.gains[-1] == 4.0)
         ]
-        got = found[n - 1][1]
+        got = found[min(n, len(found)) - 1][1]
         assert got == pytest.approx(max(of_stages), abs=1e-12), n
 
 
@@ -278,7 +264,7 @@ def test_worth_of_stages_is_what_they_do() -> None:
     u = np.log2(totals)[:, None]
     worth = -((np.log2(times)[None] - 0.4 * u + 2) ** 2) + 0.01 * generator.normal(size=(22, 61))
     found = best_stages(worth, totals, times, 2.0**10)
-    assert len(found) == MOST
+    assert found[-1][1] == pytest.approx(best_path(worth, totals, times), abs=1e-9)
     assert all(a[1] <= b[1] + 1e-12 for a, b in pairwise(found))
     for n, (stages, reached) in enumerate(found, start=1):
         assert len(stages.gains) <= n + 1
@@ -286,3 +272,16 @@ def test_worth_of_stages_is_what_they_do() -> None:
             int(np.argmin(np.abs(np.log2(stages.divided(total)[0] / np.array(times))))) for total in totals
         ]
         assert sum(worth[k, place] for k, place in enumerate(places)) == pytest.approx(reached, abs=1e-9)
+
+
+def best_path(worth: np.ndarray, totals: list[float], times: list[float]) -> float:
+    """With any number of stages, by another way: step by step of the total, each time or gain."""
+    asked = np.maximum(np.rint(8 * np.log2(np.array(totals) / times[0])), 0).astype(int)
+    best = {0: 0.0}  # by steps of time
+    for step in range(max(asked) + 1):
+        here = np.flatnonzero(asked == step)
+        best = {i: total + worth[here, i].sum() for i, total in best.items()}
+        if step < max(asked):
+            risen = {i + 1: total for i, total in best.items() if i + 1 < len(times)}
+            best = {i: max(best.get(i, -np.inf), risen.get(i, -np.inf)) for i in {*best, *risen}}
+    return max(best.values())

@@ -38,9 +38,17 @@ def test_one_condition_is_answered_with_its_interval(tmp_path: Path) -> None:
     assert _notes(weak)["Limits"] == "motion blur and noise."
     few = _kept(made_run(tmp_path, n_examples=0, interval=False, **ONE))
     assert opening(few).sentences == (
-        "Best is 4 ms: it keeps 0.88 of its confidence; whether that is at least 0.6 cannot be told.",
+        "Best is 4 ms: it keeps 0.88 of its confidence; whether that is at least 0.6 cannot be told. "
+        "5 pictures are too few for an interval.",
     )
     assert _notes(few)["Surer"] == "more pictures (5 pictures leave 1 of 1 open)."
+
+
+def test_eight_pictures_of_unequal_weight_have_no_interval_and_it_is_said(tmp_path: Path) -> None:
+    data = made_run(tmp_path, n_examples=0, interval=False)
+    answers = [answer | {"n_pictures": 8} for answer in data.answers]
+    (sentence,) = opening(replace(data, answers=answers)).sentences
+    assert "8 pictures, of unequal weight, are too few for an interval." in sentence
 
 
 def test_use_is_said_only_where_half_of_the_conditions_are_sure(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_readers_are_judged_by_what_they_read(tmp_path: Path) -> None:
     wrong = data.examples[0]["targets"][0] | {"text": "STOO", "confidence": 0.0}
     data.examples[0]["targets"] = [wrong]
     parsed = Page(write_report(data, tmp_path))
-    assert "exact matches on the untouched pictures" in parsed.text
+    assert "exact matches on the original pictures" in parsed.text
     assert "Character error rate" in parsed.text
     assert "AP50" not in parsed.text
     assert "read “STOO”, wrong" in parsed.text

@@ -1,4 +1,4 @@
-"""The confidence at which the untouched pictures give a rate of false alarms: by hand."""
+"""The confidence at which the original pictures give a rate of false alarms: by hand."""
 
 from __future__ import annotations
 

@@ -52,8 +52,8 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
 def test_a_detector_is_held_against_moved_targets(detector: Detector, labelled: bool) -> None:
     targets = (Target("stop sign", "signs", BOX),) if labelled else None
     seen = View(detector, Picture("p", targets, sign, "p"), sign())
-    (clean,), (missed,) = seen.clean.targets, seen.look(sign(SHIFT_PX)).targets
-    (found,) = seen.look(sign(SHIFT_PX), to_the_right).targets
+    (clean,), (missed,) = seen.clean.targets, seen.evaluate(sign(SHIFT_PX)).targets
+    (found,) = seen.evaluate(sign(SHIFT_PX), to_the_right).targets
     assert clean["confidence"] > 0.8
     assert missed["confidence"] < 0.3
     assert found["confidence"] == pytest.approx(clean["confidence"], abs=0.1)
@@ -62,9 +62,11 @@ def test_a_detector_is_held_against_moved_targets(detector: Detector, labelled: 
         [edge + d for edge, d in zip(box_of(clean), (15, 0, 15, 0), strict=True)]
     )
     assert found["width_px"] == pytest.approx(clean["width_px"])
-    (again,) = seen.look(sign(SHIFT_PX)).targets  # where targets stand is kept for one motion, not for all
+    (again,) = seen.evaluate(
+        sign(SHIFT_PX)
+    ).targets  # where targets stand is kept for one motion, not for all
     assert {**again, "confidence": 0} == {**missed, "confidence": 0}
-    swept = seen.look(sign(), None, to_the_right).targets[0]
+    swept = seen.evaluate(sign(), None, to_the_right).targets[0]
     assert (box_of(swept), swept["confidence"]) == (box_of(clean), clean["confidence"])
     assert swept["confidence_swept"] < 0.3
 
@@ -85,11 +87,11 @@ class Asked:
 def test_a_reader_reads_where_the_targets_stand() -> None:
     reader = Asked()
     seen = View(reader, Picture("p", (Target("text", "texts", BOX, text="STOP"),), sign, "p"), sign())
-    (row,) = seen.look(sign(SHIFT_PX), to_the_right).targets
+    (row,) = seen.evaluate(sign(SHIFT_PX), to_the_right).targets
     assert reader.boxes == [[BOX], [MOVED]]
     assert (box_of(row), row["confidence"]) == (MOVED, 0.9)
 
 
 def test_pictures_without_targets_have_nothing_to_move(detector: Detector) -> None:
     seen = View(detector, Picture("p", (), sign, "p"), sign())
-    assert seen.look(sign(), to_the_right).targets == ()
+    assert seen.evaluate(sign(), to_the_right).targets == ()

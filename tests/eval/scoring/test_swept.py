@@ -68,7 +68,7 @@ def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:
     at = Conditions(exposure_s=EXPOSURE_S, illuminance_lux=LUX, velocity_x_px_s=x, velocity_y_px_s=y)
     (frame,) = frames(scene, [Cell("p", 0, at, 7)], CAMERA)
     seen = View(Fake(found), picture, square())  # type: ignore[arg-type]
-    (row,) = seen.look(frame.image, frame.move_boxes, frame.sweep_boxes).targets
+    (row,) = seen.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes).targets
     return row
 
 

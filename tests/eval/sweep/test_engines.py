@@ -97,7 +97,7 @@ def test_processes_give_what_threads_give(detector: Detector, pictures: PictureS
     assert processes.computed == threads.computed == 2 * count_cells(pictures, PLAN) // 3
     assert list(processes.skipped) == ["empty.png"]
     assert processes.skipped == threads.skipped
-    # A box to read in every cell, two values each; the untouched picture is asked once.
+    # A box to read in every cell, two values each; the original picture is asked once.
     assert processes.non_finite_values["nan"] == threads.non_finite_values["nan"] == 2 * threads.computed
     assert processes.non_finite_values["small"] == 0
 
