@@ -27,11 +27,10 @@ from blurnoise_eval.grid.parts import Part
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.default_camera import default_for
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
@@ -41,6 +40,7 @@ from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, criterion_of
+from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.progress import Advance, progress_bar, tell_of
 from blurnoise_eval.system.tables import plain

@@ -47,6 +47,5 @@ def merge(
         command = " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
         advance = opened.enter_context(ProgressBar("merge", len(set(folders))))
         done = joined(folders, whole.path, command, advance)
-    held = f", {done.repeated} more than once" if done.repeated else ""
-    say(f"{done.cells} rows of cells of {done.pictures} pictures{held}", f"blurnoise report {output}")
+    say(f"{done.cells} rows of cells of {done.pictures} pictures", f"blurnoise report {output}")
     say("ends of windows: the sweep's command without --part, with -o this folder, refines them")

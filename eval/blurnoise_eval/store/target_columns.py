@@ -69,52 +69,43 @@ def target_columns(store: Store, model: str) -> TargetColumns:
 
 
 def _read(store: Store, model: str) -> TargetColumns:
-    """Each table as it lies on the disk, in place of a join: that would look up every cell on its own."""
+    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE)
+    query = f"""
+      SELECT {", ".join(f"targets.{name}" for name in CONDITIONS)}, {", ".join(names)}
+      FROM targets JOIN (SELECT cell_id, model, {", ".join(_OF_PICTURE)} FROM cells) USING (cell_id, model)
+      WHERE model = ?
+    """
+    start = len(CONDITIONS)
     conditions, pictures, groups = dict[Any, int](), dict[str, int](), dict[str, int]()
-    cell_of = dict[str, int]()
-    asked = ", ".join(("cell_id", "image", "repeat", *_OF_PICTURE, *CONDITIONS))
-    of_cells, start = [_columns(3, len(_OF_PICTURE), ())], 3 + len(_OF_PICTURE)
-    for rows in store.tuples(f"SELECT {asked} FROM cells NOT INDEXED WHERE model = ?", model):
-        cell_of.update((row[0], place) for place, row in enumerate(rows, start=len(cell_of)))
-        at = [conditions.setdefault(row[start:], len(conditions)) for row in rows]
-        of = [pictures.setdefault(row[1], len(pictures)) for row in rows]
-        coded = [(*codes, *row[2:start]) for *codes, row in zip(at, of, rows, strict=True)]
-        of_cells.append(_columns(3, len(_OF_PICTURE), coded))
-    condition, picture, repeat, *of_picture = map(np.concatenate, zip(*of_cells, strict=True))
-    of_targets = [_columns(3, len(_OF_TARGET), ())]
-    asked = ", ".join(("cell_id", '"group"', "target_id", *_OF_TARGET))
-    for rows in store.tuples(f"SELECT {asked} FROM targets NOT INDEXED WHERE model = ?", model):
-        if missing := {row[0] for row in rows}.difference(cell_of):
-            raise store.damaged("targets.cell_id", f"{min(missing)!r} is none of the cells")
-        coded = [(cell_of[row[0]], groups.setdefault(row[1], len(groups)), *row[2:]) for row in rows]
-        of_targets.append(_columns(3, len(_OF_TARGET), coded))
-    cell, group, target_id, *of_target = map(np.concatenate, zip(*of_targets, strict=True))
-    codes_of = (conditions, condition[cell]), (pictures, picture[cell]), (groups, group)
-    names, ranks = zip(*(_sorted(*each) for each in codes_of), strict=True)
-    columns = [*ranks, repeat[cell], target_id, *of_target, *(each[cell] for each in of_picture)]
+    blocks = [np.empty((0, 1 + len(names)))]
+    for rows in store.tuples(query, model):
+        coded = [
+            (
+                conditions.setdefault(row[:start], len(conditions)),
+                pictures.setdefault(row[start], len(pictures)),
+                groups.setdefault(row[start + 1], len(groups)),
+                *row[start + 2 :],
+            )
+            for row in rows
+        ]
+        blocks.append(np.array(coded, float))  # NaN for None
+    table = np.concatenate(blocks)
+    codes = table[:, :5].astype(np.int32).T
+    named = [_sorted(*each) for each in zip((conditions, pictures, groups), codes, strict=False)]
+    columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
     order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
-    every: list[Any] = [*names, *(column[order] for column in columns)]
+    every: list[Any] = [*(names for names, _ in named), *(column[order] for column in columns)]
     return TargetColumns(*every)
 
 
-def _columns(n_codes: int, n_values: int, rows: Sequence[Sequence[Any]]) -> list[NDArray[Any]]:
-    """Rows as columns: the first whole numbers, the others NaN where there is none."""
-    kinds = [np.int32] * n_codes + [np.float64] * n_values
-    columns = zip(*rows, strict=True) if rows else [()] * len(kinds)
-    return [np.array(column, kind) for column, kind in zip(columns, kinds, strict=True)]
-
-
 def _sorted(codes: dict[Any, int], column: Places) -> tuple[list[Any], Places]:
-    """The names that a column of codes uses, sorted, and their places in that; conditions with None first."""
+    """Names, sorted, conditions with None first; and the column of codes as places in that."""
 
     def key(name: Any) -> Any:
         return name if isinstance(name, str) else tuple(-1.0 if value is None else value for value in name)
 
-    used = np.unique(column)
-    names = np.empty(len(codes), object)
-    names[:] = list(codes)
-    ordered = sorted((names[code] for code in used), key=key)
+    names = sorted(codes, key=key)
     rank = np.zeros(len(codes), np.int32)
-    for place, name in enumerate(ordered):
+    for place, name in enumerate(names):
         rank[codes[name]] = place
-    return ordered, rank[column]
+    return names, rank[column]

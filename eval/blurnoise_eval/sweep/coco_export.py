@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 from blurnoise._core.files import read_bytes
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
+from blurnoise_eval.grid.axes import AXES, FURTHER, VELOCITY
 from blurnoise_eval.scoring.evaluated import Truth, coco_results, moved
 from blurnoise_eval.scoring.movers import box_mover
 from blurnoise_eval.store import queries
@@ -71,7 +72,11 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     """
     coco, run = read_truth(store), Run(store)
     image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
-    sizes_px = {image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids}
+    sizes_px = {
+        image_ids[name]: (facts.width_px, facts.height_px)
+        for name, facts in store.pictures().items()
+        if name in image_ids
+    }
 
     def truth_of(name: str) -> Truth | None:
         if run.models[name]["kind"] != "detector":
@@ -99,46 +104,38 @@ def write_detections(
 ) -> list[Path]:
     """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
 
-    ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
-    repeat where it is not the camera's own. The truth is MODEL/instances.json, or where the camera moves boxes
-    CONDITION-instances.json. One condition is held at a time. Raises ``OSError``.
+    ``folder``/MODEL/clean.json, and MODEL/CONDITION-REPEAT.json, see :func:`condition_name`; names that are alike are
+    numbered. The truth is MODEL/instances.json, or where the camera moves boxes CONDITION-REPEAT-instances.json.
+    One condition is held at a time. Raises ``OSError``.
     """
     written, truth_of, run, labels = [], truths(store), Run(store), read_truth(store)
+
+    def write(path: Path, value: Any) -> None:
+        write_whole(path, json.dumps(value).encode("utf-8"))
+
     for model in run.models:
-        truth = truth_of(model)
-        if truth is None:
+        if (truth := truth_of(model)) is None:
             continue
         place = path_within(folder, model)
         place.mkdir(parents=True, exist_ok=True)
-        whole = {**labels, **truth.coco, "images": labels["images"]}
-        write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
-        for name, at in _named(queries.conditions(store, model), run.camera):
-            rows: list[dict[str, Any]] = []
-            for image, _, found in queries.detections_at(store, model, at, at["repeat"]):
-                rows += coco_results(found, truth.image_ids[image], truth.category_of)
-            path = place / f"{name}.json"
-            write_whole(path, json.dumps(rows).encode("utf-8"))
-            written.append(path)
+        whole, names = {**labels, **truth.coco, "images": labels["images"]}, Counter[str]()
+        write(place / INSTANCES.name, whole)
+        for at in queries.condition_counts(store, model):
             mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
-            if mover is not None:
-                own = json.dumps({**whole, "annotations": moved(truth, mover)})
-                write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
-            progress(1)
+            of_repeat: dict[int, list[dict[str, Any]]] = {}
+            for image, repeat, found in queries.detections_at(store, model, at):
+                results = coco_results(found, truth.image_ids[image], truth.category_of)
+                of_repeat.setdefault(repeat, []).extend(results)
+            for repeat, rows in of_repeat.items():
+                name = "clean" if at["clean"] else f"{condition_name(at, run.camera)}-{repeat}"
+                names[name] += 1
+                name += f"-{names[name]}" if names[name] > 1 else ""
+                write(place / f"{name}.json", rows)
+                written.append(place / f"{name}.json")
+                if mover is not None:
+                    write(place / f"{name}-{INSTANCES.name}", {**whole, "annotations": moved(truth, mover)})
+                progress(1)
     return written
-
-
-def _named(conditions: Iterable[dict[str, Any]], camera: Camera) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Rows of conditions with a name each, no two the same: values that round alike are numbered."""
-    held: dict[str, list[tuple[float, ...]]] = {}
-    for at in conditions:
-        if at["clean"]:
-            yield "clean", at
-            continue
-        name, values = condition_name(at, camera), tuple(at[axis] for axis in NAMES)
-        alike = held.setdefault(name, [])
-        alike += [] if values in alike else [values]
-        place = alike.index(values)
-        yield f"{name}{f'-{place + 1}' if place else ''}-{at['repeat']}", at
 
 
 def condition_name(at: Mapping[str, Any], camera: Camera) -> str:

@@ -185,17 +185,15 @@ def frames(
             along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
-    before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
-        if before != (before := _motion(exposure)):  # else only the light differs
-            boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
         yield Frame(
             cell,
             frame.picture,
             frame.simulate_ms,
             exposure,
-            *boxes,
-            saturated=_saturated(frame.picture, brightest(exposure)),
+            box_mover(exposure, scene.objects),
+            box_sweeper(exposure, scene.objects),
+            saturated=_saturated(frame.picture, brightest(*exposure.amplified)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
@@ -225,20 +223,10 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
-def brightest(exposure: Exposure) -> int:
-    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
-    return _brightest(*exposure.amplified)
-
-
 @lru_cache(maxsize=64)
-def _brightest(camera: Camera, digital_db: float) -> int:
+def brightest(camera: Camera, digital_db: float) -> int:
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
-
-
-def _motion(taken: Exposure) -> tuple[object, ...]:
-    """All that the places of boxes depend on."""
-    moved = taken.velocity_px_s, taken.trajectory, taken.moves, taken.ego_speed_m_s, taken.vehicle
-    return taken.camera, taken.exposure_s, *moved
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
@@ -258,20 +246,18 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
+    size, path = camera.field.size, None
     fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
         for target in (target for picture in pictures for target in picture.targets or ()):
             if plan.objects.crosses(target.label):
-                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, camera.field.size)
-                fastest[target.label] = max(
-                    fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
-                )
-    path = None
+                own = plan.objects.own_px_s(target.label, target.box_xyxy, camera, size)
+                fastest[target.label] = max(fastest.get(target.label, own), own, key=lambda v: math.hypot(*v))
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
         half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
-        path = stated.of(camera, camera.field.size, longest_s, plan.seed)
+        path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
@@ -280,6 +266,6 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:
-            height, width = camera.field.size
+            height, width = size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))

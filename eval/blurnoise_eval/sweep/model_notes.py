@@ -6,7 +6,6 @@ Latency is the CPU time that one picture takes a model, from the picture to its 
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import Any
@@ -23,7 +22,6 @@ from blurnoise_eval.sweep.contract_checks import Comparison
 from blurnoise_eval.system.threads import limited_threads
 
 _PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0
-_BUSY = 1.25  # times as long by the clock as in CPU time
 
 
 def note_models(
@@ -42,13 +40,7 @@ def note_models(
     for model, about in zip(models, manifest["models"], strict=True):
         if not computed and "latency" in about:
             continue
-        if not about.get("latency"):
-            about["latency"] = measured = latency(model, pictures)
-            if (ratio := measured.get("clock_ratio", 1.0)) > _BUSY:
-                busy = (
-                    f"the machine was busy while latency was measured, {ratio:.1f} times as long by the clock"
-                )
-                warnings.warn(f"{model.name}: {busy} as in CPU time", RuntimeWarning, stacklevel=2)
+        about["latency"] = about.get("latency") or latency(model, pictures)
         if isinstance(model, Detector):
             if model.name in comparisons:
                 about["suspicions"] = list(comparisons[model.name].doubts)
@@ -59,36 +51,32 @@ def note_models(
 def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
     """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
 
-    ``clock_ratio`` is the time by the clock, which counts other programs, over the CPU time. Preparing the picture
-    and decoding the outputs are included. Empty where no picture can be read, or the model fails on one.
+    Preparing the picture and decoding the outputs are included. Empty where no picture can be read, or the model
+    fails on one.
     """
     prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
     if not prepared:
         return {}
-    warm_up = max(_WARM_UP, len(prepared))
-    times_s: list[tuple[float, float]] = []  # CPU, clock
+    warm_up, times_s = max(_WARM_UP, len(prepared)), list[float]()
     try:
         with limited_threads(1):
             for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
-                clock_s, cpu_s = time.perf_counter(), time.process_time()
+                started_s = time.process_time()
                 if isinstance(model, Detector):
                     model.detect(image)
                 else:
                     model.read(image, boxes)
-                times_s.append((time.process_time() - cpu_s, time.perf_counter() - clock_s))
-                took_s = sum(clock for _, clock in times_s[warm_up:])
-                if count == _MOST or (count >= _FEWEST and took_s > _SECONDS):
+                times_s.append(time.process_time() - started_s)
+                if count == _MOST or (count >= _FEWEST and sum(times_s[warm_up:]) > _SECONDS):
                     break
     except ModelError:
         return {}
-    cpu, clock = np.transpose(times_s[warm_up:])
-    median_ms, p95_ms = 1e3 * np.percentile(cpu, (50, 95))
+    median_ms, p95_ms = 1e3 * np.percentile(times_s[warm_up:], (50, 95))
     return {
         "median_ms": float(median_ms),
         "p95_ms": float(p95_ms),
-        "clock_ratio": float(clock.sum() / max(cpu.sum(), 1e-9)),
         "threads": 1,
-        "runs": len(cpu),
+        "runs": len(times_s) - warm_up,
         "pictures": len(prepared),
     }
 

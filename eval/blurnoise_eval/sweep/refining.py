@@ -25,8 +25,7 @@ from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.open import Batch, ask, asked
 from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import run_averages, score_tables
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.system.progress import Advance, progress_bar
 from blurnoise_eval.system.terminal import say
 

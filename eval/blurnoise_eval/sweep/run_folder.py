@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +71,8 @@ def open_run(
         store.clear()
         held = None
     differing = [] if held is None else differences(held, identity)
-    differing += other_software(computed_by(store), [versions()]) if answered else []
+    if answered:
+        differing += differences(store.about("manifest")["versions"], versions(), "software")
     differing += [
         f"picture {picture.name!r}{' or its plate' * (plan.objects.plates is not None)}"
         for picture in _replaced(pictures, plan.objects, store)
@@ -83,7 +83,6 @@ def open_run(
             "choose another folder, or repeat that run's command to resume it"
         )
     write_truth(pictures, store.folder, whole)
-    store.computes_with(versions())
     store.set_about("identity", identity)
     before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
@@ -105,16 +104,16 @@ def differences(held: Any, here: Any, at: str = "") -> list[str]:
     """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'; of another name only that."""
     if held == here:
         return []
-    pairs: list[tuple[Any, Any, Any]]
+    pairs: dict[Any, tuple[Any, Any]] = {}
     if isinstance(held, Mapping) and isinstance(here, Mapping):
-        keys = [*{**held, **here}] if held.get("name") == here.get("name") else ["name"]
-        pairs = [(key, held.get(key), here.get(key)) for key in keys]
+        keys = {**held, **here} if held.get("name") == here.get("name") else ["name"]
+        pairs = {key: (held.get(key), here.get(key)) for key in keys}
     elif isinstance(held, list) and isinstance(here, list) and len(held) == len(here):
-        pairs = [(key, *both) for key, both in enumerate(zip(held, here, strict=True))]
+        pairs = dict(enumerate(zip(held, here, strict=True)))
     else:
         values = f" ({held} there, {here} here)"
         return [f"{at}{values if len(values) <= 2 * _LONGEST_SHOWN else ''}"]
-    return [each for key, a, b in pairs for each in differences(a, b, f"{at}.{key}".lstrip("."))]
+    return [each for key, both in pairs.items() for each in differences(*both, f"{at}.{key}".lstrip("."))]
 
 
 def listed(differing: Sequence[str]) -> str:
@@ -123,35 +122,22 @@ def listed(differing: Sequence[str]) -> str:
     return " and ".join([*differing[:_MOST_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
-def computed_by(store: Store) -> list[Mapping[str, str]]:
-    """Versions of the software that computed the run's cells; where these state none, the run's own."""
-    return [*store.software().values()] or [(store.about("manifest") or {}).get("versions", {})]
-
-
-def other_software(held: Sequence[Mapping[str, str]], here: Sequence[Mapping[str, str]]) -> list[str]:
-    """The versions that differ. What an old run does not say is not compared."""
-    found = dict[str, None]()
-    for one, other in product(held, here):
-        found |= dict.fromkeys(differences(one, {name: other.get(name) for name in one}, "software"))
-    return list(found)
-
-
 def _replaced(pictures: PictureSet, objects: Objects, store: Store) -> Iterator[Picture]:
     """Those that, or whose plates, are not what their cells were computed from; only where a file has changed it is
     read."""
     held = store.pictures()
     for picture in (each for each in pictures if each.name in held):
         before, identity = held[picture.name], source_identity(picture, objects)
-        if before[0] == identity:
+        if before.identity == identity:
             continue
         try:
             now = source_content(picture, picture.load(), objects)
         except UnreadablePicture:
             now = ""
-        if now != before[1]:
+        if now != before.content:
             yield picture
         else:
-            store.note_picture(picture.name, identity, now)
+            store.note_picture(picture.name, before._replace(identity=identity))
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
@@ -180,21 +166,18 @@ def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def begun_or_gone(folder: Path) -> Iterator[None]:
-    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was.
-
-    Only files of runs are removed: others may have come to the folder meanwhile.
-    """
+    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was, but for
+    files that others have put there."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    files = [RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")]
-    new = [folder / name for name in (*files, *RUN_PICTURES, "coco") if not (folder / name).exists()]
+    new = [name for name in (RUN_FILE, *RUN_PICTURES, "coco") if not (folder / name).exists()]
     try:
         yield
     except BaseException:
-        if folder / RUN_FILE in new and not _has_begun(folder):
-            for each in new:
-                shutil.rmtree(each, ignore_errors=True)  # leaves a file and a link
-                with suppress(OSError):
-                    each.unlink()
+        if RUN_FILE in new and not _has_begun(folder):
+            for file in folder.glob(f"{RUN_FILE}*"):
+                file.unlink()
+            for name in new:
+                shutil.rmtree(folder / name, ignore_errors=True)
             with suppress(OSError):  # missing, or not empty
                 for each in made:
                     each.rmdir()

@@ -12,8 +12,8 @@ import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.exports import write_exports
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.queries import write_exports
+from blurnoise_eval.store.store import PictureFacts, Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
 
@@ -184,16 +184,18 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
         ] == [2, 2, 3]
 
 
-def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
+def test_pictures_are_what_their_cells_were_computed_from(tmp_path: Path) -> None:
+    facts = PictureFacts("2 bytes", "content", 64, 48, "")
     with Store(tmp_path, create=True) as store:
-        store.note_picture("a", "2 bytes", "content", 64, 48)
-        store.note_picture("b", "3 bytes", "another")  # whose size nobody knows
-        store.note_picture("a", "touched since", "content")  # the same picture, so of the same size
+        store.note_picture("a", facts)
+        store.note_picture("b", facts)  # of which there are no cells
+        store.note_picture("a", facts._replace(identity="touched since"))
         store.add([result(0, image="a")])
-        assert store.pictures() == {"a": ("touched since", "content")}
-        assert store.picture_sizes() == {"a": (64, 48)}
+        assert store.pictures() == {"a": facts._replace(identity="touched since")}
+        with pytest.raises(StoreError, match="picture 'a' is not what it was"):
+            store.note_picture("a", facts._replace(content="another"))
         store.clear()
-        assert store.picture_sizes() == {}
+        assert store.pictures() == {}
 
 
 def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
