@@ -29,7 +29,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     from dataclasses import replace
 
     from blurnoise_eval.cameras import find
-    from blurnoise_eval.sweep.default_camera import default_camera
+    from blurnoise_eval.default_camera import default_camera
 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
@@ -39,7 +39,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
 
 def camera_of_run(plan: PlanFile, models: Sequence[Model], pictures: PictureSet) -> tuple[Camera, str | None]:
     """The camera that is named, or the default of these models and pictures; and what the terminal says of it."""
-    from blurnoise_eval.sweep.default_camera import camera_text, default_for, in_colour
+    from blurnoise_eval.default_camera import camera_text, default_for, in_colour
 
     chosen = (
         default_for(models, pictures, plan.cfa) if plan.camera is None else camera(plan.camera, cfa=plan.cfa)

@@ -12,7 +12,6 @@ from typer import Option
 
 from blurnoise_eval.cli._options import Cluster, Json, Keep, Location, RunRead, Score, Threshold, new_place
 from blurnoise_eval.cli.console import print_opening
-from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
@@ -36,8 +35,8 @@ def report(
         bool,
         Option(
             "--coco",
-            help="what the models found as COCO's results files, too: coco/MODEL has instances.json and a file per "
-            "condition and repeat, which pycocotools reads",
+            help="what the models found as COCO's results, too: coco/MODEL.json, by the cell_id of results.csv, and "
+            "coco/MODEL-instances.json",
         ),
     ] = False,
     as_json: Json = False,
@@ -47,7 +46,7 @@ def report(
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
       blurnoise report run --coco                  what was found, as COCO
-      blurnoise report /media/disc/run -o here     a run that can only be read
+      blurnoise report run -o here                 into another folder
 
     The sweep itself is not repeated.
     """
@@ -66,17 +65,13 @@ def report(
 
 def _write_coco(done: Evaluation) -> None:
     """Write what the models found as COCO."""
-    from blurnoise_eval.store.schema import CONDITIONS
     from blurnoise_eval.store.store import Store
     from blurnoise_eval.sweep.coco_export import write_detections
     from blurnoise_eval.system.files import path_within
 
-    path_within(done.output, "coco")
     with Store(done.folder, shared=True) as store:
-        steps = store.count_different(*CONDITIONS, "model", "repeat")
-        with ProgressBar("write", steps) as advance:
-            written = write_detections(store, done.output / "coco", advance)
-    say(f"{len(written)} files in {done.output / 'coco'}, each beside its instances.json", error=True)
+        written = write_detections(store, path_within(done.output, "coco"))
+    say(f"{', '.join(map(str, written))}: each beside its instances.json", error=True)
 
 
 def tell(done: Evaluation, *, as_json: bool, last: str | None = None) -> None:

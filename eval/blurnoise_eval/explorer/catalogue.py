@@ -20,6 +20,7 @@ from uuid import uuid4
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.answers.criterion import KEPT, MATCHES, Criterion
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
+from blurnoise_eval.default_camera import default_camera, is_grey
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
@@ -27,7 +28,6 @@ from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, control, with_figures
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.sweep.default_camera import default_camera, is_grey
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0

@@ -1,13 +1,17 @@
-"""The questions in SQL of the whole package, but for those of the store itself; and its tables as CSV.
+"""The questions in SQL of the whole package, but for those of the store itself; its tables as CSV, and as columns.
 
-Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said.
+Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said. Where that
+is too much, targets of a model are columns, about 100 bytes a row, kept while the store is open and its rows stay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.axes import AUTOMATIC, CHOICES, SETTING, VELOCITY, setting_of, velocity_of
@@ -77,22 +81,18 @@ def cells_with(store: Store, **columns: Any) -> Iterator[Row]:
     return store.rows(f"SELECT * FROM cells WHERE {where} ORDER BY {ROWS}", *columns.values())
 
 
-def _packed_at(store: Store, model: str, at: Mapping[str, Any]) -> list[tuple[str, int, bytes]]:
-    """(picture, repeat, packed detections) of the cells under a condition, by repeat and picture."""
-    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
-    found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
-    return sorted(found, key=lambda row: row[:2])
-
-
-def detections_at(store: Store, model: str, at: Mapping[str, Any]) -> Iterator[tuple[str, int, Detections]]:
-    """(picture, repeat, detections) of the cells under the condition that the row ``at`` names."""
-    for image, repeat, packed in _packed_at(store, model, at):
-        yield image, repeat, unpack(packed)
+def detections_of(store: Store, model: str) -> Iterator[tuple[str, str, Detections]]:
+    """(cell's id, picture, detections) of a model's cells."""
+    for rows in store.tuples("SELECT cell_id, image, detections FROM cells WHERE model = ?", model):
+        for cell_id, image, packed in rows:
+            yield cell_id, image, unpack(packed)
 
 
 def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
     """All detections under the condition that the row ``at`` names, by repeat and picture."""
-    rows = _packed_at(store, model, at)
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
+    rows = sorted(found, key=lambda row: row[:2])
     names, repeats, packed = zip(*rows, strict=True) if rows else ((), (), ())
     return unpack_all(names, repeats, packed)
 
@@ -238,3 +238,90 @@ def _as_text(table: str, name: str, kind: str) -> str:
     if name == "clean":
         return f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
     return f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END" if kind == "REAL" else value
+
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int32]
+_OF_PICTURE = ("saturated", "brightness")
+_EXACT = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
+_OF_TARGET = (_EXACT, "confidence", "confidence_swept", "read_confidence", "character_error_rate")
+_MOST_KEPT = 5_000_000
+"""Rows of a model, about 100 bytes each."""
+
+
+class TargetColumns(NamedTuple):
+    """N rows of targets.
+
+    conditions: values of ``CONDITIONS``, sorted; pictures, groups: names, sorted; the columns ``condition``,
+    ``picture`` and ``group`` hold places in them. exact: whether the text was read, NaN where there is none.
+    """
+
+    conditions: Sequence[tuple[Any, ...]]
+    pictures: Sequence[str]
+    groups: Sequence[str]
+    condition: Places
+    picture: Places
+    group: Places
+    repeat: Places
+    target_id: Places
+    exact: Array
+    confidence: Array
+    confidence_swept: Array
+    read_confidence: Array
+    character_error_rate: Array
+    saturated: Array
+    brightness: Array
+
+    def rows(self, of: NDArray[Any]) -> TargetColumns:
+        """Some of the rows, by places or flags."""
+        return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
+
+
+def target_columns(store: Store, model: str) -> TargetColumns:
+    """All targets of a model. They are kept until the store grows."""
+    columns: TargetColumns = store.memory.get(model) or _read(store, model)
+    if len(columns.condition) <= _MOST_KEPT:
+        store.memory[model] = columns
+    return columns
+
+
+def _read(store: Store, model: str) -> TargetColumns:
+    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE)
+    query = f"""
+      SELECT {", ".join(f"targets.{name}" for name in CONDITIONS)}, {", ".join(names)}
+      FROM targets JOIN (SELECT cell_id, model, {", ".join(_OF_PICTURE)} FROM cells) USING (cell_id, model)
+      WHERE model = ?
+    """
+    start = len(CONDITIONS)
+    conditions, pictures, groups = dict[Any, int](), dict[str, int](), dict[str, int]()
+    blocks = [np.empty((0, 1 + len(names)))]
+    for rows in store.tuples(query, model):
+        coded = [
+            (
+                conditions.setdefault(row[:start], len(conditions)),
+                pictures.setdefault(row[start], len(pictures)),
+                groups.setdefault(row[start + 1], len(groups)),
+                *row[start + 2 :],
+            )
+            for row in rows
+        ]
+        blocks.append(np.array(coded, float))  # NaN for None
+    table = np.concatenate(blocks)
+    codes = table[:, :5].astype(np.int32).T
+    named = [_sorted(*each) for each in zip((conditions, pictures, groups), codes, strict=False)]
+    columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
+    order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
+    every: list[Any] = [*(names for names, _ in named), *(column[order] for column in columns)]
+    return TargetColumns(*every)
+
+
+def _sorted(codes: dict[Any, int], column: Places) -> tuple[list[Any], Places]:
+    """Names, sorted, conditions with None first; and the column of codes as places in that."""
+
+    def key(name: Any) -> Any:
+        return name if isinstance(name, str) else tuple(-1.0 if value is None else value for value in name)
+
+    names = sorted(codes, key=key)
+    rank = np.empty(len(codes), np.int32)
+    rank[[codes[name] for name in names]] = np.arange(len(codes))
+    return names, rank[column]

@@ -69,12 +69,12 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    shared: other processes may read it, too. ``revision``: a number that changes with the rows of cells and targets.
+    shared: other processes may read it, too. ``memory``: what was made of the rows, until these change.
     """
 
     def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
         self.folder = folder
-        self.revision = 0
+        self.memory: dict[str, Any] = {}
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
@@ -132,7 +132,7 @@ class Store:
 
     def add(self, results: Sequence[CellResult]) -> None:
         """Commit finished cells, all of them or none; their pictures are not skipped."""
-        self.revision += 1
+        self.memory.clear()
         by = {"computed_by": self._computed_by}
         cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
         with self._transaction() as db:
@@ -153,7 +153,7 @@ class Store:
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
-        self.revision += 1
+        self.memory.clear()
         with self._transaction() as db:
             for table in schema.RUN_TABLES:
                 for rows in other.tuples(f"SELECT * FROM {table}"):
@@ -163,7 +163,7 @@ class Store:
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
-        self.revision += 1
+        self.memory.clear()
         with self._transaction() as db:
             for table in ("about", *schema.RUN_TABLES):
                 db.execute(f"DELETE FROM {table}")

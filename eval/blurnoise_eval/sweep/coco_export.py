@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from blurnoise._core.files import read_bytes
-from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.grid.axes import AXES, FURTHER, VELOCITY
-from blurnoise_eval.scoring.evaluated import Truth, coco_results, moved
-from blurnoise_eval.scoring.movers import box_mover
+from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
@@ -99,50 +95,25 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     return truth_of
 
 
-def write_detections(
-    store: Store, folder: Path, progress: Callable[[int], None] = lambda files: None
-) -> list[Path]:
-    """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
+def write_detections(store: Store, folder: Path) -> list[Path]:
+    """Write MODEL.json for each detector into ``folder``; returns the paths.
 
-    ``folder``/MODEL/clean.json, and MODEL/CONDITION-REPEAT.json, see :func:`condition_name`; names that are alike are
-    numbered. The truth is MODEL/instances.json, or where the camera moves boxes CONDITION-REPEAT-instances.json.
-    One condition is held at a time. Raises ``OSError``.
+    All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
+    MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
-    written, truth_of, run, labels = [], truths(store), Run(store), read_truth(store)
-
-    def write(path: Path, value: Any) -> None:
-        write_whole(path, json.dumps(value).encode("utf-8"))
-
-    for model in run.models:
+    written, truth_of, labels = [], truths(store), read_truth(store)
+    folder.mkdir(parents=True, exist_ok=True)
+    for model in Run(store).models:
         if (truth := truth_of(model)) is None:
             continue
-        place = path_within(folder, model)
-        place.mkdir(parents=True, exist_ok=True)
-        whole, names = {**labels, **truth.coco, "images": labels["images"]}, Counter[str]()
-        write(place / INSTANCES.name, whole)
-        for at in queries.condition_counts(store, model):
-            mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
-            of_repeat: dict[int, list[dict[str, Any]]] = {}
-            for image, repeat, found in queries.detections_at(store, model, at):
-                results = coco_results(found, truth.image_ids[image], truth.category_of)
-                of_repeat.setdefault(repeat, []).extend(results)
-            for repeat, rows in of_repeat.items():
-                name = "clean" if at["clean"] else f"{condition_name(at, run.camera)}-{repeat}"
-                names[name] += 1
-                name += f"-{names[name]}" if names[name] > 1 else ""
-                write(place / f"{name}.json", rows)
-                written.append(place / f"{name}.json")
-                if mover is not None:
-                    write(place / f"{name}-{INSTANCES.name}", {**whole, "annotations": moved(truth, mover)})
-                progress(1)
+        rows = (
+            json.dumps({**row, "cell_id": cell_id})
+            for cell_id, image, found in queries.detections_of(store, model)
+            for row in coco_results(found, truth.image_ids[image], truth.category_of)
+        )
+        lines = (f"{',' if number else '['}\n{row}" for number, row in enumerate(rows))
+        written.append(path_within(folder, f"{model}.json"))
+        write_whole(written[-1], (text.encode() for text in chain(lines, ["\n]"])))
+        whole = {**labels, **truth.coco, "images": labels["images"]}
+        write_whole(path_within(folder, f"{model}-{INSTANCES.name}"), json.dumps(whole).encode("utf-8"))
     return written
-
-
-def condition_name(at: Mapping[str, Any], camera: Camera) -> str:
-    """A condition in the name of a file: '20ms-50lux-200_0px_s', and what differs from the camera's own."""
-    slugs = {axis.name: axis.slug(at[axis.name]) for axis in AXES}
-    speed = "_".join(slugs[name] for name in VELOCITY)
-    further = [axis.name for axis in AXES if axis.name in FURTHER and at[axis.name] != axis.own(camera)]
-    return "-".join(
-        [slugs["exposure_s"], slugs["illuminance_lux"], speed, *(slugs[name] for name in further)]
-    )

@@ -1,33 +1,52 @@
-"""A run folder: what makes two runs the same run, and what is noted of it."""
+"""A run folder: what makes two runs the same run, and what is noted of it and of its models once it is computed.
+
+Latency is the CPU time that one picture takes a model, from the picture to its answer.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, source_content, source_identity
+from blurnoise_eval.datasets import (
+    Picture,
+    PictureSet,
+    UnreadablePicture,
+    sample,
+    source_content,
+    source_identity,
+)
+from blurnoise_eval.detectors.baked import baked
+from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.nodes import Plan
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.parts import Part
-from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
+from blurnoise_eval.sweep.contract_checks import Comparison
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.machine import hardware, versions
+from blurnoise_eval.system.threads import limited_threads
 
 HARMLESS = ("id",)
 """Fields of annotations that reach neither a pixel nor a box."""
 _LONGEST_SHOWN = 24  # letters of a value in an error
 _MOST_SHOWN = 5  # differences
+_PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0  # of latency: pictures, runs, seconds
 
 
 def open_run(
@@ -101,19 +120,19 @@ def open_run(
 
 
 def differences(held: Any, here: Any, at: str = "") -> list[str]:
-    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'; of another name only that."""
-    if held == here:
-        return []
-    pairs: dict[Any, tuple[Any, Any]] = {}
-    if isinstance(held, Mapping) and isinstance(here, Mapping):
-        keys = {**held, **here} if held.get("name") == here.get("name") else ["name"]
-        pairs = {key: (held.get(key), here.get(key)) for key in keys}
-    elif isinstance(held, list) and isinstance(here, list) and len(held) == len(here):
-        pairs = dict(enumerate(zip(held, here, strict=True)))
-    else:
-        values = f" ({held} there, {here} here)"
-        return [f"{at}{values if len(values) <= 2 * _LONGEST_SHOWN else ''}"]
-    return [each for key, both in pairs.items() for each in differences(*both, f"{at}.{key}".lstrip("."))]
+    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'."""
+    one, other = _flat(held, at), _flat(here, at)
+    found = {path: (one.get(path), other.get(path)) for path in {**one, **other}}
+    texts = {path: f" ({a} there, {b} here)" for path, (a, b) in found.items() if a != b}
+    return [path + text * (len(text) <= 2 * _LONGEST_SHOWN) for path, text in texts.items()]
+
+
+def _flat(document: Any, at: str) -> dict[str, Any]:
+    """The values of a document by their paths."""
+    if not isinstance(document, Mapping | list) or not document:
+        return {at: document}
+    pairs = document.items() if isinstance(document, Mapping) else enumerate(document)
+    return {path: v for key, each in pairs for path, v in _flat(each, f"{at}.{key}".lstrip(".")).items()}
 
 
 def listed(differing: Sequence[str]) -> str:
@@ -190,3 +209,65 @@ def _has_begun(folder: Path) -> bool:
             return queries.has_begun(store)
     except StoreError:  # no file, or another process has it
         return (folder / RUN_FILE).is_file()
+
+
+def note_models(
+    store: Store,
+    models: Sequence[Model],
+    pictures: PictureSet,
+    comparisons: Mapping[str, Comparison],
+    *,
+    computed: int,
+) -> None:
+    """Add to the run's manifest each model's latency, once, its limits, and what comparing its contract showed.
+
+    computed: cells, now; where there are none, a model of which these are noted keeps its notes.
+    """
+    manifest = store.about("manifest")
+    for model, about in zip(models, manifest["models"], strict=True):
+        if not computed and "latency" in about:
+            continue
+        about["latency"] = about.get("latency") or latency(model, pictures)
+        if isinstance(model, Detector):
+            if model.name in comparisons:
+                about["suspicions"] = list(comparisons[model.name].doubts)
+            about["baked"] = baked(model, [image for _, image in sample(pictures, _PICTURES)])
+    store.set_about("manifest", manifest)
+
+
+def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
+
+    Preparing the picture and decoding the outputs are included. Empty where no picture can be read, or the model
+    fails on one.
+    """
+    prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
+    if not prepared:
+        return {}
+    warm_up, times_s = max(_WARM_UP, len(prepared)), list[float]()
+    try:
+        with limited_threads(1):
+            for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
+                started_s = time.process_time()
+                if isinstance(model, Detector):
+                    model.detect(image)
+                else:
+                    model.read(image, boxes)
+                times_s.append(time.process_time() - started_s)
+                if count == _MOST or (count >= _FEWEST and sum(times_s[warm_up:]) > _SECONDS):
+                    break
+    except ModelError:
+        return {}
+    median_ms, p95_ms = 1e3 * np.percentile(times_s[warm_up:], (50, 95))
+    return {
+        "median_ms": float(median_ms),
+        "p95_ms": float(p95_ms),
+        "threads": 1,
+        "runs": len(times_s) - warm_up,
+        "pictures": len(prepared),
+    }
+
+
+def _boxes(picture: Picture, image: Picture8) -> list[tuple[float, float, float, float]]:
+    whole = (0.0, 0.0, float(image.shape[1]), float(image.shape[0]))
+    return [target.box_xyxy for target in picture.targets or () if target.text is not None] or [whole]

@@ -28,9 +28,9 @@ from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 from blurnoise_eval.sweep.coco_export import truths
 from blurnoise_eval.sweep.open import Run
 

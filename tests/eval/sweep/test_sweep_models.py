@@ -19,9 +19,10 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.report.run import read_run
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import model_notes
 from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep import run_folder as model_notes
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
 from blurnoise_eval.sweep.work import count_cells
@@ -201,20 +202,16 @@ def test_detections_are_results_that_pycocotools_judges_alike(
 ) -> None:
     data, _ = run(tmp_path, [first], shown)
     with Store(tmp_path) as store:
-        written = write_detections(store, tmp_path / "coco")
-    names = {path.name for path in written}
-    assert len(written) == len(data.scores) == 9
-    assert {"clean.json", "20ms-3lux-333.3_0px_s-0.json"} <= names
+        assert write_detections(store, tmp_path / "coco") == [tmp_path / "coco" / "first.json"]
+        cells = list(store.cells())
+    found = json.loads((tmp_path / "coco" / "first.json").read_text())
+    assert {row["cell_id"] for row in found} <= {cell["cell_id"] for cell in cells}
     for row in data.scores:
-        speed = f"{row['velocity_x_px_s'] or 0:g}_0px_s-0"
-        name = (
-            "clean"
-            if row["clean"]
-            else f"{1e3 * row['exposure_s']:g}ms-{row['illuminance_lux']:g}lux-{speed}"
-        )
+        of = {each["cell_id"] for each in cells if all(each[name] == row[name] for name in CONDITIONS)}
         with redirect_stdout(StringIO()):
-            coco = COCO(str(tmp_path / "coco" / "first" / "instances.json"))
-            judge = COCOeval(coco, coco.loadRes(str(tmp_path / "coco" / "first" / f"{name}.json")), "bbox")
+            coco = COCO(str(tmp_path / "coco" / "first-instances.json"))
+            results = coco.loadRes([each for each in found if each["cell_id"] in of])
+            judge = COCOeval(coco, results, "bbox")
             judge.evaluate()
             judge.accumulate()
             judge.summarize()
