@@ -47,27 +47,27 @@ def refined(
     progress: bool | None,
 ) -> None:
     """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
-    cells = n_pictures * plan.repeats
-    more = tuple(at for batch in asked(store) for at in batch.conditions)
+
+    def noted() -> tuple[Conditions, ...]:
+        return tuple(at for batch in asked(store) for at in batch.conditions)
+
+    def next_ones() -> tuple[Conditions, ...]:
+        left = _left_to_refine(store, plan, criterion, cluster)
+        if more := tuple(at for at in left if at not in noted()):
+            ask(store, Batch(n_pictures, (), more))
+        return more
+
+    before, cells = noted(), n_pictures * plan.repeats
+    more = before or next_ones()
     if not more:
-        more = _left_to_refine(store, plan, criterion, cluster)
-        if not more:
-            return
-        if progress:
-            grid = f"beside the {cells * len(plan.conditions())} of the grid"
-            say(
-                f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)",
-                error=True,
-            )
-        ask(store, Batch(n_pictures, (), more))
+        return
+    if progress and not before:
+        grid = f"beside the {cells * len(plan.conditions())} of the grid"
+        say(f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)", error=True)
     with progress_bar("refine", cells * len(more), progress) as advance:
         while more:
             outcome.add(compute(replace(plan, only=more, examples=False), advance))
-            noted = {at for batch in asked(store) for at in batch.conditions}
-            left = _left_to_refine(store, plan, criterion, cluster)
-            more = tuple(at for at in left if at not in noted)
-            if more:
-                ask(store, Batch(n_pictures, (), more))
+            more = next_ones()
 
 
 def _left_to_refine(

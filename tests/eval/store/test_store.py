@@ -13,6 +13,7 @@ import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import PictureFacts, Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
@@ -215,3 +216,29 @@ def test_the_time_of_a_frame_is_the_median(tmp_path: Path) -> None:
             each.cell["simulate_ms"] = simulate_ms
         store.add(timed)
         assert queries.median_simulate_ms(store) == 2.0
+
+
+def test_targets_as_columns(tmp_path: Path) -> None:
+    """Of every target the values of its own row and of its cell's; anew once the store has grown."""
+    taken = [result(number, targets=2) for number in range(3)]
+    for place, each in enumerate(taken):
+        each.cell.update(saturated=0.1 * place, brightness=0.5 + 0.1 * place)
+    with Store(tmp_path, create=True) as store:
+        store.add(taken[:2])
+        assert len(queries.target_columns(store, "m").condition) == 4
+        store.add(taken[2:])
+        columns, rows = queries.target_columns(store, "m"), {}
+        cells = {cell["cell_id"]: cell for cell in store.cells()}
+        for row in store.targets():
+            rows[row["image"], row["repeat"], row["target_id"], *(row[name] for name in CONDITIONS)] = row
+        assert len(columns.condition) == len(rows) == 6
+        for place, picture in enumerate(columns.picture):
+            of = columns.pictures[picture], columns.repeat[place], columns.target_id[place]
+            row = rows[*of, *columns.conditions[columns.condition[place]]]
+            assert columns.groups[columns.group[place]] == row["group"]
+            assert columns.confidence[place] == row["confidence"]
+            cell = cells[row["cell_id"]]
+            assert (columns.saturated[place], columns.brightness[place]) == (
+                cell["saturated"],
+                cell["brightness"],
+            )

@@ -23,14 +23,15 @@ def test_scores_are_computed_once_for_each_question(tmp_path: Path, monkeypatch:
         output=tmp_path / "run", refine=False, progress=False,
     )  # fmt: skip
 
-    def computed(by_size: str | None) -> int:
+    def computed(by_size: str | None, cluster: str | None = None) -> int:
         told: list[int] = []
         with Store(run.folder, shared=True) as store:
-            run_scores(store, None, told.append, by_size=by_size)
+            run_scores(store, cluster, told.append, by_size=by_size)
         return sum(told)
 
     asked: list[str | None] = [None, None, "ap", "ap"]
     assert [computed(by_size) > 0 for by_size in asked] == [True, False, True, False]
+    assert computed("ap", cluster=r"\.(png)") > 0
     made_up = table.Score("made_up", "Made up", of=lambda judged: 0.5, charted=True, of_models=table.BOTH)
     monkeypatch.setattr(table, "SCORES", (*table.SCORES, made_up))
     assert computed(None) > 0
