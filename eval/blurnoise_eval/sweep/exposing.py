@@ -185,14 +185,16 @@ def frames(
             along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
         exposures.append(exposure)
+    before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
+        if before != (before := _motion(exposure)):  # else only the light differs
+            boxes = box_mover(exposure, scene.objects), box_sweeper(exposure, scene.objects)
         yield Frame(
             cell,
             frame.picture,
             frame.simulate_ms,
             exposure,
-            box_mover(exposure, scene.objects),
-            box_sweeper(exposure, scene.objects),
+            *boxes,
             saturated=_saturated(frame.picture, brightest(*exposure.amplified)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
@@ -227,6 +229,12 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
 def brightest(camera: Camera, digital_db: float) -> int:
     """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+
+
+def _motion(taken: Exposure) -> tuple[object, ...]:
+    """All that the places of boxes depend on."""
+    moved = taken.velocity_px_s, taken.trajectory, taken.moves, taken.ego_speed_m_s, taken.vehicle
+    return taken.camera, taken.exposure_s, *moved
 
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
