@@ -19,6 +19,7 @@ from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import criterion_for
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.grid.axes import AXES, named
@@ -26,20 +27,18 @@ from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
-from blurnoise_eval.sweep.default_camera import default_for
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.exposing import check_plan
-from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
+from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, question_of
+from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.progress import Advance, progress_bar
 from blurnoise_eval.system.tables import plain
@@ -70,7 +69,7 @@ def evaluate(
 
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
     :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera; by
-    default :func:`~blurnoise_eval.sweep.default_camera.default_for` these models and pictures.
+    default :func:`~blurnoise_eval.default_camera.default_for` these models and pictures.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
     URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
     of what a model reaches on the original pictures that is enough, by default 0.9; threshold: in place of it, the
@@ -147,8 +146,7 @@ class Evaluation:
     ``threshold``: its level. ``outcome``: what was computed now, None for a run opened again. ``cluster``: as
     :func:`evaluate` takes it. What is not given is as the sweep was asked. ``pandas.DataFrame`` takes each list as it
     is.
-    ``output``: where page, tables and figures are written, by default the run's folder; another is for a run that
-    can only be read. Raises
+    ``output``: where page, tables and figures are written, by default the run's folder. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 

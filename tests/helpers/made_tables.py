@@ -10,7 +10,7 @@ import numpy as np
 from blurnoise_eval.answers import curves, exposure_window
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of
 from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.store.target_columns import TargetColumns
+from blurnoise_eval.store.queries import TargetColumns
 from numpy.typing import ArrayLike, NDArray
 from plans import OWN
 

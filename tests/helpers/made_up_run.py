@@ -28,7 +28,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.grid.conditions import Cell, SweepPlan, cell_seed
 from blurnoise_eval.scoring.matching import FOUND_SCORE
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.store import CellResult, PictureFacts, Store
 from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.files import RUN_FILE
 
@@ -56,7 +56,7 @@ def made_up_run(folder: Path, cells: int, detector: Detector, seed: int = 0) -> 
     with Store(folder, create=True) as store:
         open_run(store, [detector], camera, pictures, plan, {"command": "made up", "threads": 1})
         for place, picture in enumerate(different):
-            store.note_picture(picture.name, picture.identity, picture.name, *_SIZE_PX)
+            store.note_picture(picture.name, PictureFacts(picture.identity, picture.name, *_SIZE_PX, ""))
             results = list(_results(picture, plan, detector.name, camera, (seed, place)))
             begun = time.process_time()
             for first in range(0, len(results), _BLOCK):

@@ -11,11 +11,10 @@ from blurnoise_eval.datasets import Picture, UnreadablePicture
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.scoring.on_picture import ModelOutput
-from blurnoise_eval.store.store import CellResult
-from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.store.store import CellResult, PictureFacts
 from blurnoise_eval.sweep.engines import Answers
 from blurnoise_eval.sweep.exposing import Frame
-from blurnoise_eval.sweep.work import Work, cell_result
+from blurnoise_eval.sweep.work import Block, Work, cell_result
 from numpy.typing import NDArray
 
 from blurnoise.optics.camera import Camera
@@ -108,4 +107,4 @@ def _result(cell: Cell, rng: np.random.Generator) -> CellResult:
     targets = tuple({"target_id": place, **_TARGET} for place in range(_TARGETS))
     frame = Frame(cell, np.empty((0, 0, 3), np.uint8), 1.0, saturated=0.0, snr_db=30.0, brightness=0.5)
     row = cell_result(frame, "made up", CAMERA, ModelOutput(detections, targets, 1.0, None, 0), None, None)
-    return replace(row, picture=("made up", "0" * 64, 640, 480, ""))
+    return replace(row, picture=PictureFacts("made up", "0" * 64, 640, 480, ""))

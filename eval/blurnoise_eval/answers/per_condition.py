@@ -16,9 +16,9 @@ from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.scores import of_conditions
 from blurnoise_eval.scoring.uncertainty import MOST_CLUSTERS, Array, Estimate, columns
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.store.target_columns import TargetColumns, target_columns
 
 COUNTS = ("n_images", "n_targets", "errors")
 PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")

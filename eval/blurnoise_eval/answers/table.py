@@ -25,7 +25,7 @@ from blurnoise_eval.grid.axes import FURTHER, LIGHT, NAMES, SETTING, VELOCITY
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.precision import SIZES
 from blurnoise_eval.scoring.uncertainty import FEW, effective, influence, ratio, ratio_of_sums
-from blurnoise_eval.store.target_columns import TargetColumns
+from blurnoise_eval.store.queries import TargetColumns
 
 LEAST_KNOWN = 0.05
 """Mean score of a group's targets in the original pictures from which on its kept share means something: below it

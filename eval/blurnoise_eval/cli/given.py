@@ -26,7 +26,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     """The camera of a preset's name or a file, with the colour filters if these are given; without a name the default
     for pictures in colour or grey."""
     from blurnoise_eval.cameras import find
-    from blurnoise_eval.sweep.default_camera import default_camera
+    from blurnoise_eval.default_camera import default_camera
 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
@@ -36,7 +36,7 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
 
 def camera_of_run(plan: PlanFile, models: Sequence[Model], pictures: PictureSet) -> tuple[Camera, str | None]:
     """The camera that is named, or the default of these models and pictures; and a line on it for the terminal."""
-    from blurnoise_eval.sweep.default_camera import camera_text, default_for, in_colour
+    from blurnoise_eval.default_camera import camera_text, default_for, in_colour
 
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(models, pictures, plan.cfa)

@@ -10,7 +10,6 @@ from typer import Option
 
 from blurnoise_eval.cli._options import Cluster, Json, Keep, Location, RunRead, Score, Threshold, new_place
 from blurnoise_eval.cli.console import print_opening
-from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
 if TYPE_CHECKING:
@@ -34,8 +33,8 @@ def report(
         bool,
         Option(
             "--coco",
-            help="what the models found as COCO's results files, too: coco/MODEL has instances.json and a file per "
-            "condition and repeat, which pycocotools reads",
+            help="what the models found as COCO's results, too: coco/MODEL.json, by the cell_id of results.csv, and "
+            "coco/MODEL-instances.json",
         ),
     ] = False,
     as_json: Json = False,
@@ -45,7 +44,7 @@ def report(
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
       blurnoise report run --coco                  what was found, as COCO
-      blurnoise report /media/disc/run -o here     a run that can only be read
+      blurnoise report run -o here                 into another folder
 
     The sweep itself is not repeated. What no option states is as the sweep was asked.
     """
@@ -60,17 +59,13 @@ def report(
             folder, threshold, keep=keep, score=score, cluster=cluster, output=written, progress=True
         )
         if coco:
-            from blurnoise_eval.store.schema import CONDITIONS
             from blurnoise_eval.store.store import Store
             from blurnoise_eval.sweep.coco_export import write_detections
 
             place = path_within(done.output, "coco")
-            with (
-                Store(done.folder, shared=True) as store,
-                ProgressBar("write", store.count_different(*CONDITIONS, "model", "repeat")) as advance,
-            ):
-                files = write_detections(store, place, advance)
-            say(f"{len(files)} files in {place}, each beside its instances.json", error=True)
+            with Store(done.folder, shared=True) as store:
+                files = write_detections(store, place)
+            say(f"{', '.join(map(str, files))}: each beside its instances.json", error=True)
         print_run(done, as_json=as_json)
 
 

@@ -47,9 +47,9 @@ def simulate(
     from dataclasses import asdict
 
     from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.simulation.light import light
     from blurnoise_eval.simulation.taking import take
-    from blurnoise_eval.sweep.default_camera import camera_text, is_grey_light
 
     given.at()
     if output.exists() and output.samefile(image):

@@ -34,15 +34,13 @@ from blurnoise_eval.report.words import counted
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
-from blurnoise_eval.sweep.model_notes import note_models
 from blurnoise_eval.sweep.open import Batch, Place, ask, asked
 from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_folder import begun_or_gone, open_run
-from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables
+from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
+from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables, withheld_models
+from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.progress import progress_bar
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder

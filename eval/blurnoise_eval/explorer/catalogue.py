@@ -17,6 +17,7 @@ from uuid import uuid4
 
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
+from blurnoise_eval.default_camera import default_camera, is_grey
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
@@ -24,7 +25,6 @@ from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, with_figures
 from blurnoise_eval.grid.conditions import Cell
-from blurnoise_eval.sweep.default_camera import default_camera, is_grey
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0

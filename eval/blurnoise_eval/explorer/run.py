@@ -124,7 +124,7 @@ class Run:
         files outside of a run that is not trusted."""
         if name not in self._held:
             raise ValueError(f"picture = {name!r}: is none of the run's")
-        identity, content = self._held[name]
+        identity, content, *_ = self._held[name]
         rendered = _RENDERED.fullmatch(identity)
         if rendered:
             sizes = [float(size) for size in rendered["sizes"].split("-")]

@@ -25,8 +25,7 @@ from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import run_averages, score_tables
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18

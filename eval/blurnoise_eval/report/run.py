@@ -38,8 +38,13 @@ from blurnoise_eval.store.store import Stated, Store
 from blurnoise_eval.sweep.met_conditions import met_conditions
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.sweep.refining import exposures_of_grid
-from blurnoise_eval.sweep.run_scores import models_withheld, run_scores
-from blurnoise_eval.sweep.score_tables import dark_below, run_averages, score_tables
+from blurnoise_eval.sweep.score_tables import (
+    dark_below,
+    models_withheld,
+    run_averages,
+    run_scores,
+    score_tables,
+)
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines
 
@@ -182,8 +187,9 @@ def read_run(
     manifest = run.manifest
     order = Stated({model["name"]: place for place, model in enumerate(manifest["models"])})
     by_size = criterion.score if criterion.score in PRECISIONS else None
-    scored = run_scores(store, list(order), cluster, progress, by_size=by_size)
-    unfit = models_withheld(manifest, scored.rows)
+    scored = run_scores(store, cluster, progress, by_size=by_size)
+    scores = [each.row for each in scored]
+    unfit = models_withheld(manifest, scores)
     grid_s = exposures_of_grid(run.planned)
     tables = [
         table
@@ -220,8 +226,10 @@ def read_run(
     labelled = manifest["images"]["labelled"]
     return RunData(
         manifest,
-        model_rows(manifest["models"], scored.rows, scored.performances, found_curves, grid_s, labelled),
-        scored.rows,
+        model_rows(
+            manifest["models"], scores, [each.performance for each in scored], found_curves, grid_s, labelled
+        ),
+        scores,
         store.skipped(),
         found_answers,
         found_curves,
@@ -233,17 +241,18 @@ def read_run(
 
 def _complete(manifest: Row, run: Run, store: Store, cluster: str | None) -> None:
     """What a manifest takes from the whole store: counts, times, software, and what models failed on."""
-    learnt = store.learnt()
+    not_finite = queries.non_finite_values(store)
     for model in manifest["models"]:
-        model["non_finite_values"] = learnt["non_finite_values"].get(model["name"], 0)
+        model["non_finite_values"] = not_finite.get(model["name"], 0)
     manifest |= {"plan": run.planned, "software": store.software(), "cluster": cluster}
-    manifest |= {"wall_s": learnt["wall_s"], **queries.counts(store)}
+    manifest |= {"wall_s": store.about("wall_s") or 0.0, **queries.counts(store)}
     manifest |= {"simulate_ms": queries.median_simulate_ms(store), "errors": queries.errors(store)}
     if not manifest["images"]["labelled"]:
         manifest["targets_found"] = queries.labels_when_clean(store)
     manifest["missing_cells"] = run.missing_cells()
     rendered = manifest["images"]["kind"] == "rendered"
-    manifest["repeated"] = None if rendered else repeated(store.looks(), cluster)
+    looks = {name: each.look for name, each in store.pictures().items()}
+    manifest["repeated"] = None if rendered else repeated(looks, cluster)
 
 
 def write_tables(data: RunData, folder: Path) -> list[Path]:

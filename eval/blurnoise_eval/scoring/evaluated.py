@@ -228,12 +228,6 @@ class Evaluated:
         return answers, np.array(numbers, np.int64), own, 1 + max(clusters.values(), default=0)
 
 
-def moved(truth: Truth, move_boxes: MoveBoxes | None) -> Sequence[Mapping[str, Any]]:
-    """COCO's annotations with their boxes moved; areas, by which COCO sorts targets by size, stay."""
-    boxes = xywh(truth.moved(move_boxes)).tolist()
-    return [{**each, "bbox": box} for each, box in zip(truth.annotations, boxes, strict=True)]
-
-
 def coco_results(
     detections: Detections, image_id: int, category_of: Mapping[int, int]
 ) -> Iterator[dict[str, Any]]:

@@ -19,7 +19,7 @@ from blurnoise_eval.scoring.uncertainty import Estimate
 
 if TYPE_CHECKING:  # heavy, and names of scores are completed in a shell
     from blurnoise_eval.scoring.evaluated import Evaluated
-    from blurnoise_eval.store.target_columns import TargetColumns
+    from blurnoise_eval.store.queries import TargetColumns
 
 DETECTOR = frozenset({"detector"})
 READER = frozenset({"reader"})

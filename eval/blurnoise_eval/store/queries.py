@@ -1,17 +1,24 @@
-"""The questions in SQL of the whole package, but for those of the store itself and of its exports.
+"""The questions in SQL of the whole package, but for those of the store itself; its tables as CSV, and as columns.
 
-Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said.
+Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said. Where that
+is too much, targets of a model are columns, about 100 bytes a row, kept while the store is open and its rows stay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.records import Answers, Detections
-from blurnoise_eval.grid.axes import AUTOMATIC, SETTING, VELOCITY, setting_of, velocity_of
+from blurnoise_eval.grid.axes import AUTOMATIC, CHOICES, SETTING, VELOCITY, setting_of, velocity_of
 from blurnoise_eval.store.schema import CONDITIONS, ROWS, SORTED
 from blurnoise_eval.store.store import Store, unpack, unpack_all
+from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.tables import csv_text
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
@@ -74,31 +81,18 @@ def cells_with(store: Store, **columns: Any) -> Iterator[Row]:
     return store.rows(f"SELECT * FROM cells WHERE {where} ORDER BY {ROWS}", *columns.values())
 
 
-def conditions(store: Store, model: str) -> list[Row]:
-    """Every condition and repeat of a model: the columns ``CONDITIONS`` and ``repeat``, in their order."""
-    shared = f"{_SHARED}, repeat"
-    return list(store.rows(f"SELECT DISTINCT {shared} FROM cells WHERE model = ? ORDER BY {shared}", model))
-
-
-def _packed_at(store: Store, model: str, at: Mapping[str, Any]) -> list[tuple[str, int, bytes]]:
-    """(picture, repeat, packed detections) of the cells under a condition, by repeat and picture."""
-    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
-    found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
-    return sorted(found, key=lambda row: row[:2])
-
-
-def detections_at(
-    store: Store, model: str, at: Mapping[str, Any], repeat: int | None = None
-) -> Iterator[tuple[str, int, Detections]]:
-    """(picture, repeat, detections) of the cells under the condition that the row ``at`` names; of one repeat."""
-    for image, number, packed in _packed_at(store, model, at):
-        if repeat in (None, number):
-            yield image, number, unpack(packed)
+def detections_of(store: Store, model: str) -> Iterator[tuple[str, str, Detections]]:
+    """(cell's id, picture, detections) of a model's cells."""
+    for rows in store.tuples("SELECT cell_id, image, detections FROM cells WHERE model = ?", model):
+        for cell_id, image, packed in rows:
+            yield cell_id, image, unpack(packed)
 
 
 def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
     """All detections under the condition that the row ``at`` names, by repeat and picture."""
-    rows = _packed_at(store, model, at)
+    query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
+    found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
+    rows = sorted(found, key=lambda row: row[:2])
     names, repeats, packed = zip(*rows, strict=True) if rows else ((), (), ())
     return unpack_all(names, repeats, packed)
 
@@ -106,16 +100,6 @@ def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
 def found_when_clean(store: Store, model: str) -> Iterator[Row]:
     """Image, label and box of each target in a model's original pictures."""
     return store.rows("SELECT * FROM targets WHERE model = ? AND clean = 1", model)
-
-
-def groups(store: Store) -> list[Row]:
-    """Per model and group of targets: how many rows, mean confidence when clean, highest confidence."""
-    query = """
-      SELECT model, "group", COUNT(*) AS n_targets, AVG(CASE WHEN clean THEN confidence END) AS clean_confidence,
-        MAX(confidence) AS highest_confidence
-      FROM targets GROUP BY model, "group"
-    """
-    return list(store.rows(query))
 
 
 def labels_when_clean(store: Store) -> dict[str, dict[str, int]]:
@@ -159,6 +143,12 @@ def exposed_conditions(store: Store) -> list[Row]:
     """Every condition but that of original pictures, with the mean gain of its pictures, dB."""
     query = f"SELECT {_SHARED}, AVG(applied_gain_db) AS applied_gain_db FROM cells WHERE clean = 0"
     return list(as_set(store, store.rows(f"{query} GROUP BY {_SHARED} ORDER BY {SORTED}")))
+
+
+def non_finite_values(store: Store) -> dict[str, int]:
+    """By model, how many NaN and infinite values were among its outputs."""
+    query = "SELECT model, TOTAL(non_finite_values) AS n FROM cells NOT INDEXED GROUP BY model"
+    return {row["model"]: int(row["n"]) for row in store.rows(query)}
 
 
 def errors(store: Store) -> list[Row]:
@@ -210,3 +200,128 @@ def gains_set(store: Store, model: str) -> Iterator[Row]:
     query = "SELECT image, illuminance_lux, exposure_s, applied_gain_db FROM cells"
     where = "WHERE model = ? AND clean = 0 AND gain_db = ? AND applied_gain_db IS NOT NULL"
     return store.rows(f"{query} {where}", model, AUTOMATIC)
+
+
+_ORDER = ", ".join(f"cells.{name.strip()}" for name in ROWS.split(","))
+_TABLES = {  # sorted by an index, picture by picture, in little memory
+    "results": ("cells", f"cells ORDER BY {_ORDER}"),
+    "targets": (
+        "targets",
+        "cells CROSS JOIN targets ON targets.cell_id = cells.cell_id AND targets.model = cells.model "
+        f"ORDER BY {_ORDER}, targets.target_id",
+    ),
+}
+
+
+def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
+    """Write results.csv (a row per cell and model) and targets.csv (a row per target of these).
+
+    In the order of pictures and conditions, some thousands of rows at a time. Choices have their names, what the
+    camera sets itself is "auto", what is not known is empty. folder: by default the run's. Raises ``OSError``.
+    """
+    written = []
+    for name, (table, rows_of) in _TABLES.items():
+        columns = store.columns(table)
+        asked = ", ".join(_as_text(table, column, kind) for column, kind in columns.items())
+        path = (folder or store.folder) / f"{name}.csv"
+        blocks = [[tuple(columns)]], store.tuples(f"SELECT {asked} FROM {rows_of}")
+        write_whole(path, (csv_text(rows).encode("utf-8") for each in blocks for rows in each))
+        written.append(path)
+    return written
+
+
+def _as_text(table: str, name: str, kind: str) -> str:
+    value = f'{table}."{name}"'
+    if name in CHOICES:
+        places = " ".join(f"WHEN {place} THEN '{choice}'" for place, choice in enumerate(CHOICES[name]))
+        return f"CASE {value} {places} END"
+    if name == "clean":
+        return f"CASE WHEN {value} THEN 'True' ELSE 'False' END"
+    return f"CASE WHEN {value} = 9e999 THEN 'auto' ELSE {value} END" if kind == "REAL" else value
+
+
+Array = NDArray[np.float64]
+Places = NDArray[np.int32]
+_OF_PICTURE = ("saturated", "brightness")
+_EXACT = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
+_OF_TARGET = (_EXACT, "confidence", "confidence_swept", "read_confidence", "character_error_rate")
+_MOST_KEPT = 5_000_000
+"""Rows of a model, about 100 bytes each."""
+
+
+class TargetColumns(NamedTuple):
+    """N rows of targets.
+
+    conditions: values of ``CONDITIONS``, sorted; pictures, groups: names, sorted; the columns ``condition``,
+    ``picture`` and ``group`` hold places in them. exact: whether the text was read, NaN where there is none.
+    """
+
+    conditions: Sequence[tuple[Any, ...]]
+    pictures: Sequence[str]
+    groups: Sequence[str]
+    condition: Places
+    picture: Places
+    group: Places
+    repeat: Places
+    target_id: Places
+    exact: Array
+    confidence: Array
+    confidence_swept: Array
+    read_confidence: Array
+    character_error_rate: Array
+    saturated: Array
+    brightness: Array
+
+    def rows(self, of: NDArray[Any]) -> TargetColumns:
+        """Some of the rows, by places or flags."""
+        return TargetColumns(*self[:3], *(column[of] for column in self[3:]))
+
+
+def target_columns(store: Store, model: str) -> TargetColumns:
+    """All targets of a model. They are kept until the store grows."""
+    columns: TargetColumns = store.memory.get(model) or _read(store, model)
+    if len(columns.condition) <= _MOST_KEPT:
+        store.memory[model] = columns
+    return columns
+
+
+def _read(store: Store, model: str) -> TargetColumns:
+    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE)
+    query = f"""
+      SELECT {", ".join(f"targets.{name}" for name in CONDITIONS)}, {", ".join(names)}
+      FROM targets JOIN (SELECT cell_id, model, {", ".join(_OF_PICTURE)} FROM cells) USING (cell_id, model)
+      WHERE model = ?
+    """
+    start = len(CONDITIONS)
+    conditions, pictures, groups = dict[Any, int](), dict[str, int](), dict[str, int]()
+    blocks = [np.empty((0, 1 + len(names)))]
+    for rows in store.tuples(query, model):
+        coded = [
+            (
+                conditions.setdefault(row[:start], len(conditions)),
+                pictures.setdefault(row[start], len(pictures)),
+                groups.setdefault(row[start + 1], len(groups)),
+                *row[start + 2 :],
+            )
+            for row in rows
+        ]
+        blocks.append(np.array(coded, float))  # NaN for None
+    table = np.concatenate(blocks)
+    codes = table[:, :5].astype(np.int32).T
+    named = [_sorted(*each) for each in zip((conditions, pictures, groups), codes, strict=False)]
+    columns = [*(ranks for _, ranks in named), *codes[3:], *table[:, 5:].T]
+    order = np.lexsort((columns[4], columns[3], columns[1], columns[0]))
+    every: list[Any] = [*(names for names, _ in named), *(column[order] for column in columns)]
+    return TargetColumns(*every)
+
+
+def _sorted(codes: dict[Any, int], column: Places) -> tuple[list[Any], Places]:
+    """Names, sorted, conditions with None first; and the column of codes as places in that."""
+
+    def key(name: Any) -> Any:
+        return name if isinstance(name, str) else tuple(-1.0 if value is None else value for value in name)
+
+    names = sorted(codes, key=key)
+    rank = np.empty(len(codes), np.int32)
+    rank[[codes[name] for name in names]] = np.arange(len(codes))
+    return names, rank[column]

@@ -17,15 +17,14 @@ _SHARED = (
     "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, "
     f"{', '.join(f'{name} REAL' for name in NAMES)}, blur_px REAL"
 )
-RUN_TABLES = ("cells", "targets", "pictures", "skipped", "software")
+RUN_TABLES = ("cells", "targets", "pictures", "skipped")
 """All but ``about``."""
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
   detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
   snr_db REAL, brightness REAL, invented_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
-  example TEXT, computed_by TEXT, detections BLOB, PRIMARY KEY (cell_id, model));
-CREATE TABLE IF NOT EXISTS software (computed_by TEXT PRIMARY KEY, versions TEXT);
+  example TEXT, computed_by TEXT, non_finite_values INTEGER, detections BLOB, PRIMARY KEY (cell_id, model));
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,

@@ -2,24 +2,20 @@
 
 A cell is committed whole, for all models, with its targets and detections, or not at all; a killed run loses
 the cells in flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
-A run in a folder that cannot be written can be read.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import shutil
 import sqlite3
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,12 +25,9 @@ from blurnoise_eval.system.files import RUN_FILE, path_within
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is held as its complement, a number below 0."""
+_NOT_SHOWN = ("detections", "non_finite_values")  # columns that are in no table
 _AT_ONCE = 20_000  # rows that are read at a time
 _JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
-_NEEDED = {
-    "manifest": ("title", "models", "camera", "images"),
-    "identity": ("model", "camera", "plan", "pictures"),
-}
 
 
 class StoreError(ValueError):
@@ -48,46 +41,46 @@ class Stated(dict[str, Any]):
         raise ValueError(f"run: was made by other software (states no {key!r})")
 
 
+class PictureFacts(NamedTuple):
+    """What cells were computed from: where it came from, a hash of its pixels, its size, and a hash of what it looks
+    like, see :func:`~blurnoise_eval.datasets.likeness.look`."""
+
+    identity: str
+    content: str
+    width_px: int
+    height_px: int
+    look: str
+
+
 @dataclass(frozen=True)
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
-    example_png: the picture where it is kept as the row's ``example``. picture: identity, content, width and height,
-    px, and look of the picture that it was computed from.
+    example_png: the picture where it is kept as the row's ``example``. picture: that it was computed from.
     """
 
     cell: dict[str, Any]
     targets: tuple[dict[str, Any], ...]
     detections: Detections
     example_png: bytes | None = None
-    non_finite_values: int = 0
-    picture: tuple[str, str, int, int, str] | None = None
+    picture: PictureFacts | None = None
 
 
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    shared: other processes may read it, too. ``read_only``: the folder, or the file in it, cannot be written; then a
-    copy is read. ``revision``: a number that changes with the rows of cells and targets.
+    shared: other processes may read it, too. ``memory``: what was made of the rows, until these change.
     """
 
     def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
         self.folder = folder
-        self.revision = 0
-        self._software: dict[str, str] = {}
+        self.memory: dict[str, Any] = {}
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
         path = self.file(RUN_FILE)
         with self._explained(), ExitStack() as opened:
             folder.mkdir(parents=True, exist_ok=True)
-            self.read_only = not (create or all(map(_writable, (folder, path))))
-            if self.read_only:  # SQLite writes beside the file, even in order to read
-                copies = Path(opened.enter_context(TemporaryDirectory()))
-                for file in (path, path.with_name(f"{RUN_FILE}-wal")):  # the journal of a killed run
-                    if file.is_file():
-                        shutil.copyfile(file, copies / file.name)
-                path = copies / RUN_FILE
             self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             if not shared:
                 self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
@@ -104,7 +97,6 @@ class Store:
                 self._db.executescript(
                     f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
                 )
-            self._db.execute(f"PRAGMA query_only = {self.read_only}")
             self._opened = opened.pop_all()
 
     def __enter__(self) -> Store:
@@ -127,9 +119,10 @@ class Store:
         )
 
     def set_about(self, key: str, value: Any) -> None:
-        """Keep a JSON value under ``key``."""
+        """Keep a value under ``key``, as JSON; arrays are lists there."""
         with self._transaction() as db:
-            db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, json.dumps(value)))
+            text = json.dumps(value, default=np.ndarray.tolist)
+            db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, text))
 
     def about(self, key: str) -> Any:
         """The JSON value under ``key``, None when there is none."""
@@ -137,40 +130,30 @@ class Store:
             return self._document(key, row["value"])
         return None
 
-    def add(self, results: Sequence[CellResult], wall_s: float = 0.0) -> None:
-        """Commit finished cells, all of them or none, and the seconds they took; their pictures are not skipped."""
-        self.revision += 1
-        by, learnt = {"computed_by": self._software.get("computed_by")}, self.learnt()
-        counted = Counter[str](learnt["non_finite_values"])
-        for result in results:
-            counted[result.cell["model"]] += result.non_finite_values
-        learnt = {"wall_s": learnt["wall_s"] + wall_s, "non_finite_values": counted}
+    def add(self, results: Sequence[CellResult]) -> None:
+        """Commit finished cells, all of them or none; their pictures are not skipped."""
+        self.memory.clear()
+        by = {"computed_by": self._computed_by}
         cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
         with self._transaction() as db:
             _insert(db, "cells", cells)
-            _insert(db, "software", [self._software] * bool(cells and self._software))
             _insert(db, "targets", [target for result in results for target in result.targets])
             db.executemany("DELETE FROM skipped WHERE image = ?", {(cell["image"],) for cell in cells})
-            _insert(db, "about", [{"key": "learnt", "value": json.dumps(learnt)}])
-
-    def learnt(self) -> dict[str, Any]:
-        """What all sweeps of the run add up to: ``wall_s``, and ``non_finite_values`` by the model's name."""
-        return {"wall_s": 0.0, "non_finite_values": {}, **(self.about("learnt") or {})}
-
-    def computes_with(self, versions: Mapping[str, str]) -> None:
-        """State the software that computes the cells added from now on; their ``computed_by`` is a digest of it."""
-        text = json.dumps(dict(versions), sort_keys=True)
-        digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
-        self._software = {"computed_by": digest, "versions": text}
 
     def software(self) -> dict[str, dict[str, str]]:
-        """By ``computed_by`` of cells the versions of what computed them."""
-        every = self.rows("SELECT * FROM software ORDER BY computed_by")
-        return {row["computed_by"]: self._document("versions", row["versions"]) for row in every}
+        """Versions of what computes the run, by the key that its cells have as ``computed_by``; none without any."""
+        versions = (self.about("manifest") or {}).get("versions")
+        text = json.dumps(versions, sort_keys=True)
+        digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
+        return {digest: versions} if versions else {}
+
+    @cached_property
+    def _computed_by(self) -> str | None:
+        return next(iter(self.software()), None)
 
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
-        self.revision += 1
+        self.memory.clear()
         with self._transaction() as db:
             for table in schema.RUN_TABLES:
                 for rows in other.tuples(f"SELECT * FROM {table}"):
@@ -180,7 +163,7 @@ class Store:
 
     def clear(self) -> None:
         """Forget everything: the store is as new."""
-        self.revision += 1
+        self.memory.clear()
         with self._transaction() as db:
             for table in ("about", *schema.RUN_TABLES):
                 db.execute(f"DELETE FROM {table}")
@@ -194,48 +177,21 @@ class Store:
         """The ids of a picture's finished cells; a cell is finished for every model of the run or for none."""
         return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
 
-    def note_picture(
-        self,
-        image: str,
-        identity: str,
-        content: str,
-        width_px: int | None = None,
-        height_px: int | None = None,
-        look: str | None = None,
-    ) -> None:
-        """Note what a picture's cells are computed from; its size and look need not be given again.
-
-        Raises :class:`StoreError` where its cells were computed from another content.
-        """
+    def note_picture(self, image: str, facts: PictureFacts) -> None:
+        """Note what a picture's cells are computed from. Raises :class:`StoreError` where it was another content."""
         held = self.pictures(image).get(image)
-        if held is not None and held[1] != content:
+        if held is not None and held.content != facts.content:
             was = "is not what it was when its first cells were computed; choose another folder"
             raise StoreError(f"run = {str(self.folder)!r}: picture {image!r} {was}")
-        if held != (identity, content):
+        if held != facts:
             with self._transaction() as db:
-                db.execute(
-                    "INSERT INTO pictures VALUES (?, ?, ?, ?, ?, ?) ON CONFLICT (image) DO UPDATE SET"
-                    " identity = excluded.identity, content = excluded.content,"
-                    " width_px = ifnull(excluded.width_px, width_px),"
-                    " height_px = ifnull(excluded.height_px, height_px), look = ifnull(excluded.look, look)",
-                    (image, identity, content, width_px, height_px, look),
-                )
+                db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?, ?, ?, ?)", (image, *facts))
 
-    def pictures(self, image: str | None = None) -> dict[str, tuple[str, str]]:
-        """Identity and content of the pictures, or of one, that cells were computed from."""
+    def pictures(self, image: str | None = None) -> dict[str, PictureFacts]:
+        """What the cells of each picture, or of one, were computed from."""
         query = "SELECT * FROM pictures WHERE image IN (SELECT image FROM cells)"
         found = self.rows(query) if image is None else self.rows(f"{query} AND image = ?", image)
-        return {row["image"]: (row["identity"], row["content"]) for row in found}
-
-    def picture_sizes(self) -> dict[str, tuple[int, int]]:
-        """Width and height, px, of the pictures that cells were computed from."""
-        rows = self.rows("SELECT image, width_px, height_px FROM pictures WHERE width_px IS NOT NULL")
-        return {row["image"]: (row["width_px"], row["height_px"]) for row in rows}
-
-    def looks(self) -> dict[str, str]:
-        """By picture the hash of what it looks like, see :func:`~blurnoise_eval.datasets.likeness.look`."""
-        rows = self.rows("SELECT image, look FROM pictures WHERE look IS NOT NULL")
-        return {row["image"]: row["look"] for row in rows}
+        return {row.pop("image"): PictureFacts(**row) for row in found}
 
     def cells(self) -> Iterator[dict[str, Any]]:
         """Every cell's row without its detections, in the order of images and conditions."""
@@ -283,17 +239,13 @@ class Store:
         """Names of the columns that people read, and SQLite's types of them."""
         with self._explained():
             found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
-        return {row["name"]: row["type"] for row in found if row["name"] != "detections"}
+        return {row["name"]: row["type"] for row in found if row["name"] not in _NOT_SHOWN}
 
     def _document(self, field: str, text: str) -> Any:
         try:
-            value = json.loads(text, object_hook=Stated)
+            return json.loads(text, object_hook=Stated)
         except (ValueError, RecursionError) as error:
             raise self.damaged(field, str(error)) from None
-        for name in _NEEDED.get(field, ()):
-            if not isinstance(value, dict) or name not in value:
-                raise self.damaged(field, f"states no {name!r}")
-        return value
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
@@ -313,10 +265,6 @@ class Store:
         except sqlite3.DatabaseError as error:
             why = f"{RUN_FILE} is damaged ({error})"
         raise StoreError(f"run = {str(self.folder)!r}: {why}") from None
-
-
-def _writable(path: Path) -> bool:
-    return os.access(path, os.W_OK)
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import count
+from collections.abc import Callable, Mapping
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 from blurnoise._core.files import read_bytes
-from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.grid.axes import AXES, FURTHER, NAMES, VELOCITY
-from blurnoise_eval.scoring.evaluated import Truth, coco_results, moved
-from blurnoise_eval.scoring.movers import box_mover
+from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
@@ -71,7 +68,11 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     """
     coco, run = read_truth(store), Run(store)
     image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
-    sizes_px = {image_ids[name]: size for name, size in store.picture_sizes().items() if name in image_ids}
+    sizes_px = {
+        image_ids[name]: (facts.width_px, facts.height_px)
+        for name, facts in store.pictures().items()
+        if name in image_ids
+    }
 
     def truth_of(name: str) -> Truth | None:
         if run.models[name]["kind"] != "detector":
@@ -94,58 +95,25 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     return truth_of
 
 
-def write_detections(
-    store: Store, folder: Path, progress: Callable[[int], None] = lambda files: None
-) -> list[Path]:
-    """Write a COCO results file per detector, condition and repeat into ``folder``; returns their paths.
+def write_detections(store: Store, folder: Path) -> list[Path]:
+    """Write MODEL.json for each detector into ``folder``; returns the paths.
 
-    ``folder``/MODEL/clean.json, and MODEL/EXPOSUREms-LIGHTlux-X_Ypx_s-REPEAT.json with a further axis before the
-    repeat where it is not the camera's own. The truth is MODEL/instances.json, or where the camera moves boxes
-    CONDITION-instances.json. One condition is held at a time. Raises ``OSError``.
+    All that it found as COCO has results, each with the ``cell_id`` by which results.csv has the condition. Beside it
+    MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
-    written, truth_of, run, labels = [], truths(store), Run(store), read_truth(store)
-    for model in run.models:
-        truth = truth_of(model)
-        if truth is None:
+    written, truth_of, labels = [], truths(store), read_truth(store)
+    folder.mkdir(parents=True, exist_ok=True)
+    for model in Run(store).models:
+        if (truth := truth_of(model)) is None:
             continue
-        place = path_within(folder, model)
-        place.mkdir(parents=True, exist_ok=True)
+        rows = (
+            json.dumps({**row, "cell_id": cell_id})
+            for cell_id, image, found in queries.detections_of(store, model)
+            for row in coco_results(found, truth.image_ids[image], truth.category_of)
+        )
+        lines = (f"{',' if number else '['}\n{row}" for number, row in enumerate(rows))
+        written.append(path_within(folder, f"{model}.json"))
+        write_whole(written[-1], (text.encode() for text in chain(lines, ["\n]"])))
         whole = {**labels, **truth.coco, "images": labels["images"]}
-        write_whole(place / INSTANCES.name, json.dumps(whole).encode("utf-8"))
-        for name, at in _named(queries.conditions(store, model), run.camera):
-            rows: list[dict[str, Any]] = []
-            for image, _, found in queries.detections_at(store, model, at, at["repeat"]):
-                rows += coco_results(found, truth.image_ids[image], truth.category_of)
-            path = place / f"{name}.json"
-            write_whole(path, json.dumps(rows).encode("utf-8"))
-            written.append(path)
-            mover = None if at["clean"] else box_mover(run.exposure(at), run.objects)
-            if mover is not None:
-                own = json.dumps({**whole, "annotations": moved(truth, mover)})
-                write_whole(place / f"{name}-{INSTANCES.name}", own.encode("utf-8"))
-            progress(1)
+        write_whole(path_within(folder, f"{model}-{INSTANCES.name}"), json.dumps(whole).encode("utf-8"))
     return written
-
-
-def _named(conditions: Iterable[dict[str, Any]], camera: Camera) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Rows of conditions with a name each, no two the same: values that round alike are numbered."""
-    held: dict[str, list[tuple[float, ...]]] = {}
-    for at in conditions:
-        if at["clean"]:
-            yield "clean", at
-            continue
-        name, values = condition_name(at, camera), tuple(at[axis] for axis in NAMES)
-        alike = held.setdefault(name, [])
-        alike += [] if values in alike else [values]
-        place = alike.index(values)
-        yield f"{name}{f'-{place + 1}' if place else ''}-{at['repeat']}", at
-
-
-def condition_name(at: Mapping[str, Any], camera: Camera) -> str:
-    """A condition in the name of a file: '20ms-50lux-200_0px_s', and what differs from the camera's own."""
-    slugs = {axis.name: axis.slug(at[axis.name]) for axis in AXES}
-    speed = "_".join(slugs[name] for name in VELOCITY)
-    further = [axis.name for axis in AXES if axis.name in FURTHER and at[axis.name] != axis.own(camera)]
-    return "-".join(
-        [slugs["exposure_s"], slugs["illuminance_lux"], speed, *(slugs[name] for name in further)]
-    )

@@ -19,7 +19,7 @@ pictures on, 89 from 10, 60 from 4.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -34,7 +34,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
-from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.on_picture import NOTHING, Model
 from blurnoise_eval.system.terminal import say_wrapped
 
 Image = NDArray[np.uint8]
@@ -121,11 +121,6 @@ class Variant:
         far = more >= max(_FAR_LEAST, _FAR_RATIO * less)
         return far or (count >= _FEWEST and self.lead(other, _SURE) > 0)
 
-    def same(self, other: Variant) -> float:
-        """The share of what both find in the pictures that is the same, by scores and overlaps."""
-        every = sum(float(each.scores.sum()) for variant in (self, other) for each in variant.seen) / 2
-        return sum(map(agreement, self.seen, other.seen)) / max(every, 1e-9)
-
     def standing(self, final: Variant, *, stated: bool) -> str:
         """How it stands to the final one: surely "worse", a "rival" that may be right, or "open".
 
@@ -136,7 +131,9 @@ class Variant:
             return "worse"
         gain = self.lead(final, _PROBABLE) if stated else -final.lead(self, _LIKELY)
         least = _MATTERS * final.merit if self.differs(final) == ["resize"] else 0
-        return "rival" if gain > least and self.same(final) < _SAME else "open"
+        every = sum(float(each.scores.sum()) for variant in (self, final) for each in variant.seen) / 2
+        same = sum(map(agreement, self.seen, final.seen)) / max(every, 1e-9)
+        return "rival" if gain > least and same < _SAME else "open"
 
 
 @dataclass(frozen=True)
@@ -155,21 +152,17 @@ class Comparison:
         """Choice and cost in a sentence; "" where nothing was compared."""
         if not self.variants:
             return ""
-        chosen, assumed = self.factors("chosen"), self.factors("assumed")
-        how = f"{', '.join(chosen)} chosen by comparing" if chosen else "compared"
-        cost = f"{self.inferences} inferences, {self.seconds:.1f} s"
-        untold = f", which do not tell {', '.join(assumed)}" if assumed else ""
-        compared = f"{self.variants} variants on {_pictures(self.pictures)} ({cost}){untold}"
-        return f"input {_text(self.contract)}; {how} {compared}"
-
-    def factors(self, status: str) -> list[str]:
-        """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
-        return _factors(self.contract, status)
+        return (
+            f"input {_text(self.contract)}; {', '.join(_factors(self.contract, 'chosen')) or 'nothing'} chosen by "
+            f"comparing {self.variants} variants on {_pictures(self.pictures)} ({self.inferences} inferences, "
+            f"{self.seconds:.1f} s)"
+        )
 
 
-def _factors(contract: Contract, status: str) -> list[str]:
+def _factors(contract: Contract, *statuses: str) -> list[str]:
+    """Those of ``FACTORS`` that were "chosen", or are "assumed"."""
     sources = contract.sources
-    return [f for f, names in FACTORS.items() if any(sources[name].startswith(status) for name in names)]
+    return [f for f, names in FACTORS.items() if any(sources[name].startswith(statuses) for name in names)]
 
 
 def contracts_chosen(
@@ -186,12 +179,10 @@ def contracts_chosen(
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
-        stated = not (comparison.factors("chosen") or comparison.factors("assumed"))
-        lines = [
-            "" if stated else comparison.text,
-            *(f"doubtful contract: {each}" for each in comparison.doubts),
-        ]
-        for line in filter(None, lines) if say else ():
+        lines = [f"doubtful contract: {each}" for each in comparison.doubts]
+        if _factors(comparison.contract, "chosen", "assumed") and comparison.text:
+            lines.insert(0, comparison.text)
+        for line in lines if say else ():
             say_wrapped(f"{model.name}: {line}", hanging=2, error=True)
     return found, comparisons
 
@@ -244,9 +235,8 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     if wrong := _common(final.problems):
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
-    took_s = time.perf_counter() - began
-    n_variants, n_pictures = len(variants) if count else 0, count or len(shown)
-    return Comparison(contract, tuple(doubts), n_variants, n_pictures, inferences, took_s)
+    cost_of = len(variants) if count else 0, count or len(shown), inferences, time.perf_counter() - began
+    return Comparison(contract, tuple(doubts), *cost_of)
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
@@ -259,54 +249,48 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str
     own, left = variants[0], [each for each in variants if not each.given_up]
     if not count:
         return own, {}, []
-    assumed = _factors(own.contract, "assumed")
+    assumed, shown = _factors(own.contract, "assumed"), _pictures(count)
     free = [each for each in left if set(each.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
     final = best if best.lead(own, _PROBABLE) > 0 else own
     resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
     final = next(resized, final)
-    others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
-    rivals = [each for each, standing in others if standing == "rival"]
     found, agreed = sum(final.found), sum(final.agreed)
-    garbage = found >= _GARBAGE_FOUND * count and agreed < _GARBAGE_SHARE * found
-    shown, share = _pictures(count), agreed / max(found, 1e-9)
-    wrong = (
+    wrong = [
         f"what it finds ({found:.3g} in sum of scores) is not found again in the mirrored, cropped view of {shown} "
-        f"({share:.0%} is): family, input or export are probably wrong"
-    )
+        f"({agreed / max(found, 1e-9):.0%} is): family, input or export are probably wrong"
+    ]
+    if found < _GARBAGE_FOUND * count or agreed >= _GARBAGE_SHARE * found:
+        wrong = []
     if not any(each.merit for each in left):
         nothing = f"nothing is found again in {shown}, however they enter: nothing confirms the contract"
-        return own, {}, [wrong] if garbage else [nothing] * bool(assumed)
+        return own, {}, wrong or [nothing] * bool(assumed)
+    others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
     sources = dict[str, str]()
     for factor in assumed:
         standings = {standing for each, standing in others if factor in each.differs(final)}
         for name in FACTORS[factor] if standings else ():
             if (source := own.contract.sources[name]).startswith("assumed"):
                 sources[name] = _source(source, standings, f"{len(variants)} variants on {shown}")
-    return final, sources, [_doubt(final, rivals, count)] if rivals else [wrong] * garbage
+    rivals = [each for each, standing in others if standing == "rival"]
+    return final, sources, [_doubt(final, rivals, shown)] if rivals else wrong
 
 
-def _doubt(final: Variant, rivals: Sequence[Variant], count: int) -> str:
+def _doubt(final: Variant, rivals: Sequence[Variant], shown: str) -> str:
     """Why a contract may be wrong, by the best of the variants that may be better."""
     rival = max(rivals, key=lambda each: (round(each.merit, 6), -len(each.differs(final))))
     differing = rival.differs(final)
-    whence = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
-    again = f"{'surely ' * rival.surely_beats(final)}more" if rival.merit > final.merit else "nearly as much"
+    sources = dict.fromkeys(final.contract.sources[name] for factor in differing for name in FACTORS[factor])
     sums, own = (f"{sum(each.agreed):.3g} of {sum(each.found):.3g}" for each in (rival, final))
     option = contract_option(rival.contract)
-    parts = [
-        f"{', '.join(differing)} may be wrong ({'; '.join(whence)}): read as {_text(rival.contract)} instead of "
-        f"{_text(final.contract)}, {again} is found again in the mirrored, cropped view of {_pictures(count)} "
-        f"({sums} in sum of scores, instead of {own})",
-        f"{rival.same(final):.0%} of what the two find is the same",
-        f"further variants that are open: {len(rivals) - 1}" if len(rivals) > 1 else "",
-        "more pictures would tell" if count < MOST_PICTURES else "the pictures do not tell",
-        f"if the former is right: --contract {option}" if option else "",
-    ]
-    return "; ".join(filter(None, parts))
+    return (
+        f"{', '.join(differing)} may be wrong ({'; '.join(sources)}): read as {_text(rival.contract)}, {sums} in sum "
+        f"of scores is found again in the mirrored, cropped view of {shown}; read as {_text(final.contract)}, {own}"
+        f"{f'; if the former is right: --contract {option}' if option else ''}"
+    )
 
 
-def _source(source: str, standings: Collection[str], compared: str) -> str:
+def _source(source: str, standings: set[str], compared: str) -> str:
     """Where a field comes from that nothing states, by the standings of the variants that differ in it."""
     if "rival" in standings:
         return f"assumed, doubtful: {compared} do not tell it from others"
@@ -320,38 +304,23 @@ def _pictures(count: int) -> str:
 
 
 def _text(contract: Contract) -> str:
-    """How a picture enters: "rgb, 0-1, mean and std of ImageNet, letterbox"."""
-    return f"{contract.colour}, {_values_text(contract)}, {contract.resize}"
-
-
-def _values_text(contract: Contract) -> str:
-    own = _values(contract, "rgb")
-    parts = [
-        own[0],
-        *(f"{name} {list(each)}" for name, each in zip(("mean", "std"), own[1:], strict=True) if each),
-    ]
-    return next((name for name, values in INPUT_VALUES.items() if values == own), " ".join(parts))
-
-
-def _values(contract: Contract, colour: str) -> Any:
-    """Range, mean and std in the order of ``colour``."""
-    mean, std = (
-        each[::-1] if each and colour != contract.colour else each for each in (contract.mean, contract.std)
-    )
-    return contract.value_range, mean, std
+    """How a picture enters: "rgb, 0-1, letterbox"."""
+    values = ((name, getattr(contract, name)) for name in ("mean", "std"))
+    stated = [f"{name} {list(each)}" for name, each in values if each]
+    return ", ".join([contract.colour, contract.value_range, *stated, contract.resize])
 
 
 def _other_inputs(detector: Detector) -> list[Contract]:
     """Contracts under which a picture enters otherwise, at the same size."""
     own = detector.contract
-    of_table = [] if detector.takes_bytes else INPUT_VALUES.values()
+    turn = -1 if own.colour == "bgr" else 1  # values in the order of rgb
+    of_own = own.value_range, *(each and each[::turn] for each in (own.mean, own.std))
     found = [own]
-    for colour in ("rgb", "bgr"):
-        for span, mean, std in (*of_table, _values(own, "rgb")):
-            rgb = replace(own, colour="rgb", value_range=span, mean=mean, std=std)
-            other = replace(
-                rgb, colour=colour, **dict(zip(FACTORS["values"], _values(rgb, colour), strict=True))
-            )
+    for colour, turn in (("rgb", 1), ("bgr", -1)):
+        for span, *values in (*(() if detector.takes_bytes else INPUT_VALUES.values()), of_own):
+            mean, std = (each and each[::turn] for each in values)
+            fields: dict[str, Any] = {"colour": colour, "value_range": span, "mean": mean, "std": std}
+            other = replace(own, **fields)
             if not any(other.colour == each.colour and _enters_alike(other, each) for each in found):
                 found.append(other)
     return found[1:]
@@ -371,16 +340,15 @@ def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Det
     """Detections with a contract, and why it, or the export, is wrong, whatever the picture shows, or ""."""
     blob, placement = detector.prepare(image, contract=contract)
     outputs = detector.run(blob)
-    nothing = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
     if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return nothing, f"the outputs hold {count} NaN or infinite"
+        return NOTHING, f"the outputs hold {count} NaN or infinite"
     # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
     if contract.nms_iou is not None and detector.top_score(outputs) == 0:
-        return nothing, "every score is exactly 0: is it an int8 export that rounds all scores away?"
+        return NOTHING, "every score is exactly 0: is it an int8 export that rounds all scores away?"
     try:
         return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
     except ModelError as error:
-        return nothing, str(error)
+        return NOTHING, str(error)
 
 
 def _view(image: Image, found: Detections) -> tuple[Image, Detections]:

@@ -194,7 +194,7 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(frame.picture, brightest(exposure)),
+            saturated=_saturated(frame.picture, brightest(*exposure.amplified)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
@@ -224,13 +224,9 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
-def brightest(exposure: Exposure) -> int:
-    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
-    return _brightest(*exposure.amplified)
-
-
 @lru_cache(maxsize=64)
-def _brightest(camera: Camera, digital_db: float) -> int:
+def brightest(camera: Camera, digital_db: float) -> int:
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
 
 
@@ -257,6 +253,7 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     That is: targets that move alone without knowing where they are, a trajectory that is too short or needs a focal
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
+    size, path = camera.field.size, None
     fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
@@ -266,11 +263,10 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
                 fastest[target.label] = max(
                     fastest.get(target.label, own), own, key=lambda each: math.hypot(*each)
                 )
-    path = None
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
         half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
-        path = stated.of(camera, camera.field.size, longest_s, plan.seed)
+        path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
@@ -279,6 +275,6 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
         for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:
-            height, width = camera.field.size
+            height, width = size
             edges = torch.tensor([(x, y) for x in (0.5, width / 2, width - 0.5) for y in (0.5, height - 0.5)])
             limited_motion("ego_speed_m_s: flow times exposure", exposure.displacements_px(edges))

@@ -5,7 +5,6 @@ The sweep's command without ``--part`` goes on with it.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -15,17 +14,16 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import read_truth, write_instances
 from blurnoise_eval.sweep.open import Batch, Run, ask
-from blurnoise_eval.sweep.run_folder import computed_by, differences, listed, other_software
+from blurnoise_eval.sweep.run_folder import differences, listed
 from blurnoise_eval.sweep.score_tables import ENOUGH
 from blurnoise_eval.system.files import write_whole, written_whole
 
 
 class Merged(NamedTuple):
-    """What a merge has joined: rows of cells, one per cell and model, pictures, and rows that several runs held."""
+    """What a merge has joined: rows of cells, one per cell and model, and pictures."""
 
     cells: int
     pictures: int
-    repeated: int
 
 
 def merge(
@@ -51,6 +49,7 @@ def merge(
         about = {
             "identity": identity,
             "manifest": {**parts[0].manifest, "images": images, "command": origin},
+            "wall_s": sum(part.store.about("wall_s") or 0.0 for part in parts),
         }
         questions = [part.store.about(ENOUGH) for part in parts]
         if all(each == questions[0] for each in questions):
@@ -78,16 +77,14 @@ def _truth(parts: Sequence[Run]) -> dict[str, Any]:
 def _joined(
     parts: Sequence[Run], folder: Path, about: dict[str, Any], progress: Callable[[int], None]
 ) -> Merged:
-    rows, learnt = 0, [part.store.learnt() for part in parts]
     with Store(folder, create=True) as joined:
         for part in parts:
             held = joined.pictures()
-            for name, (_, content) in part.store.pictures().items():
-                if name in held and held[name][1] != content:
+            for name, facts in part.store.pictures().items():
+                if name in held and held[name].content != facts.content:
                     other = f"picture {name!r} is not what it is in the other runs; they cannot be merged"
                     raise StoreError(f"run = {str(part.folder)!r}: {other}")
             joined.take(part.store)
-            rows += queries.count_rows(part.store)
             for name in queries.example_files(part.store):
                 file = joined.file(name)
                 if part.store.file(name).is_file() and not file.exists():
@@ -98,11 +95,7 @@ def _joined(
             joined.set_about(key, value)
         if refined := {at: None for part in parts for batch in part.asked for at in batch.conditions}:
             ask(joined, Batch(about["manifest"]["images"]["count"], (), tuple(refined)))
-        values = sum((Counter(each["non_finite_values"]) for each in learnt), Counter[str]())
-        wall_s = sum(each["wall_s"] for each in learnt)
-        joined.set_about("learnt", {"wall_s": wall_s, "non_finite_values": values})
-        cells = queries.count_rows(joined)
-        return Merged(cells, len(queries.pictures_seen(joined)), rows - cells)
+        return Merged(queries.count_rows(joined), len(queries.pictures_seen(joined)))
 
 
 def _identity(parts: Sequence[Run]) -> dict[str, Any]:
@@ -114,7 +107,7 @@ def _identity(parts: Sequence[Run]) -> dict[str, Any]:
         numbers |= {int(number) for number in own.split(",")}
         wholes.append({**identity, "number of parts": int(count)})
         differing = differences(wholes[0], wholes[-1])
-        differing += other_software(computed_by(parts[0].store), computed_by(run.store))
+        differing += differences(parts[0].manifest["versions"], run.manifest["versions"], "software")
         if not run.grid:
             differing = ["that it is a search's, whose conditions are one whole"]
         if differing:

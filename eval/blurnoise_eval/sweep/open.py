@@ -17,7 +17,7 @@ from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.blocks import cells_per_picture
+from blurnoise_eval.sweep.work import cells_per_picture
 
 Place = tuple[float, float]
 _KEY = "asked"
@@ -34,13 +34,14 @@ class Batch:
 
 def asked(store: Store) -> tuple[Batch, ...]:
     """Every batch in order; none where no search has asked."""
-
-    def batch(n_pictures: int, places: list[Any], conditions: list[Any]) -> Batch:
-        return Batch(
-            n_pictures, tuple((u, w) for u, w in places), tuple(Conditions(**at) for at in conditions)
+    return tuple(
+        Batch(
+            each["n_pictures"],
+            tuple((u, w) for u, w in each["places"]),
+            tuple(Conditions(**at) for at in each["conditions"]),
         )
-
-    return tuple(batch(**each) for each in store.about(_KEY) or ())
+        for each in store.about(_KEY) or ()
+    )
 
 
 def ask(store: Store, batch: Batch) -> None:

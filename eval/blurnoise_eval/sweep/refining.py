@@ -25,8 +25,7 @@ from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.open import Batch, ask, asked
 from blurnoise_eval.sweep.run import Outcome
-from blurnoise_eval.sweep.run_scores import withheld_models
-from blurnoise_eval.sweep.score_tables import run_averages, score_tables
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.system.progress import Advance, progress_bar
 from blurnoise_eval.system.terminal import say
 
@@ -48,27 +47,27 @@ def refined(
     progress: bool | None,
 ) -> None:
     """Compute more exposures where windows end between two tested ones, those that the store has noted first."""
-    cells = n_pictures * plan.repeats
-    more = tuple(at for batch in asked(store) for at in batch.conditions)
+
+    def noted() -> tuple[Conditions, ...]:
+        return tuple(at for batch in asked(store) for at in batch.conditions)
+
+    def next_ones() -> tuple[Conditions, ...]:
+        left = _left_to_refine(store, plan, criterion, cluster)
+        if more := tuple(at for at in left if at not in noted()):
+            ask(store, Batch(n_pictures, (), more))
+        return more
+
+    before, cells = noted(), n_pictures * plan.repeats
+    more = before or next_ones()
     if not more:
-        more = _left_to_refine(store, plan, criterion, cluster)
-        if not more:
-            return
-        if progress:
-            grid = f"beside the {cells * len(plan.conditions())} of the grid"
-            say(
-                f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)",
-                error=True,
-            )
-        ask(store, Batch(n_pictures, (), more))
+        return
+    if progress and not before:
+        grid = f"beside the {cells * len(plan.conditions())} of the grid"
+        say(f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)", error=True)
     with progress_bar("refine", cells * len(more), progress) as advance:
         while more:
             outcome.add(compute(replace(plan, only=more, examples=False), advance))
-            noted = {at for batch in asked(store) for at in batch.conditions}
-            left = _left_to_refine(store, plan, criterion, cluster)
-            more = tuple(at for at in left if at not in noted)
-            if more:
-                ask(store, Batch(n_pictures, (), more))
+            more = next_ones()
 
 
 def _left_to_refine(

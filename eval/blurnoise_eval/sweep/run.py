@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -15,9 +14,8 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.scoring.on_picture import Model
 from blurnoise_eval.store.store import CellResult, Store
-from blurnoise_eval.sweep.blocks import Block, blocks
 from blurnoise_eval.sweep.engines import Engine, ThreadEngine, WorkerDied
-from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.work import Block, Work, blocks
 from blurnoise_eval.system.files import write_whole
 
 _HOPELESS = 8  # failures of a model, without one answer, after which a sweep gives up
@@ -26,14 +24,13 @@ _ONE_THREAD = ThreadEngine(1)
 
 @dataclass
 class Outcome:
-    """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds, NaN and infinite
-    output values by model, and workers that were replaced."""
+    """What a sweep did: cells computed now and before, pictures skipped with the reason, seconds, and workers that
+    were replaced."""
 
     computed: int = 0
     resumed: int = 0
     skipped: dict[str, str] = field(default_factory=dict)
     wall_s: float = 0.0
-    non_finite_values: Counter[str] = field(default_factory=Counter)
     workers_died: int = 0
 
     def add(self, more: Outcome) -> None:
@@ -41,7 +38,6 @@ class Outcome:
         self.computed += more.computed
         self.wall_s += more.wall_s
         self.skipped |= more.skipped
-        self.non_finite_values += more.non_finite_values
         self.workers_died += more.workers_died
 
 
@@ -64,7 +60,7 @@ def run(
     which a model fails is noted in its row. Raises :class:`ModelError` where a model does nothing but fail, and what
     the engine raises. An interrupt leaves the store whole; the same call resumes.
     """
-    started = noted = time.perf_counter()
+    started = time.perf_counter()
     no_work = progress if resumed is None else resumed
     outcome = Outcome()
     failures = dict.fromkeys((model.name for model in models), 0)  # of models that never answered
@@ -98,33 +94,31 @@ def run(
                 elif isinstance(answer, Exception):
                     raise answer
                 else:
-                    took_s, noted = time.perf_counter() - noted, time.perf_counter()
-                    _keep(answer, store, took_s)
+                    _keep(answer, store)
                     outcome.computed += len(block.cells)
                     for result in answer:
-                        outcome.non_finite_values[result.cell["model"]] += result.non_finite_values
                         _check_hope(failures, result.cell["model"], result.cell["error"])
                 if name in outcome.skipped:  # also where it was given up while others computed it
                     store.skip(name, outcome.skipped[name])
                 progress(len(block.cells))
-        store.add((), time.perf_counter() - noted)
     finally:
         outcome.wall_s = time.perf_counter() - started
+        store.set_about("wall_s", (store.about("wall_s") or 0.0) + outcome.wall_s)
     return outcome
 
 
-def _keep(results: Sequence[CellResult], store: Store, wall_s: float) -> None:
+def _keep(results: Sequence[CellResult], store: Store) -> None:
     """Write the pictures that people will look at, then the rows that name them."""
     for result in results[:1]:
         if result.picture:
-            store.note_picture(result.cell["image"], *result.picture)
+            store.note_picture(result.cell["image"], result.picture)
     pictures = {result.cell["example"]: result.example_png for result in results}
     for name, png in pictures.items():
         if png is not None:
             file = store.file(name)
             file.parent.mkdir(exist_ok=True)
             write_whole(file, png)
-    store.add(results, wall_s)
+    store.add(results)
 
 
 def _check_hope(failures: dict[str, int], model: str, error: str | None) -> None:

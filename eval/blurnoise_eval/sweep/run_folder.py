@@ -1,32 +1,41 @@
-"""A run folder: what makes two runs the same run, and what is noted of it."""
+"""A run folder: what makes two runs the same run, and what is noted of it and of its models once it is computed.
+
+Latency is the CPU time that one picture takes a model, from the picture to its answer.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import shutil
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from itertools import product
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
+from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.grid.conditions import Part, SweepPlan
-from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.scoring.on_picture import Model, Picture8
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
+from blurnoise_eval.sweep.contract_checks import Comparison
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
-from blurnoise_eval.system.machine import hardware, versions
+from blurnoise_eval.system.machine import hardware, limited_threads, versions
 
 HARMLESS = ("id",)
 """Fields of annotations that reach neither a pixel nor a box."""
 _LONGEST_SHOWN = 24  # letters of a value in an error
 _MOST_SHOWN = 5  # differences
+_PICTURES, _WARM_UP, _FEWEST, _MOST, _SECONDS = 8, 3, 10, 60, 3.0  # of latency: pictures, runs, seconds
 
 
 def open_run(
@@ -70,7 +79,8 @@ def open_run(
         store.clear()
         held = None
     differing = [] if held is None else differences(held, identity)
-    differing += other_software(computed_by(store), [versions()]) if answered else []
+    if answered:
+        differing += differences(store.about("manifest")["versions"], versions(), "software")
     differing += [f"picture {picture.name!r}" for picture in _replaced(pictures, store)]
     if differing:
         raise StoreError(
@@ -78,7 +88,6 @@ def open_run(
             "choose another folder, or repeat that run's command to resume it"
         )
     write_truth(pictures, store.folder, whole)
-    store.computes_with(versions())
     store.set_about("identity", identity)
     before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
@@ -97,19 +106,19 @@ def open_run(
 
 
 def differences(held: Any, here: Any, at: str = "") -> list[str]:
-    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'; of another name only that."""
-    if held == here:
-        return []
-    pairs: list[tuple[Any, Any, Any]]
-    if isinstance(held, Mapping) and isinstance(here, Mapping):
-        keys = [*{**held, **here}] if held.get("name") == here.get("name") else ["name"]
-        pairs = [(key, held.get(key), here.get(key)) for key in keys]
-    elif isinstance(held, list) and isinstance(here, list) and len(held) == len(here):
-        pairs = [(key, *both) for key, both in enumerate(zip(held, here, strict=True))]
-    else:
-        values = f" ({held} there, {here} here)"
-        return [f"{at}{values if len(values) <= 2 * _LONGEST_SHOWN else ''}"]
-    return [each for key, a, b in pairs for each in differences(a, b, f"{at}.{key}".lstrip("."))]
+    """What differs between two documents: 'camera.f_number (2.0 there, 2.8 here)'."""
+    one, other = _flat(held, at), _flat(here, at)
+    found = {path: (one.get(path), other.get(path)) for path in {**one, **other}}
+    texts = {path: f" ({a} there, {b} here)" for path, (a, b) in found.items() if a != b}
+    return [path + text * (len(text) <= 2 * _LONGEST_SHOWN) for path, text in texts.items()]
+
+
+def _flat(document: Any, at: str) -> dict[str, Any]:
+    """The values of a document by their paths."""
+    if not isinstance(document, Mapping | list) or not document:
+        return {at: document}
+    pairs = document.items() if isinstance(document, Mapping) else enumerate(document)
+    return {path: v for key, each in pairs for path, v in _flat(each, f"{at}.{key}".lstrip(".")).items()}
 
 
 def listed(differing: Sequence[str]) -> str:
@@ -118,34 +127,21 @@ def listed(differing: Sequence[str]) -> str:
     return " and ".join([*differing[:_MOST_SHOWN], *([f"{more} more"] if more > 0 else [])])
 
 
-def computed_by(store: Store) -> list[Mapping[str, str]]:
-    """Versions of the software that computed the run's cells; where these state none, the run's own."""
-    return [*store.software().values()] or [(store.about("manifest") or {}).get("versions", {})]
-
-
-def other_software(held: Sequence[Mapping[str, str]], here: Sequence[Mapping[str, str]]) -> list[str]:
-    """The versions that differ. What an old run does not say is not compared."""
-    found = dict[str, None]()
-    for one, other in product(held, here):
-        found |= dict.fromkeys(differences(one, {name: other.get(name) for name in one}, "software"))
-    return list(found)
-
-
 def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
     """Those that are not what their cells were computed from; only where a file has changed it is read."""
     held = store.pictures()
     for picture in (each for each in pictures if each.name in held):
         before = held[picture.name]
-        if before[0] == picture.identity:
+        if before.identity == picture.identity:
             continue
         try:
             now = content(picture.load())
         except UnreadablePicture:
             now = ""
-        if now != before[1]:
+        if now != before.content:
             yield picture
         else:
-            store.note_picture(picture.name, picture.identity, now)
+            store.note_picture(picture.name, before._replace(identity=picture.identity))
 
 
 def _about(model: Model, pictures: PictureSet) -> dict[str, Any]:
@@ -174,21 +170,18 @@ def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def begun_or_gone(folder: Path) -> Iterator[None]:
-    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was.
-
-    Only files of runs are removed: others may have come to the folder meanwhile.
-    """
+    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was, but for
+    files that others have put there."""
     made = [each for each in (folder, *folder.parents) if not each.exists()]
-    files = [RUN_FILE + ending for ending in ("", "-wal", "-shm", "-journal")]
-    new = [folder / name for name in (*files, *RUN_PICTURES, "coco") if not (folder / name).exists()]
+    new = [name for name in (RUN_FILE, *RUN_PICTURES, "coco") if not (folder / name).exists()]
     try:
         yield
     except BaseException:
-        if folder / RUN_FILE in new and not _has_begun(folder):
-            for each in new:
-                shutil.rmtree(each, ignore_errors=True)  # leaves a file and a link
-                with suppress(OSError):
-                    each.unlink()
+        if RUN_FILE in new and not _has_begun(folder):
+            for file in folder.glob(f"{RUN_FILE}*"):
+                file.unlink()
+            for name in new:
+                shutil.rmtree(folder / name, ignore_errors=True)
             with suppress(OSError):  # missing, or not empty
                 for each in made:
                     each.rmdir()
@@ -201,3 +194,63 @@ def _has_begun(folder: Path) -> bool:
             return queries.has_begun(store)
     except StoreError:  # no file, or another process has it
         return (folder / RUN_FILE).is_file()
+
+
+def note_models(
+    store: Store,
+    models: Sequence[Model],
+    pictures: PictureSet,
+    comparisons: Mapping[str, Comparison],
+    *,
+    computed: int,
+) -> None:
+    """Add to the run's manifest each model's latency, once, and what comparing its contract showed.
+
+    computed: cells, now; where there are none, a model of which these are noted keeps its notes.
+    """
+    manifest = store.about("manifest")
+    for model, about in zip(models, manifest["models"], strict=True):
+        if not computed and "latency" in about:
+            continue
+        about["latency"] = about.get("latency") or latency(model, pictures)
+        if model.name in comparisons:
+            about["suspicions"] = list(comparisons[model.name].doubts)
+    store.set_about("manifest", manifest)
+
+
+def latency(model: Model, pictures: PictureSet) -> dict[str, Any]:
+    """CPU time, ms, median and 95th percentile over a few pictures in turns, one at a time on one thread.
+
+    Preparing the picture and decoding the outputs are included. Empty where no picture can be read, or the model
+    fails on one.
+    """
+    prepared = [(image, _boxes(picture, image)) for picture, image in sample(pictures, _PICTURES)]
+    if not prepared:
+        return {}
+    warm_up, times_s = max(_WARM_UP, len(prepared)), list[float]()
+    try:
+        with limited_threads(1):
+            for count, (image, boxes) in enumerate(cycle(prepared), start=1 - warm_up):
+                started_s = time.process_time()
+                if isinstance(model, Detector):
+                    model.detect(image)
+                else:
+                    model.read(image, boxes)
+                times_s.append(time.process_time() - started_s)
+                if count == _MOST or (count >= _FEWEST and sum(times_s[warm_up:]) > _SECONDS):
+                    break
+    except ModelError:
+        return {}
+    median_ms, p95_ms = 1e3 * np.percentile(times_s[warm_up:], (50, 95))
+    return {
+        "median_ms": float(median_ms),
+        "p95_ms": float(p95_ms),
+        "threads": 1,
+        "runs": len(times_s) - warm_up,
+        "pictures": len(prepared),
+    }
+
+
+def _boxes(picture: Picture, image: Picture8) -> list[tuple[float, float, float, float]]:
+    whole = (0.0, 0.0, float(image.shape[1]), float(image.shape[0]))
+    return [target.box_xyxy for target in picture.targets or () if target.text is not None] or [whole]

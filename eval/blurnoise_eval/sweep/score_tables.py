@@ -1,11 +1,12 @@
-"""The tables of a run: what its store holds, in the unit of a criterion.
+"""Scores of a run and their tables: what its store holds, in the unit of a criterion.
 
+Scores are computed from the store once, and kept in it until cells are added.
 Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of pictures as the store has them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,19 +20,26 @@ from blurnoise_eval.answers import criterion as criteria
 from blurnoise_eval.answers.clusters import cluster_of
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
+from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered, scored
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.grid.axes import NAMES, SETTING
 from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
+from blurnoise_eval.scoring.movers import box_mover, box_sweeper
+from blurnoise_eval.scoring.scores import of_conditions
+from blurnoise_eval.scoring.uncertainty import Estimate
 from blurnoise_eval.store import queries
+from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.schema import CONDITIONS
-from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.store.target_columns import TargetColumns, target_columns
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.coco_export import truths
-from blurnoise_eval.sweep.run_scores import RunScores, run_scores
+from blurnoise_eval.sweep.open import Run
 
 ENOUGH = "enough"
 """Under which a run's store keeps what its sweep was asked last: threshold, keep, score and cluster."""
+LEAST_AP50 = 0.05
+"""Of the labelled original pictures: below, a detector has no answers."""
+_SCORES, _VERSION = "scores", 7  # under which the store keeps the scores; of how they are computed
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
@@ -47,31 +55,98 @@ def question_of(
 
     Raises ``StoreError`` for a run that never began.
     """
-    manifest = store.about("manifest")
-    if manifest is None:
-        raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
-    reads = any(model["kind"] == "reader" for model in manifest["models"])
-    rendered = manifest["images"]["kind"] == "rendered"
-    labelled = manifest["images"]["labelled"]
+    run = Run(store)
+    reads = any(model["kind"] == "reader" for model in run.models.values())
+    rendered = run.manifest["images"]["kind"] == "rendered"
     asked: dict[str, Any] = store.about(ENOUGH) or {}
     if threshold is None and keep is None:
         threshold, keep = asked.get("threshold"), asked.get("keep")
-    of = {"rendered": rendered, "reads": reads, "labelled": labelled}
+    of = {"rendered": rendered, "reads": reads, "labelled": run.labelled}
     found = criteria.criterion_for(threshold, keep, score or asked.get("score"), **of)
     return found, cluster or asked.get("cluster")
 
 
+def run_scores(
+    store: Store,
+    cluster: str | None,
+    progress: Callable[[int], None] = lambda scores: None,
+    *,
+    by_size: str | None = None,
+) -> list[Scored]:
+    """The scores of each model and condition. by_size: "ap" or "ap50" by the size of targets, too."""
+    names = [score.name for score in of_conditions()]
+    made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": cluster, "by_size": by_size}
+    made_of |= {"version": _VERSION, "scores": names}
+    kept = store.about(_SCORES)
+    if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
+        return [
+            Scored(
+                row, _estimate(performance), {size: _estimate(each) for size, each in sizes.items()}, counts
+            )
+            for row, performance, sizes, counts in kept["found"]
+        ]
+    found = []
+    for each in _scored(store, cluster, by_size):
+        found.append(each)
+        progress(1)
+    store.set_about(_SCORES, made_of | {"found": found})
+    return found
+
+
+def _estimate(kept: Sequence[Any]) -> Estimate:
+    """As JSON has it: a list."""
+    value, influence, cautious = kept
+    away = None if influence is None else np.array(influence, float)
+    return Estimate(value, away, None if cautious is None else _estimate(cautious))
+
+
+def _scored(
+    store: Store, cluster: str | None, by_size: str | None = None, *, original_only: bool = False
+) -> Iterator[Scored]:
+    run = Run(store)
+
+    def moves(row: Mapping[str, Any]) -> tuple[Any, Any]:
+        exposure = run.exposure(row)
+        return box_mover(exposure, run.objects), box_sweeper(exposure, run.objects)
+
+    clusters = numbered(queries.pictures_seen(store), cluster)
+    conditions = conditions_of(store, list(run.models), clusters, original_only=original_only)
+    return scored(store, conditions, truths(store), moves, clusters, by_size)
+
+
+def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """Why there is no answer, by detector: where its AP50 in the labelled original pictures is below ``LEAST_AP50``.
+
+    What such a one keeps is no measure of an exposure: its contract is wrong, or it knows other classes.
+    """
+    if not manifest["images"]["labelled"]:
+        return {}
+    detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
+    clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    return {
+        name: f"no exposure is recommended, because its AP50 in the original pictures is {ap50:.3f}, below "
+        f"{LEAST_AP50:g}. Is its contract right (blurnoise inspect --probe), and does it know these classes?"
+        for name, ap50 in clean.items()
+        if ap50 is not None and ap50 < LEAST_AP50
+    }
+
+
+def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
+    """As :func:`models_withheld`, by what is scored here of the original pictures alone."""
+    clean = _scored(store, cluster, original_only=True)
+    return models_withheld(store.about("manifest"), (each.row for each in clean))
+
+
 def score_tables(
-    store: Store, criterion: Criterion, cluster: str | None, scored: RunScores | None = None
+    store: Store, criterion: Criterion, cluster: str | None, scored_by_size: Sequence[Scored] | None = None
 ) -> Iterator[ScoreTable]:
     """The tables of a run, one for each model and group of targets. cluster: a pattern on pictures' names.
 
-    scored: what :func:`~.run_scores.run_scores` gives by size, for a score that belongs to no single target.
+    scored_by_size: what :func:`run_scores` gives by size, for a score that belongs to no single target.
     """
     if criterion.of is not None and criterion.of.by_size is not None:
-        models = [model["name"] for model in store.about("manifest")["models"]]
-        scored = scored or run_scores(store, models, cluster, by_size=criterion.score)
-        yield from tables_by_size(scored.found, criterion.kept)
+        found = scored_by_size or run_scores(store, cluster, by_size=criterion.score)
+        yield from tables_by_size(found, criterion.kept)
         return
     for model in queries.models_seen(store):
         yield from _of_model(store, model, criterion, cluster)
@@ -80,7 +155,11 @@ def score_tables(
 def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | None) -> Iterator[ScoreTable]:
     """One model's, group after group."""
     columns = target_columns(store, model)
-    values = _values(store, model, columns, criterion)
+    if criterion.of is not None and criterion.of.of_targets is not None:
+        values = criterion.of.of_targets(columns)  # NaN where a row has none
+    else:
+        confidence = alarm_confidence(store, model, criterion.alarms_per_picture or 0.0)
+        values = (columns.confidence > confidence).astype(float)
     rows = [dict(zip(CONDITIONS, each, strict=True)) for each in columns.conditions]
     is_clean = np.array([bool(row["clean"]) for row in rows], bool)
     original = is_clean[columns.condition] if len(rows) else np.zeros(0, bool)
@@ -107,13 +186,9 @@ def _clean_values(
     """What the target of each row has in the original picture, NaN where that is not known."""
     most = 1 + int(columns.target_id.max(initial=0))
     key = columns.picture.astype(np.int64) * most + columns.target_id
-    of_clean = key[original]
-    order = np.argsort(of_clean, kind="stable")
-    if not len(order):
-        return np.full(len(key), np.nan)
-    place = np.minimum(np.searchsorted(of_clean[order], key), len(order) - 1)
-    found = of_clean[order][place] == key
-    return np.where(found, values[original][order][place], np.nan)
+    of_target: NDArray[np.float64] = np.full(1 + int(key.max(initial=0)), np.nan)
+    of_target[key[original]] = values[original]
+    return np.asarray(of_target[key])
 
 
 def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> list[Averages]:
@@ -144,21 +219,8 @@ def dark_below(camera: Camera) -> float:
     return int(tones_8bit(camera)[place]) / 255
 
 
-def _values(store: Store, model: str, columns: TargetColumns, criterion: Criterion) -> NDArray[np.float64]:
-    """Each row's score, NaN where it has none."""
-    if criterion.of is not None and criterion.of.of_targets is not None:
-        return criterion.of.of_targets(columns)
-    confidence = alarm_confidences(store, criterion.alarms_per_picture or 0.0)[model]
-    return (columns.confidence > confidence).astype(float)
-
-
-def alarm_confidences(store: Store, rate: float) -> dict[str, float]:
-    """By model, the confidence above which the original pictures give at most ``rate`` false alarms each."""
-    truth_of = truths(store)
-    found = {}
-    for model in store.about("manifest")["models"]:
-        name = model["name"]
-        (clean,) = [row for row in queries.condition_counts(store, name) if row["clean"]]
-        answers = queries.answers_at(store, name, clean)
-        found[name] = Evaluated({}, truth_of(name) or NO_TRUTH, answers).alarms_from(0.0).confidence_at(rate)
-    return found
+def alarm_confidence(store: Store, model: str, rate: float) -> float:
+    """The confidence above which a model's original pictures give at most ``rate`` false alarms each."""
+    (clean,) = [row for row in queries.condition_counts(store, model) if row["clean"]]
+    found = Evaluated({}, truths(store)(model) or NO_TRUTH, queries.answers_at(store, model, clean))
+    return found.alarms_from(0.0).confidence_at(rate)

@@ -1,4 +1,4 @@
-"""Work that travels: models and camera; a worker opens it and computes blocks of cells.
+"""Work of a sweep: its cells in blocks, each a worker's task; models and camera, which travel; and a worker.
 
 A cell (see :mod:`blurnoise_eval.grid.conditions`) is what :func:`blurnoise.simulate` with the cell's seed gives,
 whoever computes it and in whatever order.
@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from itertools import groupby, pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -19,18 +20,89 @@ import torch
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.metering import USUAL, AutoExposure
-from blurnoise_eval.datasets import Picture, UnreadablePicture, content, encode
+from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.axes import NAMES, blur_px
+from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
-from blurnoise_eval.store.store import CellResult
-from blurnoise_eval.sweep.blocks import Block
+from blurnoise_eval.store.store import CellResult, PictureFacts
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
 
-EXAMPLES = "examples"  # folder of the run
+_CELLS = 8  # at least, that a worker computes before it reports: a block costs whoever hands it out 1 to 2 ms
+EXAMPLES, _EXAMPLE_PICTURES = "examples", 3  # folder of the run; how many are kept
+
+
+@dataclass(frozen=True)
+class Block:
+    """Cells of one picture. examples: ids of those whose pictures are kept, for people to look at."""
+
+    picture: Picture
+    cells: tuple[Cell, ...]
+    examples: frozenset[str] = frozenset()
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Block]) -> Block:
+        """One block with the cells of all, which are of one picture."""
+        cells = tuple(cell for block in blocks for cell in block.cells)
+        return cls(blocks[0].picture, cells, frozenset().union(*(block.examples for block in blocks)))
+
+    def without(self, done: Collection[str]) -> Block:
+        """Those cells whose ids are not ``done``."""
+        todo = tuple(cell for cell in self.cells if cell.cell_id not in done)
+        return Block(self.picture, todo, self.examples)
+
+
+def count_cells(pictures: PictureSet, plan: SweepPlan) -> int:
+    """How many cells a sweep has, the clean ones included."""
+    return len(pictures) * cells_per_picture(plan)
+
+
+def cells_per_picture(plan: SweepPlan) -> int:
+    """How many cells each picture has, the clean one included."""
+    return 1 + plan.repeats * len(plan.conditions())
+
+
+def blocks(pictures: PictureSet, plan: SweepPlan) -> Iterator[Block]:
+    """Every cell once. A picture's clean cell, which prepares it, comes before the last one's conditions."""
+    shown = _example_pictures(pictures) if plan.examples else set()
+    kept, together = (None, *plan.example_conditions()), _together(plan.conditions())
+
+    def block(picture: Picture, repeat: int, some: Iterable[Conditions | None]) -> Block:
+        seed = cell_seed(plan.seed, picture.name, repeat)
+        cells = tuple(Cell(picture.name, repeat, at, seed) for at in some)
+        if picture.name not in shown or repeat:
+            return Block(picture, cells)
+        return Block(picture, cells, frozenset(each.cell_id for each in cells if each.conditions in kept))
+
+    for before, picture in pairwise([None, *pictures, None]):
+        if picture is not None:
+            yield block(picture, 0, [None])
+        if before is not None:
+            for repeat, some in product(range(plan.repeats), together):
+                yield block(before, repeat, some)
+
+
+def _together(conditions: Iterable[Conditions]) -> list[list[Conditions]]:
+    """Conditions in their order, enough for a block at a time; the lights of one blur and exposure stay together."""
+    found: list[list[Conditions]] = []
+    for _, lights in groupby(conditions, key=lambda at: (at.blurs_as, at.exposure_s)):
+        if not found or len(found[-1]) >= _CELLS:
+            found.append([])
+        found[-1] += lights
+    return found
+
+
+def _example_pictures(pictures: Iterable[Picture]) -> set[str]:
+    """The pictures with the largest targets, or the first ones without labels."""
+
+    def largest(picture: Picture) -> float:
+        boxes = (target.box_xyxy for target in picture.targets or ())
+        return max(((x1 - x0) * (y1 - y0) for x0, y0, x1, y1 in boxes), default=0.0)
+
+    return {picture.name for picture in sorted(pictures, key=largest, reverse=True)[:_EXAMPLE_PICTURES]}
 
 
 @dataclass(frozen=True)
@@ -51,11 +123,11 @@ class Work:
 
 
 class PreparedPicture(NamedTuple):
-    """A picture as light, and every model's answer to it as it is. source: what of it the store notes."""
+    """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
     scene: Scene
     views: list[View]
-    source: tuple[str, str, int, int, str]
+    facts: PictureFacts
 
     @classmethod
     def of(cls, picture: Picture, work: Work) -> PreparedPicture:
@@ -71,7 +143,7 @@ class PreparedPicture(NamedTuple):
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
-        return cls(scene, views, (picture.identity, content(image), width, height, look(image)))
+        return cls(scene, views, PictureFacts(picture.identity, content(image), width, height, look(image)))
 
 
 class Worker:
@@ -113,7 +185,7 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.source)
+                yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
@@ -140,10 +212,9 @@ def cell_result(
     sight: ModelOutput,
     example: str | None,
     example_png: bytes | None,
-    source: tuple[str, str, int, int, str] | None = None,
+    facts: PictureFacts | None = None,
 ) -> CellResult:
-    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG. source: what of
-    the picture the store notes."""
+    """The rows of one cell and model. example: where the frame is kept in the run's folder, as PNG."""
     cell, at, taken = frame.cell, frame.cell.conditions, frame.exposure
     shared = {
         "cell_id": cell.cell_id,
@@ -182,6 +253,6 @@ def cell_result(
         "infer_ms": sight.infer_ms,
         "error": sight.error,
         "example": example,
+        "non_finite_values": sight.non_finite_values,
     }
-    values = sight.non_finite_values
-    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, values, source)
+    return CellResult({**shared, **summary}, tuple(rows), sight.detections, example_png, facts)

@@ -158,7 +158,7 @@ def test_files_outside_a_foreign_run_are_not_opened(
         if what in ("images", "labels"):
             manifest["images"] |= {"kind": "coco" if what == "labels" else "folder", "source": str(pipe)}
             name = run.pictures[0]
-            store.note_picture(name, f"{name} 1 2 3 4", store.pictures()[name][1])
+            store.note_picture(name, store.pictures()[name]._replace(identity=f"{name} 1 2 3 4"))
         if what == "model":
             manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
         store.set_about("manifest", manifest)

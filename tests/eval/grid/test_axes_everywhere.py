@@ -18,10 +18,9 @@ from blurnoise_eval.grid.axes import AXES, CORE, EGO, MOVES, NAMES, SETTING, VEL
 from blurnoise_eval.grid.axes import axis as axis_of
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import CellResult, Store
-from blurnoise_eval.sweep.coco_export import write_detections
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from made_tables import answers, endurances, endurances_across, tables
@@ -134,8 +133,8 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
             }
             assert Counter(sums.values()) == Counter(scores.values())
             for row in means:
-                ((_, _, detections),) = queries.detections_at(store, "m", row)
-                assert detections.scores.tolist() == [sums[tuple(row[name] for name in CONDITIONS)]]
+                answers = queries.answers_at(store, "m", row)
+                assert answers.scores.tolist() == [sums[tuple(row[name] for name in CONDITIONS)]]
             write_exports(store)
             header = (Path(folder) / "results.csv").read_text().splitlines()[0].split(",")
             assert [name for name in header if name in NAMES] == list(NAMES)
@@ -173,16 +172,3 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[s
         assert Counter(value for curve in over for value in curve.confidence) == (exposed if several else {})
         assert all(curve.x == plan.values(axis) and curve.at[axis] is None for curve in over)
         assert len({tuple(curve.at.values()) for curve in over}) == len(over)
-
-
-@pytest.mark.slow
-@given(grids())
-@some
-def test_every_cell_has_a_file_of_its_own(grid: dict[str, list[float]]) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        store, scores = filled(Path(folder), SweepPlan(grid))
-        with store:
-            written = write_detections(store, Path(folder) / "out")
-        assert len({path.name.lower() for path in written}) == len(written) == len(scores)
-        held = [row["score"] for path in written for row in json.loads(path.read_text())]
-    assert Counter(held) == Counter(scores.values())

@@ -8,7 +8,7 @@ from typing import Any
 
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.sweep.blocks import blocks, cells_per_picture
+from blurnoise_eval.sweep.work import blocks, cells_per_picture
 from plans import plan as swept
 from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store
 from stored_rows import clean_result, result
 

@@ -12,8 +12,9 @@ import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.exports import write_exports
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.queries import write_exports
+from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.store import PictureFacts, Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
 
@@ -184,16 +185,18 @@ def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
         ] == [2, 2, 3]
 
 
-def test_sizes_of_pictures_stay_with_them(tmp_path: Path) -> None:
+def test_pictures_are_what_their_cells_were_computed_from(tmp_path: Path) -> None:
+    facts = PictureFacts("2 bytes", "content", 64, 48, "")
     with Store(tmp_path, create=True) as store:
-        store.note_picture("a", "2 bytes", "content", 64, 48)
-        store.note_picture("b", "3 bytes", "another")  # whose size nobody knows
-        store.note_picture("a", "touched since", "content")  # the same picture, so of the same size
+        store.note_picture("a", facts)
+        store.note_picture("b", facts)  # of which there are no cells
+        store.note_picture("a", facts._replace(identity="touched since"))
         store.add([result(0, image="a")])
-        assert store.pictures() == {"a": ("touched since", "content")}
-        assert store.picture_sizes() == {"a": (64, 48)}
+        assert store.pictures() == {"a": facts._replace(identity="touched since")}
+        with pytest.raises(StoreError, match="picture 'a' is not what it was"):
+            store.note_picture("a", facts._replace(content="another"))
         store.clear()
-        assert store.picture_sizes() == {}
+        assert store.pictures() == {}
 
 
 def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
@@ -213,3 +216,29 @@ def test_the_time_of_a_frame_is_the_median(tmp_path: Path) -> None:
             each.cell["simulate_ms"] = simulate_ms
         store.add(timed)
         assert queries.median_simulate_ms(store) == 2.0
+
+
+def test_targets_as_columns(tmp_path: Path) -> None:
+    """Of every target the values of its own row and of its cell's; anew once the store has grown."""
+    taken = [result(number, targets=2) for number in range(3)]
+    for place, each in enumerate(taken):
+        each.cell.update(saturated=0.1 * place, brightness=0.5 + 0.1 * place)
+    with Store(tmp_path, create=True) as store:
+        store.add(taken[:2])
+        assert len(queries.target_columns(store, "m").condition) == 4
+        store.add(taken[2:])
+        columns, rows = queries.target_columns(store, "m"), {}
+        cells = {cell["cell_id"]: cell for cell in store.cells()}
+        for row in store.targets():
+            rows[row["image"], row["repeat"], row["target_id"], *(row[name] for name in CONDITIONS)] = row
+        assert len(columns.condition) == len(rows) == 6
+        for place, picture in enumerate(columns.picture):
+            of = columns.pictures[picture], columns.repeat[place], columns.target_id[place]
+            row = rows[*of, *columns.conditions[columns.condition[place]]]
+            assert columns.groups[columns.group[place]] == row["group"]
+            assert columns.confidence[place] == row["confidence"]
+            cell = cells[row["cell_id"]]
+            assert (columns.saturated[place], columns.brightness[place]) == (
+                cell["saturated"],
+                cell["brightness"],
+            )

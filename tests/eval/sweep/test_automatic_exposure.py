@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, datasets, evaluate
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.store.exports import write_exports
+from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.exposing import Scene, frames
 

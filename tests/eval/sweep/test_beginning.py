@@ -10,9 +10,8 @@ import pytest
 from blurnoise_eval.datasets import rendered_signs
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.run_folder import begun_or_gone
-from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.work import Block, Work
 from made_work import made_blocks, results
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from blurnoise_eval.datasets import Picture, PictureSet, Target
-from blurnoise_eval.sweep.blocks import blocks
+from blurnoise_eval.sweep.work import blocks
 from plans import plan as swept
 
 

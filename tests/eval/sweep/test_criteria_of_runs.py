@@ -12,7 +12,7 @@ import pytest
 from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet, Target
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.score_tables import alarm_confidences, dark_below
+from blurnoise_eval.sweep.score_tables import alarm_confidence, dark_below
 from made_tables import table
 from numpy.typing import NDArray
 from plans import plan as swept
@@ -120,7 +120,7 @@ def test_ap_of_a_run_is_that_of_its_scores(run: Path) -> None:
 
 def test_recall_is_that_at_the_rate_of_alarms(run: Path) -> None:
     with Store(run) as store:
-        beyond = alarm_confidences(store, 0.2)["small"]
+        beyond = alarm_confidence(store, "small", 0.2)
     done = Evaluation(run, 0.5, score="recall@0.2")
     own = [row for row in done.targets if row["group"] == "a stop sign" and not row["clean"]]
     for answer in done.answers:

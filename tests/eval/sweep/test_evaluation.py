@@ -18,7 +18,7 @@ from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep import model_notes
+from blurnoise_eval.sweep import run_folder as model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN

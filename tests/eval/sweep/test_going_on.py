@@ -11,8 +11,8 @@ import pytest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.work import count_cells
 from numpy.typing import NDArray
 from plans import plan as swept
 from signs_in_memory import (

@@ -6,9 +6,7 @@ import csv
 import json
 import re
 import shutil
-import sqlite3
 from collections.abc import Mapping
-from contextlib import closing
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +18,9 @@ from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.grid.objects import Objects
 from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.store.store import CellResult, Store, StoreError
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run_folder
 from blurnoise_eval.sweep.merging import merge
-from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.machine import versions
 
 GRID: Mapping[str, Any] = {"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (100.0,)}
@@ -106,15 +103,9 @@ def test_every_field_of_a_target_is_in_the_identity(cut: Path, name: str) -> Non
 
 
 def computed_with(run: Path, **others: str) -> None:
-    """Have the run's cells say that other versions computed them."""
+    """Have the run say that other versions computed it."""
     with Store(run) as store:
-        store.computes_with({**versions(), **others})
-        store.add(
-            [CellResult(row, (), store.detections(row["cell_id"], row["model"])) for row in store.cells()]
-        )
-        store.set_about("manifest", {**store.about("manifest"), "versions": {}})
-    with closing(sqlite3.connect(run / RUN_FILE)) as db, db:
-        db.execute("DELETE FROM software WHERE computed_by NOT IN (SELECT computed_by FROM cells)")
+        store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), **others}})
 
 
 @pytest.mark.parametrize("name", ["torch", "blurnoise", "sources"])
@@ -128,17 +119,12 @@ def test_other_software_is_named(cut: Path, tmp_path: Path, name: str) -> None:
 
 
 def test_rows_state_what_computed_them(cut: Path, tmp_path: Path) -> None:
-    """In the store, in its exports and in a merged run, where cells of a run from before state nothing."""
-    older = shutil.copytree(cut, tmp_path / "older")
-    with closing(sqlite3.connect(older / RUN_FILE)) as db, db:
-        db.execute("UPDATE cells SET computed_by = NULL")
-        db.execute("DELETE FROM software")
-        db.execute("UPDATE cells SET repeat = 1, cell_id = cell_id || '1'")
-    merge([older, cut], tmp_path / "merged")
+    """In the store, in its exports and in a merged run."""
+    merge([cut], tmp_path / "merged")
     with Store(tmp_path / "merged") as store:
         assert list(store.software().values()) == [versions()]
         (key,) = store.software()
-        assert {(row["repeat"], row["computed_by"]) for row in store.cells()} == {(0, key), (1, None)}
+        assert {row["computed_by"] for row in store.cells()} == {key}
     Evaluation(cut, output=tmp_path / "page").report()
     assert json.loads((tmp_path / "page" / "summary.json").read_text())["software"] == {key: versions()}
     with (tmp_path / "page" / "results.csv").open(newline="") as file:

@@ -20,8 +20,8 @@ import pytest
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.blocks import count_cells
 from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.urls import location
 from blurnoise_eval.system.working_folder import read_run
 from plans import plan as swept

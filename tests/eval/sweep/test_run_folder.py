@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,13 +11,12 @@ from typing import Any
 import numpy as np
 import onnx
 import pytest
-from blurnoise_eval import Evaluation, datasets, evaluate
+from blurnoise_eval import datasets, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.report.run import read_run
-from blurnoise_eval.store import store as stores
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
@@ -162,26 +159,3 @@ def test_a_first_attempt_without_an_answer_claims_no_folder(
     assert done.summary["missing_cells"] == 0
     with pytest.raises(StoreError, match="another plan"):
         evaluate(model, good, plan=replace(PLAN, seed=1), output=folder)
-
-
-# --- where nothing can be written ---
-
-
-def test_journal_of_a_killed_run_is_read_where_nothing_can_be_written(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its last cells stand in the journal alone."""
-    dies = f"""
-import os
-from pathlib import Path
-from blurnoise_eval.store.store import Store
-store = Store(Path({str(run)!r}))
-store.skip("late.png", "found late")
-os._exit(9)
-"""
-    subprocess.run([sys.executable, "-c", dies], check=False)
-    assert (run / "results.sqlite-wal").stat().st_size
-    before = files(run)
-    monkeypatch.setattr(stores, "_writable", lambda path: False)
-    assert [row["image"] for row in Evaluation(run).skipped] == ["late.png"]
-    assert files(run) == before

@@ -52,11 +52,13 @@ def test_an_untouched_picture_has_none() -> None:
 
 def test_the_limit_follows_well_and_digital_gain() -> None:
     at = {"exposure_s": 0.01, "illuminance_lux": 50.0}
-    full = brightest(Exposure(IMX250, **at))
+    full = brightest(*Exposure(IMX250, **at).amplified)
     assert full >= 254
-    assert brightest(Exposure(SMALL_WELL, **at)) < 160
-    assert brightest(Exposure(SMALL_WELL, **at, gain_db=20.0)) == 255
-    assert brightest(Exposure(IMX250, **at, gain_db=-6.02)) == pytest.approx(188, abs=2)  # sRGB of a half
+    assert brightest(*Exposure(SMALL_WELL, **at).amplified) < 160
+    assert brightest(*Exposure(SMALL_WELL, **at, gain_db=20.0).amplified) == 255
+    assert brightest(*Exposure(IMX250, **at, gain_db=-6.02).amplified) == pytest.approx(
+        188, abs=2
+    )  # sRGB of a half
 
 
 def test_signal_to_noise_has_shot_dark_and_read_noise() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.datasets import rendered_signs, write_picture
-from blurnoise_eval.sweep.run_scores import LEAST_AP50, models_withheld
+from blurnoise_eval.sweep.score_tables import LEAST_AP50, models_withheld
 from blurnoise_models import matched_filter
 from commands import main
 

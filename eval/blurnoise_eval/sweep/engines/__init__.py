@@ -32,7 +32,7 @@ def staying(engine: Engine) -> AbstractContextManager[Engine]:
 
 
 def engine_of(name: str, workers: int | None, address: str | None = None) -> Engine:
-    """The engine of that name. address: of a Ray cluster; then workers None are one for each of its cores.
+    """The engine of that name, by default with a worker per core of this machine, or of the cluster at ``address``.
 
     Raises ``ValueError`` for another name, for less than one worker, and for an address with another engine.
     """

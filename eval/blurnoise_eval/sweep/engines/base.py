@@ -17,8 +17,7 @@ import torch
 
 from blurnoise_eval.datasets import UnreadablePicture
 from blurnoise_eval.store.store import CellResult
-from blurnoise_eval.sweep.blocks import Block
-from blurnoise_eval.sweep.work import Work, Worker
+from blurnoise_eval.sweep.work import Block, Work, Worker
 from blurnoise_eval.system.machine import limited_threads
 
 T = TypeVar("T")
@@ -76,10 +75,10 @@ def at_least_one(name: str, workers: int | None) -> None:
         raise ValueError(f"{name} = {workers}: must be >= 1")
 
 
-def given_up(picture: str) -> UnreadablePicture:
+def given_up(block: Block) -> UnreadablePicture:
     """The answer for a picture on which two workers died, the second one with nothing else to do."""
     return UnreadablePicture(
-        f"{picture}: the worker that computed it died, and so did the next one with nothing else to do "
+        f"{block.picture.name}: the worker that computed it died, and so did the next one with nothing else to do "
         "(killed, out of memory, or a crash in native code)"
     )
 
@@ -99,13 +98,6 @@ def in_flight(
             yield flying.pop(future), future
 
 
-def raised(error: BaseException | None) -> Exception | None:
-    """What a worker raised; an interrupt or an exit is raised here, too."""
-    if error is not None and not isinstance(error, Exception):
-        raise error
-    return error
-
-
 def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
     """Join blocks of one picture, so that few workers prepare the same picture, which costs as much as a cell or two.
 
@@ -122,14 +114,14 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(engine: str, value: Work | Block) -> bytes:
+def pickled(value: Work | Block) -> bytes:
     """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
     try:
         return pickle.dumps(value)
     except Exception as error:  # pickling runs anybody's code
         what = f"picture {value.picture.name!r}" if isinstance(value, Block) else "models"
         raise ValueError(
-            f"engine = {engine!r}: {what} cannot be sent to another process ({error}); use 'threads'"
+            f"engine: {what} cannot be sent to another process ({error}); use 'threads'"
         ) from None
 
 
@@ -159,6 +151,19 @@ def results_of(block: BlockResult) -> list[CellResult]:
     return results
 
 
+def raised(error: BaseException) -> Exception:
+    """What a worker raised; an interrupt or an exit is raised here, too."""
+    if not isinstance(error, Exception):
+        raise error
+    return error
+
+
+def answer(future: Future[BlockResult]) -> list[CellResult] | Exception:
+    """The results of a finished block, or what its worker raised."""
+    error = future.exception()
+    return results_of(future.result()) if error is None else raised(error)
+
+
 @dataclass(frozen=True)
 class ThreadEngine:
     """Threads of this process over each model's one session. Models and pictures need not pickle.
@@ -173,16 +178,16 @@ class ThreadEngine:
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        worker = work.open(self.threads + _HELD_BESIDE)
+        worker, most = work.open(self.threads + _HELD_BESIDE), _IN_FLIGHT * self.threads
         with limited_threads(1):
             pool = ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,))
+
+            def submit(block: Block) -> Future[BlockResult]:
+                return pool.submit(lambda: (worker.compute(block), []))
+
             try:
-                most = _IN_FLIGHT * self.threads
-                submitted = in_flight(
-                    lambda block: pool.submit(worker.compute, block), iter(blocks), lambda: most
-                )
-                for block, future in submitted:
-                    yield block, raised(future.exception()) or future.result()
+                for block, future in in_flight(submit, iter(blocks), lambda: most):
+                    yield block, answer(future)
             except BaseException:  # closed early, or an interrupt
                 worker.interrupt()
                 raise

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
 import os
 import pickle
@@ -11,20 +10,15 @@ import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for_any
-from typing import cast
 
-from blurnoise_eval.store.store import CellResult
-from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
-from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.work import Block, Work
 
-_NAME = "processes"
-_OPENINGS = 2  # workers that may die one after the other before one has opened the models
+_OPENINGS = 2  # pools that may break one after the other before a worker has opened the models
 
 
 @dataclass
@@ -47,7 +41,7 @@ class ProcessEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        pickled = base.pickled(_NAME, work)
+        pickled = base.pickled(work)
         with self:
             try:
                 yield from self._computed(pickled, base.shared_out(blocks, self.processes))
@@ -56,54 +50,49 @@ class ProcessEngine(base.Staying):
                 raise
 
     def _computed(self, work: bytes, blocks: Iterator[Block]) -> Answers:
-        lost = dict[str, Exception]()
+        given_up = dict[str, Exception]()
+        suspects: list[Block] = []
 
         def submit(block: Block) -> Future[BlockResult]:
-            if block.picture.name in lost:
-                return _failed(lost[block.picture.name])
-            return self._of(work).submit(block)
+            if block.picture.name in given_up:
+                return _failed(given_up[block.picture.name])
+            return self._pool_of(work).submit(block)
 
-        def answer(future: Future[BlockResult]) -> list[CellResult] | Exception:
-            return base.raised(future.exception()) or base.results_of(future.result())
-
-        suspects: list[Block] = []
         while True:
             flying = base.in_flight(submit, blocks, lambda: 0 if suspects else self.processes + 1)
             for block, future in flying:
                 if isinstance(future.exception(), BrokenProcessPool):  # so fails all that is in flight
                     suspects.append(block)
                 else:
-                    yield block, answer(future)
+                    yield block, base.answer(future)
             if not suspects:
                 return
             self.stop()
             yield suspects[0], WorkerDied(suspects[0].picture.name)
             for block in suspects:
-                name, future = block.picture.name, submit(block)
+                future = submit(block)
                 if isinstance(future.exception(), BrokenProcessPool):
                     self.stop()
-                    lost[name] = base.given_up(name)
-                    yield block, WorkerDied(name)
-                    yield block, lost[name]
-                else:
-                    yield block, answer(future)
+                    yield block, WorkerDied(block.picture.name)
+                    given_up[block.picture.name] = base.given_up(block)
+                    future = submit(block)
+                yield block, base.answer(future)
             suspects.clear()
 
-    def _of(self, work: bytes) -> _Pool:
+    def _pool_of(self, work: bytes) -> _Pool:
         """Processes for this work, one of which has opened its models."""
         if self._pool is not None and self._pool.work == work:
             return self._pool
         for _ in range(_OPENINGS):
             self.stop()
             self._pool = _Pool(work, self.processes)
-            try:
-                base.results_of(self._pool.submit(None).result())
-            except BrokenProcessPool:
-                continue
-            return self._pool
+            opened = self._pool.submit(None)
+            if not isinstance(opened.exception(), BrokenProcessPool):
+                base.results_of(opened.result())
+                return self._pool
         self.stop()
         raise ChildProcessError(
-            f"engine = {_NAME!r}: {_OPENINGS} workers one after the other died before they had opened the models "
+            f"engine = 'processes': {_OPENINGS} workers one after the other died before they had opened the models "
             "(killed, out of memory, or a program that has no if __name__ == '__main__':); what was finished is kept"
         )
 
@@ -124,13 +113,17 @@ class _Pool:
         self._executor = ProcessPoolExecutor(processes, spawn, _begin, (self._held_by_workers, work))
 
     def submit(self, block: Block | None) -> Future[BlockResult]:
-        """Compute the block, or only open the models."""
-        data = None if block is None else base.pickled(_NAME, block)
+        """Compute the block, or only open the models. Processes that begin leave interrupts to this one."""
+        data = None if block is None else base.pickled(block)
+        before = signal.pthread_sigmask(
+            signal.SIG_BLOCK, [signal.SIGINT]
+        )  # inherited, and never unblocked there
         try:
-            with _interrupts_ignored():
-                return self._executor.submit(_compute, data)
+            return self._executor.submit(_compute, data)
         except BrokenProcessPool as error:  # a process has died that had nothing to do
             return _failed(error)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def stop(self) -> None:
         self._open_here.close()
@@ -144,13 +137,12 @@ def _failed(error: Exception) -> Future[BlockResult]:
     return future
 
 
-_key, _work = "", b""  # of this process, if it is a worker
+_work = b""  # of this process, if it is a worker
 
 
 def _begin(until: Connection, work: bytes) -> None:
     """In a worker, first of all: end when the process that started it closes the pipe, or has ended."""
-    global _key, _work
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    global _work
     parent = multiprocessing.parent_process()
 
     def end() -> None:
@@ -158,21 +150,8 @@ def _begin(until: Connection, work: bytes) -> None:
         os._exit(1)
 
     threading.Thread(target=end, daemon=True).start()
-    _key, _work = hashlib.sha256(work).hexdigest(), work
+    _work = work
 
 
 def _compute(block: bytes | None) -> BlockResult:
-    return base.compute(_key, lambda: cast(Work, pickle.loads(_work)), block)
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes that are started inside leave interrupts to this one, from their first moment on."""
-    if threading.current_thread() is not threading.main_thread():  # which alone may say so
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    return base.compute("", lambda: pickle.loads(_work), block)

@@ -8,23 +8,17 @@ import logging
 import os
 import pickle
 import socket
-import time
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
-from blurnoise_eval.sweep.blocks import Block
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
-from blurnoise_eval.sweep.work import Work
+from blurnoise_eval.sweep.work import Block, Work
 from blurnoise_eval.system.machine import versions
 
-_NAME = "ray"
-_HINT = "; one that asks for a token, as Ray's own do from 2.60 on, needs RAY_AUTH_MODE=token here, too"
-_REACHED_S = 10.0
-_LOOK_S = 1.0  # between looks at which nodes there are
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
 
 
@@ -60,68 +54,58 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        packed = base.pickled(_NAME, work)
+        packed, needed = base.pickled(work), _bits_of(work)
         todo = iter(blocks)
-        first = next(todo, None)
-        if first is None:
+        if (first := next(todo, None)) is None:
             return
-        needed = _bits_of(work)
         with self:
             ray = _imported()
-            if not ray.is_initialized():
-                _connect(ray, self.workers, self.address)
-                self._connected = True
             try:
-                yield from self._computed(ray, packed, needed, chain([first], todo))
-            except ray.exceptions.RayError as error:
+                if not ray.is_initialized():
+                    self._connected = True
+                    _connect(ray, self.workers, self.address)
+                shared = base.shared_out(chain([first], todo), self.workers or _cores(ray))
+                yield from self._computed(ray, (ray.put(packed), needed), shared)
+            except (ray.exceptions.RayError, ConnectionError, RuntimeError) as error:
+                where = self.address or "this machine"
+                line = next(iter(str(error).splitlines()), type(error).__name__)
                 raise ChildProcessError(
-                    f"engine = {_NAME!r}: the cluster is gone ({_line(error)}); what was finished is kept"
+                    f"engine = 'ray': no cluster at {where} ({line}); what was finished is kept"
                 ) from None
 
-    def _computed(
-        self, ray: Any, packed: bytes, needed: Mapping[str, str], blocks: Iterable[Block]
-    ) -> Answers:
+    def _computed(self, ray: Any, work: tuple[Any, ...], blocks: Iterable[Block]) -> Answers:
         task = ray.remote(num_cpus=1, max_retries=1, scheduling_strategy="SPREAD")(_compute)
-        work = ray.put(packed), needed
-
-        def submit(block: Block) -> Any:
-            return task.remote(*work, base.pickled(_NAME, block))
-
-        todo = base.shared_out(blocks, self.workers or _cores(ray))
-        lost = dict[str, Exception]()
+        todo = iter(blocks)
+        given_up = dict[str, Exception]()
         flying: dict[Any, Block] = {}
-        last_core_s = time.monotonic()
         try:
             while True:
-                cores = _cores(ray)
-                while len(flying) < (self.workers or max(cores, 1)) and (block := next(todo, None)):
-                    if block.picture.name in lost:
-                        yield block, lost[block.picture.name]
+                most = self.workers or max(_cores(ray), 1)
+                while len(flying) < most and (block := next(todo, None)) is not None:
+                    if block.picture.name in given_up:
+                        yield block, given_up[block.picture.name]
                     else:
-                        flying[submit(block)] = block
+                        flying[task.remote(*work, base.pickled(block))] = block
                 if not flying:
                     return
-                done, _ = ray.wait(list(flying), timeout=_LOOK_S)
-                if done or cores:
-                    last_core_s = time.monotonic()
-                elif time.monotonic() - last_core_s > self.patience_s:
+                done, _ = ray.wait(list(flying), timeout=self.patience_s)
+                if not done and not _cores(ray):
                     raise ChildProcessError(
-                        f"engine = {_NAME!r}: no worker was available for {self.patience_s} s; "
-                        "what was finished is kept"
+                        f"engine = 'ray': no worker was available for {self.patience_s} s; what was finished is kept"
                     )
                 for each in done:
                     block = flying.pop(each)
                     try:
                         yield block, base.results_of(ray.get(each))
                     except ray.exceptions.RayTaskError as error:  # its own text is a traceback
-                        yield block, base.raised(error.cause) or error
+                        yield block, base.raised(error.cause or error)
                     except ray.exceptions.NodeDiedError:  # which is no fault of a picture
-                        flying[submit(block)] = block
+                        flying[task.remote(*work, base.pickled(block))] = block
                     except ray.exceptions.RayError:
                         for _ in range(2):
                             yield block, WorkerDied(block.picture.name)
-                        lost[block.picture.name] = base.given_up(block.picture.name)
-                        yield block, lost[block.picture.name]
+                        given_up[block.picture.name] = base.given_up(block)
+                        yield block, given_up[block.picture.name]
         finally:
             for each in flying:
                 with suppress(ray.exceptions.RayError):
@@ -133,13 +117,10 @@ def _compute(packed: bytes, needed: Mapping[str, str], block: bytes) -> BlockRes
 
     def opened() -> Work:
         work: Work = pickle.loads(packed)
-        found = _bits_of(work)
-        others = [
-            f"{name} {found.get(name)}, not {it}" for name, it in needed.items() if found.get(name) != it
-        ]
-        if others:
-            node = socket.gethostname()
-            raise ValueError(f"engine = {_NAME!r}: node {node} has {', '.join(others)} as here")
+        if others := dict(_bits_of(work).items() - needed.items()):
+            raise ValueError(
+                f"engine = 'ray': node {socket.gethostname()} has {others}, which is not as on the driver"
+            )
         return work
 
     return base.compute(hashlib.sha256(packed).hexdigest(), opened, block)
@@ -155,7 +136,7 @@ def _cores(ray: Any) -> int:
 
 
 def _imported() -> Any:
-    """The package; what it would print of deaths is told by the engine."""
+    """The package; what it would print of deaths is reported by the engine."""
     os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     import ray
@@ -164,36 +145,10 @@ def _imported() -> Any:
 
 
 def _connect(ray: Any, cores: int | None, address: str | None) -> None:
-    """To the cluster at the address, or to one that is started here. Raises ``ChildProcessError``."""
-    logging.getLogger("ray").setLevel(logging.ERROR)
+    """To the cluster at the address, or to one that is started here."""
     how: dict[str, Any] = {"address": address}
     if address is None:
         how = {"address": "local", "num_cpus": cores, "num_gpus": 0, "include_dashboard": False}
         how |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
-    else:
-        _check_reached(address)
-    try:
-        ray.init(**how, log_to_driver=False, logging_level=logging.ERROR)
-    except BaseException as error:
-        ray.shutdown()
-        if not isinstance(error, Exception):
-            raise
-        hint = "" if address is None else _HINT
-        raise ChildProcessError(
-            f"engine = {_NAME!r}: no cluster at {address or 'this machine'} ({_line(error)}){hint}"
-        ) from None
-
-
-def _check_reached(address: str) -> None:
-    """Raise ``ChildProcessError`` where nobody listens: Ray itself would try for minutes."""
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    try:
-        if colon and port.isdecimal():  # not "auto", which Ray finds by its files
-            socket.create_connection((host.strip("[]"), int(port)), _REACHED_S).close()
-    except (OSError, OverflowError) as error:
-        raise ChildProcessError(f"engine = {_NAME!r}: no cluster at {address} ({_line(error)})") from None
-
-
-def _line(error: BaseException) -> str:
-    """The first line of what is wrong."""
-    return next(iter(str(error).splitlines()), type(error).__name__)
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    ray.init(**how, log_to_driver=False, logging_level=logging.ERROR)

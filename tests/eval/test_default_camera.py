@@ -10,10 +10,10 @@ import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import given
 from blurnoise_eval.datasets import PictureSet
+from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
-from blurnoise_eval.sweep.default_camera import camera_text, default_camera, in_colour, is_grey
 from small_sweeps import small_detector
 
 from blurnoise import Camera
