@@ -28,6 +28,8 @@ LEAST_DRIFT = 0.1  # change of the dark current over the dark frames, of itself
 LEAST_HOT = 1.1  # DSNU with hot pixels over that without
 LEAST_CURVE = 0.03  # exponent of the signal in the gain: a gamma of 0.97
 LEAST_STRAY = 0.1  # light in dark frames, of the dark current
+LEAST_UNEVEN = 0.2  # spread of the dark current over the picture, of itself
+_BLOCKS = 8  # along each side
 
 
 def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
@@ -172,10 +174,10 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
 def stray_light(
     files: Folder, dark: Sequence[Level], bright: Sequence[Level], light: Floats, fit: Transfer
 ) -> Doubt | None:
-    """Light in the dark frames, by the pixels' own sensitivity, which dark charge does not know.
+    """Light in the dark frames, by the pixels' own sensitivity, which dark charge does not know, or by its place.
 
-    light (H, W): mean of the flat levels ``bright``. The growth of the dark, DN/s, is of every other frame; the dark
-    that is taken off the light is of those between, so that no noise is in both.
+    light (H, W): mean of the flat levels ``bright``. The growth of the dark, DN/s, is of every other frame, and of
+    those between once more; the dark that is taken off the light is of the latter, so that no noise is in both.
     """
     black = fit.dark
     if not black.slope > SURELY * black.slope_error:  # nor where it is NaN
@@ -188,19 +190,33 @@ def stray_light(
         np.stack([np.mean([*files.planes(frames[half::2])], axis=0) for frames in files.dark])
         for half in (0, 1)
     )
+    growth, again = (np.tensordot(slope, each, 1) for each in (every, between))
     beneath = np.tensordot(at_light, between, 1)
     signal = float((light - beneath).mean())
     noise = levels.noise_of_mean(bright) + float((variance / (count // 2) * at_light**2).sum())
-    patterns = np.tensordot(slope, every, 1), (light - beneath) / signal
-    grown, seen = (levels.without_shading(each) for each in patterns)
+    grown, seen = (levels.without_shading(each) for each in (growth, (light - beneath) / signal))
     kept = ~(levels.outlying(grown) | levels.outlying(seen))
     grown, seen = grown[kept], seen[kept]
     power = float(seen @ seen)
     found, error = float(grown @ seen) / power, float(grown.std()) / math.sqrt(power)
     true_share = 1 - noise / signal**2 * len(seen) / power  # of what varies over the response
-    if found <= SURELY * error or true_share <= 0.05 or found <= LEAST_STRAY * true_share * black.slope:
-        return None
-    of_dark = min(1.0, found / true_share / black.slope)
-    what = f"{100 * of_dark:.0f} % of the dark current grows with the pixels' sensitivity to light"
+    if found > SURELY * error and found > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
+        of_dark = min(1.0, found / true_share / black.slope)
+        what = f"{100 * of_dark:.0f} % of the dark current grows with the pixels' sensitivity to light"
+    else:
+        one, other = (_blocks(each) for each in (growth, again))
+        common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
+        of_dark = math.sqrt(max(0.0, common)) / black.slope
+        if of_dark <= LEAST_UNEVEN or common <= own:
+            return None
+        what = f"dark current differs over the picture by {100 * of_dark:.0f} % RMS, unless the camera itself glows"
     text = f"light in dark frames: {what}: cover the lens"
     return Doubt(("dark_current_e_s", "dsnu_e"), text, of_dark * black.slope / fit.gain)
+
+
+def _blocks(growth: Floats) -> Floats:
+    """Medians of blocks of the picture, of each of the four places of a mosaic."""
+    down, across = (side // (2 * _BLOCKS) for side in growth.shape)
+    cut = growth[: 2 * _BLOCKS * down, : 2 * _BLOCKS * across]
+    blocks = cut.reshape(_BLOCKS, down, 2, _BLOCKS, across, 2)
+    return np.asarray(np.median(blocks, (1, 4))).ravel()

@@ -145,6 +145,8 @@ def _say(text: str) -> None:
 
 def in_options(text: str, options: Collection[str]) -> str:
     """An error "name = value: ..." or "name, name: ..." with the options of those names."""
+    limit = "--model-timeout-s" if "--model-timeout-s" in options else "model_timeout_s in --plan FILE.yaml"
+    text = text.replace("; timeout_s allows", f"; {limit} allows")
     known = {each.lstrip("-").replace("-", "_"): each for each in options}
     known |= {axis.name: axis.option for axis in AXES if axis.option in options}
     subject = text.partition(":")[0].partition(" = ")[0]

@@ -41,6 +41,8 @@ DTYPES = {
     "tensor(uint8)": np.uint8,
 }
 """The types that a picture's input may have."""
+MOST_INPUT_PIXELS = 1 << 28
+"""Of what a network takes at once, all pictures of its batch: 3 GiB of numbers."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +114,10 @@ class OnnxModel:
         self.axes = self.inputs[0].axes if self.inputs else None
         first = self.inputs[0].shape[0] if self.axes in ("nchw", "nhwc") else 1
         self.batch = first if isinstance(first, int) else 1
+        sides = [side for side in (self.inputs[0].size_px if self.inputs else ()) if isinstance(side, int)]
+        if self.batch * math.prod(sides) > MOST_INPUT_PIXELS:
+            takes = f"takes {self.batch} picture(s) of {' x '.join(map(str, sides))} px"
+            raise ModelError(f"{self.path.name}: {takes}; must be at most {MOST_INPUT_PIXELS} px")
         self._answered = False
         self._running: set[ort.RunOptions] = set()
 

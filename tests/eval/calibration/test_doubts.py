@@ -21,13 +21,13 @@ def found_in(folder: Path, seed: int, **how: float) -> Measurement:
 
 def frames(
     seed: int, *, warming: float = 0.0, hot: float = 0.0, gamma: float = 1.0, stray_e_s: float = 0.0,
-    filters: float = 0.0, prnu: float = 0.01, dark_e_s: float = DARK_E_S, uneven: float = 0.0,
+    slope: float = 0.0, filters: float = 0.0, prnu: float = 0.01, dark_e_s: float = DARK_E_S, uneven: float = 0.0,
     lamp: float = 0.0, jitter_dn: float = 0.0,
 ) -> dict[tuple[str, float], list[np.ndarray]]:  # fmt: skip
     """Eight exposures, two dark and two flat frames of each, taken one after the other.
 
     warming: growth of the dark current over all. hot: share of pixels with about 40 000 e-/s. stray_e_s: light in
-    the dark frames. filters: a mosaic's, by which its places differ. uneven: the
+    the dark frames, ``slope`` of it more at the right. filters: a mosaic's, by which its places differ. uneven: the
     dark current of the pixels; lamp, jitter_dn: light of levels, black level of frames; all RMS.
     """
     random = np.random.default_rng(seed)
@@ -43,7 +43,7 @@ def frames(
         exposure_s, kind = 0.0125 * (1 + place // 4), ("dark", "flat")[place // 2 % 2]
         vignetted = (1 - 0.15 * (x * x + y * y)) * (1 + lamp * lights[place // 4])
         flat_e = 0.85 * WELL_E * exposure_s / 0.1 * vignetted
-        light_e = flat_e if kind == "flat" else stray_e_s * exposure_s
+        light_e = flat_e if kind == "flat" else stray_e_s * exposure_s * (1 + slope * x)
         mean_e = charge_e_s * (1 + warming * place / 31) * exposure_s + light_e * response
         electrons = (
             np.minimum(random.poisson(mean_e), WELL_E) + READ_E * random.standard_normal(SIZE) + offset_e
@@ -92,8 +92,17 @@ def test_a_tone_curve_is_named_with_its_gamma(tmp_path: Path, gamma: float) -> N
     assert holds(found, "system_gain_dn_per_e", GAIN)
 
 
-def test_light_in_dark_frames_is_named_by_the_pixels_sensitivity(tmp_path: Path) -> None:
-    found = found_in(tmp_path / "frames", 3, dark_e_s=20.0, stray_e_s=300.0)
+STRAY = {
+    "even": {"stray_e_s": 300.0},
+    "from one side": {"slope": 0.7, "prnu": 0.001, "stray_e_s": 300.0},
+    "through colour filters": {"filters": 0.6, "stray_e_s": 100.0},
+}
+
+
+@pytest.mark.parametrize("stray", STRAY.values(), ids=STRAY)
+def test_light_in_dark_frames_is_named(tmp_path: Path, stray: dict[str, float]) -> None:
+    """Even light by the pixels' sensitivity, other light by where it falls."""
+    found = found_in(tmp_path / "frames", 3, dark_e_s=20.0, **stray)
     (doubt,) = found.doubts
     assert doubt.text.startswith("light in dark frames")
     assert "doubtful: light" in camera_of(found, "mine").sources["dark_current_e_s"]
