@@ -106,6 +106,7 @@ def described(text: str) -> str:
 
 def _run(program: Any, name: str, words: Sequence[str]) -> int:
     accept_all_text()
+    options = [option for each in program.params for option in each.opts]
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
     try:
         with plain_warnings():
@@ -118,11 +119,12 @@ def _run(program: Any, name: str, words: Sequence[str]) -> int:
         _forget_output()
         return 1
     except OSError as error:
-        _say(f"{error.filename}: {error.strerror}" if error.strerror and error.filename else str(error))
+        text = f"{error.filename}: {error.strerror}" if error.strerror and error.filename else str(error)
+        _say(in_options(text, options))
         _forget_output()
         return 2
     except (ValueError, TypeError) as error:
-        _say(in_options(str(error), [option for each in program.params for option in each.opts]))
+        _say(in_options(str(error), options))
         return 2
     except (MemoryError, RuntimeError) as error:
         from blurnoise_eval.system.machine import is_out_of_memory

@@ -71,7 +71,7 @@ def inspect(
     416x640, height first), nms_iou (or iou). A file may hold "base: yolox" and what differs.
 
     PRESET: a family's name, such as yolox, yolov8, rtdetr or tfod, for text recognisers ppocr;
-    completion lists all of them, and so does the error of any other word.
+    the error of any other word lists all of them.
     """
     from blurnoise_eval.detectors.contract_files import contract_document
     from blurnoise_eval.detectors.model import OnnxModel

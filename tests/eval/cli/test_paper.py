@@ -30,7 +30,7 @@ def test_what_differs_is_exit_code_1(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_without_rapidocr_text_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("blurnoise_eval.detectors.ocr.packaged.rapidocr_models", lambda: None)
+    monkeypatch.setattr("blurnoise_eval.detectors.ocr.rapidocr_models", lambda: None)
     assert verdicts(tmp_path, "ocr", "quanta") == {"agrees", "not run"}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from blurnoise_eval import Evaluation, evaluate
-from blurnoise_eval.report.interactive import choices
+from blurnoise_eval.report.charts import choices
 from blurnoise_eval.report.page import write_report
 from blurnoise_eval.report.tables import model_rows
 from blurnoise_eval.scoring import scores as table
