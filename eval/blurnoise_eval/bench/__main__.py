@@ -29,8 +29,7 @@ def bench(
     ] = None,
     contract: Contract = None,
     images: Annotated[
-        Path | None,
-        Option(metavar="DIR", help="for sweep and decide: photographs (default: rendered signs)"),
+        Path | None, Option(metavar="DIR", help="for sweep and decide: photographs (default: rendered signs)")
     ] = None,
     threads: Threads = None,
     output: Annotated[

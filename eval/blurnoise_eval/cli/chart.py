@@ -21,8 +21,7 @@ def chart(
     width: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
     height: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
     angle: Annotated[
-        float | None,
-        Option(metavar="DEG", help="degrees, counter-clockwise (default: edge 5, others 0)"),
+        float | None, Option(metavar="DEG", help="degrees, counter-clockwise (default: edge 5, others 0)")
     ] = None,
     bit_depth: Annotated[Literal["8", "16"], Option(help="of the sRGB PNG")] = "8",
 ) -> None:

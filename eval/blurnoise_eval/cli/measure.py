@@ -7,16 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import (
-    BlackLevel,
-    FullScale,
-    Json,
-    Linear,
-    Region,
-    Srgb,
-    new_file,
-    region,
-)
+from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Region, Srgb, new_file, region
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:

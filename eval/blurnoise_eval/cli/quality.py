@@ -37,12 +37,7 @@ class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: igno
     *(each.key for each in _AXES if each.name not in (MOVES.name, EGO.name)),
     template=False,
 )
-def quality(
-    *,
-    given: ChartPlan,
-    output: NewFolder,
-    as_json: Json = False,
-) -> None:
+def quality(*, given: ChartPlan, output: NewFolder, as_json: Json = False) -> None:
     """What exposure, light and motion do to a camera's picture, in numbers: on simulated charts MTF50, edge SNR,
     CNR, patch SNR, information capacity, NEQ, SNRI, Michelson contrast, CDP, PSNR and SSIM, with intervals.
 

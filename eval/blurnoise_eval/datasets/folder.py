@@ -59,9 +59,7 @@ def pictures_below(folder: Location) -> dict[str, str]:
 
 
 def from_files(
-    folder: Location,
-    entries: Sequence[Listed],
-    known: Mapping[str, str] | None = None,
+    folder: Location, entries: Sequence[Listed], known: Mapping[str, str] | None = None
 ) -> tuple[Picture, ...]:
     """The pictures of these names in the folder; they need not be there before they are loaded.
 

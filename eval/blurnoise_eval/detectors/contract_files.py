@@ -34,10 +34,7 @@ Given = str | Path | Mapping[str, Any]
 
 
 def stated_contract(
-    presets: Mapping[str, Kind],
-    model_path: Path,
-    metadata: Mapping[str, str],
-    contract: Kind | Given | None,
+    presets: Mapping[str, Kind], model_path: Path, metadata: Mapping[str, str], contract: Kind | Given | None
 ) -> Kind | None:
     """Return the contract somebody stated, or None: the caller's, else the file beside the model, else the
     graph's metadata under ``blurnoise.contract``.

@@ -220,11 +220,7 @@ def _at_stride(form: str, stride: int) -> str:
 
 
 def _decode(
-    outputs: Sequence[FloatArray],
-    size_px: tuple[int, int],
-    min_score: float,
-    head: AnchorHead,
-    classes: int,
+    outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float, head: AnchorHead, classes: int
 ) -> Candidates:
     """Score = objectness · class. Sources: Redmon & Farhadi, YOLOv3 (2018); YOLOv4's scale_x_y; YOLOv5's head."""
     rows = _cell_rows(outputs, size_px, head)

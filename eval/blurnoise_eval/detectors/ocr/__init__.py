@@ -9,11 +9,4 @@ from blurnoise_eval.detectors.ocr.recogniser import (
 )
 from blurnoise_eval.detectors.ocr.spotter import TextSpotter
 
-__all__ = [
-    "Reading",
-    "Recogniser",
-    "TextSpotter",
-    "character_error_rate",
-    "is_recogniser",
-    "rapidocr_models",
-]
+__all__ = ["Reading", "Recogniser", "TextSpotter", "character_error_rate", "is_recogniser", "rapidocr_models"]
