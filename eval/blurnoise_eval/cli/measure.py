@@ -11,7 +11,6 @@ from blurnoise_eval.cli._options import BlackLevel, FullScale, Json, Linear, Reg
 from blurnoise_eval.system.terminal import say, say_json, show, width
 
 if TYPE_CHECKING:
-    from blurnoise.metrics.values import Estimate
     from blurnoise_eval.quality.picture import Measured
 
 _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns, in characters
@@ -114,42 +113,19 @@ def _print(measured: list[Measured], target: str) -> None:
     """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
     from rich.table import Table
 
-    from blurnoise_eval.quality.picture import EDGE_METRICS
+    from blurnoise_eval.quality.picture import EDGE_METRICS, angle_text, reading_text, second_text
 
     side_by_side = max(1, ((width() or _PIPE_WIDTH) - _LABEL_WIDTH) // _REGION_WIDTH)
     for start in range(0, len(measured), side_by_side):
         shown = measured[start : start + side_by_side]
         table = Table("region", *(str(region.number) for region in shown))
         table.add_row("x,y,w,h, px", *(",".join(map(str, region.roi)) for region in shown))
-        table.add_row("angle, degrees", *(_angle(region) for region in shown), end_section=True)
+        table.add_row("angle, degrees", *(angle_text(region) for region in shown), end_section=True)
         for metric in EDGE_METRICS:
             label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
             table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
-        table.add_row("square, SNRI with", *(_second(region) for region in shown))
+        table.add_row("square, SNRI with", *(second_text(region) for region in shown))
         show(table)
     for each in measured:
         if each.doubts:
             say(f"{each.number}: {'; '.join(each.doubts)}")
-
-
-def reading_text(reading: Estimate) -> str:
-    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash for what cannot be told."""
-    if not reading.told:
-        return "-"
-    doubted = "?" if reading.flags else ""
-    return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
-
-
-def _number(value: float, digits: int) -> str:
-    return f"{value:.0f}" if 100 <= abs(value) < 1e9 else f"{value:.{digits}g}"
-
-
-def _angle(region: Measured) -> str:
-    edge = region.edge
-    return "-" if edge.orientation is None else f"{edge.angle_deg:.2f}, bright {edge.bright_side}"
-
-
-def _second(region: Measured) -> str:
-    if region.edge.orientation is None:
-        return "-"
-    return "same blur both ways" if region.second is None else f"edge {region.second}"

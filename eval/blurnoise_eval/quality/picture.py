@@ -177,3 +177,28 @@ def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> in
         if not math.isnan(edge.bright) and edge.orientation != edges[index].orientation
     ]
     return min(others)[1] if others and not math.isnan(edges[index].bright) else None
+
+
+def reading_text(reading: Estimate) -> str:
+    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash for what cannot be told."""
+    if not reading.told:
+        return "-"
+    doubted = "?" if reading.flags else ""
+    return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.0f}" if 100 <= abs(value) < 1e9 else f"{value:.{digits}g}"
+
+
+def angle_text(region: Measured) -> str:
+    """The edge's angle and its bright side, or a dash for none."""
+    edge = region.edge
+    return "-" if edge.orientation is None else f"{edge.angle_deg:.2f}, bright {edge.bright_side}"
+
+
+def second_text(region: Measured) -> str:
+    """The blur across the edge's other axis that the SNRI is made with."""
+    if region.edge.orientation is None:
+        return "-"
+    return "same blur both ways" if region.second is None else f"edge {region.second}"

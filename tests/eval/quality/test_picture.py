@@ -16,7 +16,7 @@ import pytest
 import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.cli._options import region
-from blurnoise_eval.cli.measure import reading_text
+from blurnoise_eval.quality.picture import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import figures as edge_figures
 from blurnoise_eval.quality import picture as measuring
