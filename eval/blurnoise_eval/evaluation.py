@@ -40,7 +40,7 @@ from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, question_of
 from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.files import write_whole
-from blurnoise_eval.system.progress import Advance, progress_bar
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
@@ -121,11 +121,11 @@ def evaluate(
         open_run(store, opened, seen_by, shown, plan, facts, whole=whole, part=own)
         store.set_about(ENOUGH, {**enough, "cluster": cluster})
 
-        def compute(plan: SweepPlan, advance: Advance) -> Outcome:
+        def compute(plan: SweepPlan, advance: ProgressBar) -> Outcome:
             how: dict[str, Any] = {"progress": advance, "resumed": advance.already}
             return sweep.run(opened, seen_by, shown, plan, store, engine=engine_kept, **how)
 
-        with progress_bar("sweep", count_cells(shown, plan), progress) as advance:
+        with ProgressBar("sweep", count_cells(shown, plan), progress) as advance:
             outcome = compute(plan, advance)
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
@@ -246,7 +246,7 @@ class Evaluation:
         write_tables(self.data, self.output)
         summary = json.dumps(self.summary, indent=1)
         write_whole(self.output / "summary.json", summary.encode("utf-8"))
-        with progress_bar("draw", len(charts.views(self._shown)), self._progress) as advance:
+        with ProgressBar("draw", len(charts.views(self._shown)), self._progress) as advance:
             return page.write_report(self._shown, self.output, advance)
 
     @property
@@ -259,7 +259,7 @@ class Evaluation:
         """Everything that the page shows."""
         with Store(self.folder, shared=True) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
-            advance = bar.enter_context(progress_bar("score", steps, self._progress))
+            advance = bar.enter_context(ProgressBar("score", steps, self._progress))
             return read_run(
                 store, self.criterion, cluster=self.cluster, progress=advance, on_lines=self._on_lines
             )

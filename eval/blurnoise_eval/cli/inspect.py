@@ -75,7 +75,7 @@ def inspect(
     """
     from blurnoise_eval.detectors.contract_files import contract_document
     from blurnoise_eval.detectors.model import OnnxModel
-    from blurnoise_eval.detectors.ocr import is_recogniser
+    from blurnoise_eval.detectors.ocr import Recogniser, is_recogniser
     from blurnoise_eval.system.files import write_whole
 
     probed = _pictures(probe) if probe else []
@@ -90,10 +90,17 @@ def inspect(
         if kept.exists():
             raise ValueError(f"save-contract = {str(kept)!r}: exists; must be a new file")
         new_file(str(kept))
-    network, facts = (_recogniser if reads else _detector)(opened, contract, probed)
+    network: Any
+    if reads:
+        network, why = (
+            Recogniser(opened, contract=contract),
+            "one picture in, a row of class probabilities per step out",
+        )
+        facts: dict[str, Any] = {"recognised": f"graph: {why}", "unknown": [], "warnings": []}
+    else:
+        network, facts = _detector(opened, contract, probed)
     if kept is not None:
-        document: Any = network.contract
-        write_whole(kept, (json.dumps(contract_document(document), indent=1) + "\n").encode())
+        write_whole(kept, (json.dumps(contract_document(network.contract), indent=1) + "\n").encode())
         facts["saved"] = str(kept)
     session = opened.session
     facts = {
@@ -152,14 +159,6 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
     return detector, facts
 
 
-def _recogniser(model: OnnxModel, contract: str | None, _: Pictures) -> tuple[Recogniser, dict[str, Any]]:
-    """The text recogniser, and what is known of how it is read."""
-    from blurnoise_eval.detectors.ocr import Recogniser
-
-    why = "graph: one picture in, a row of class probabilities per step out"
-    return Recogniser(model, contract=contract), {"recognised": why, "unknown": [], "warnings": []}
-
-
 def _found(
     network: Detector | Recogniser, path: Location, picture: NDArray[np.uint8], output: Path
 ) -> dict[str, Any]:
@@ -208,12 +207,10 @@ def _print(facts: dict[str, Any], contract: Any, found: dict[str, Any]) -> None:
         say(f"read in {found['image']}", f"  {found['text']!r} {found['score']:.3f}")
     elif found:
         say(f"detections in {found['image']}, and {found['weaker']} below {DRAWN_SCORE}")
-        cells = [
-            (_short(row["class"]), f"{row['score']:.3f}", *(f"{side:.1f}" for side in row["box_xyxy"]))
-            for row in found["detections"]
-        ]
-        heads, right = ("class", "score", "x0", "y0", "x1", "y1 / px"), (False, *(True,) * 5)
-        say(*table_lines(heads, cells, right, width()), found["output"])
+        for row in found["detections"]:
+            box = ", ".join(f"{side:.1f}" for side in row["box_xyxy"])
+            say(f"  {row['score']:.3f} at {box} px: {_short(row['class'])}")
+        say(found["output"])
 
 
 def _short(text: str) -> str:

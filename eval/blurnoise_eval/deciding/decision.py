@@ -41,7 +41,7 @@ from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
 from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables, withheld_models
 from blurnoise_eval.sweep.work import count_cells
-from blurnoise_eval.system.progress import progress_bar
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
@@ -154,7 +154,7 @@ class _Run:
         nodes = tuple(at for batch in batches for at in batch.conditions)
         plan = replace(self.plan, only=nodes, examples=len(batches) == 1)
         cells = count_cells(self.pictures, plan)
-        with progress_bar(f"{len(nodes)} nodes", cells, self.progress) as advance:
+        with ProgressBar(f"{len(nodes)} nodes", cells, self.progress) as advance:
             done = sweep.run(
                 self.models, self.camera, self.pictures, plan, self.store,
                 engine=self.engine, progress=advance, resumed=advance.already,

@@ -18,7 +18,6 @@ pictures on, 89 from 10, 60 from 4.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -145,7 +144,6 @@ class Comparison:
     variants: int = 0
     pictures: int = 0
     inferences: int = 0
-    seconds: float = 0.0
 
     @property
     def text(self) -> str:
@@ -154,8 +152,7 @@ class Comparison:
             return ""
         return (
             f"input {_text(self.contract)}; {', '.join(_factors(self.contract, 'chosen')) or 'nothing'} chosen by "
-            f"comparing {self.variants} variants on {_pictures(self.pictures)} ({self.inferences} inferences, "
-            f"{self.seconds:.1f} s)"
+            f"comparing {self.variants} variants on {_pictures(self.pictures)} ({self.inferences} inferences)"
         )
 
 
@@ -204,7 +201,6 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     its metadata say, is not questioned. The same pictures give the same choice. Costs two inferences for each picture
     and variant that is still in question, 100 to 500.
     """
-    began = time.perf_counter()
     shown = list(pictures)[:MOST_PICTURES]
     variants = [Variant(detector.contract)]
     if not any(EXPORTER in detector.contract.sources[name] for name in ("colour", "value_range")):
@@ -235,8 +231,7 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     if wrong := _common(final.problems):
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
-    cost_of = len(variants) if count else 0, count or len(shown), inferences, time.perf_counter() - began
-    return Comparison(contract, tuple(doubts), *cost_of)
+    return Comparison(contract, tuple(doubts), len(variants) if count else 0, count or len(shown), inferences)
 
 
 def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:

@@ -26,7 +26,7 @@ from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.open import Batch, ask, asked
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
-from blurnoise_eval.system.progress import Advance, progress_bar
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
 
 STOPS, STOPS_OF_INTERVAL = 0.25, 0.5
@@ -42,7 +42,7 @@ def refined(
     criterion: Criterion,
     cluster: str | None,
     n_pictures: int,
-    compute: Callable[[SweepPlan, Advance], Outcome],
+    compute: Callable[[SweepPlan, ProgressBar], Outcome],
     outcome: Outcome,
     progress: bool | None,
 ) -> None:
@@ -64,7 +64,7 @@ def refined(
     if progress and not before:
         grid = f"beside the {cells * len(plan.conditions())} of the grid"
         say(f"refine: {cells * len(more)} cells or more {grid} (refine: false in a plan: none)", error=True)
-    with progress_bar("refine", cells * len(more), progress) as advance:
+    with ProgressBar("refine", cells * len(more), progress) as advance:
         while more:
             outcome.add(compute(replace(plan, only=more, examples=False), advance))
             more = next_ones()

@@ -12,12 +12,12 @@ FIRST_S, PAUSE_S = 10.0, 60.0  # until the first line of a log, and between line
 class ProgressBar:
     """Progress of ``total`` steps, on standard error, called with how many more are done; silent unless ``shown``."""
 
-    def __init__(self, label: str, total: float, shown: bool = True) -> None:
+    def __init__(self, label: str, total: float, shown: bool | None = True) -> None:
         from rich.progress import Progress, TextColumn
         from rich.table import Column
 
         console = text_console(stderr=True)
-        self._label, self._is_log = plain(label), shown and not console.is_terminal
+        self._label, self._is_log = plain(label), bool(shown) and not console.is_terminal
         self._progress = Progress(
             TextColumn("{task.description}", markup=False, table_column=Column(overflow="fold")),
             console=console,
@@ -59,14 +59,6 @@ class ProgressBar:
 
     def _line(self, how: str) -> str:
         return f"{self._label}: {self._task.completed:.0f} of {self._task.total:.0f}, {how}"
-
-
-Advance = ProgressBar
-
-
-def progress_bar(label: str, total: float, progress: bool | None) -> ProgressBar:
-    """A bar that is silent unless ``progress``."""
-    return ProgressBar(label, total, bool(progress))
 
 
 def duration_text(seconds: float) -> str:

@@ -124,7 +124,7 @@ def test_probe_lists_and_draws(
     assert not changed[top + 3 : bottom - 3, left + 3 : right - 3].any()
     assert main(["inspect", str(model), "--probe", str(sign)]) == 0
     out = capsys.readouterr().out
-    assert f"stop sign  {found['score']:.3f}  " in out
+    assert f"  {found['score']:.3f} at {left}.0, {top}.0" in out
     assert out.strip().endswith("small-sign-probe.png")
 
 

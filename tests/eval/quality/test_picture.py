@@ -16,12 +16,11 @@ import pytest
 import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.cli._options import region
-from blurnoise_eval.quality.picture import reading_text
 from blurnoise_eval.datasets import decode, write_picture
 from blurnoise_eval.quality import figures as edge_figures
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.linear import linear
-from blurnoise_eval.quality.picture import Metric
+from blurnoise_eval.quality.picture import Metric, reading_text
 from edge_cases import Draw, Setting
 from torch import Tensor
 
