@@ -23,29 +23,7 @@ from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, r
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "RENDERED_SIZE_PX",
-    "Image",
-    "Picture",
-    "PictureSet",
-    "Target",
-    "UnreadablePicture",
-    "bdd",
-    "check_cut",
-    "coco",
-    "content",
-    "cut_out",
-    "decode",
-    "decode_linear",
-    "eight_bit",
-    "encode",
-    "image_folder",
-    "read_picture",
-    "rendered_signs",
-    "rendered_texts",
-    "sample",
-    "size_group",
-    "size_px",
-    "texts",
-    "write_picture",
-    "yolo",
-]
+    "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd", "check_cut", "coco",
+    "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder", "read_picture",
+    "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "texts", "write_picture", "yolo",
+]  # fmt: skip
