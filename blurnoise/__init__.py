@@ -7,7 +7,6 @@ the digital numbers that ``camera`` would give; ``develop`` turns those into a p
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from blurnoise._core import former_names
 from blurnoise.blur.convolution import defocus, motion_blur
 from blurnoise.blur.layers import Layer, expose_layers
 from blurnoise.motion.ego import blur_pixels, velocity_px_s
@@ -48,7 +47,6 @@ __all__ = [
 ]
 _LATE = {"RandomExposure": "blurnoise.training.augmentation", "slanted_edge": "blurnoise.metrics"}
 __version__ = "0.1.0"
-former_names.register()
 
 
 def __getattr__(name: str) -> Any:
