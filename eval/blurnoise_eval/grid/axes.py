@@ -42,7 +42,7 @@ def bounds(text: str) -> tuple[float, float]:
 
 
 def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
-    """Parse "1,5,10" or "low:high"; "auto" where that is allowed. Raises ``ValueError``.
+    """Parse "1,5,10", "start:stop:step" or "low:high"; "auto" where that is allowed. Raises ``ValueError``.
 
     low:high: both ends and what of 1, 3, 10, 30 ... lies between, from two decades below the high end where the low
     one is 0.
@@ -50,11 +50,17 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
     try:
         if ":" not in text:
             return tuple(number(part, automatic=automatic) for part in text.split(","))
+        if text.count(":") == 2:
+            start, stop, step = map(float, text.split(":"))
+            count = math.floor((stop - start) / step + 1e-9) + 1
+            if not 0 < count <= 10**5:
+                raise ValueError
+            return tuple(start + step * index for index in range(count))
         low, high = bounds(text)
         if not 0 <= low < high < math.inf:
             raise ValueError
-    except ValueError:
-        must = "must be numbers as 1,5,10, or low:high for both and 1, 3, 10, 30 ... between"
+    except (ValueError, ZeroDivisionError, OverflowError):
+        must = "must be numbers as 1,5,10, start:stop:step, or low:high for both and 1, 3, 10, 30 ... between"
         raise ValueError(f"{must}{', or auto' if automatic else ''}") from None
     least = low or high / 100
     powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)

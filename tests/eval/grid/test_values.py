@@ -11,6 +11,9 @@ from blurnoise_eval.grid.axes import axis, numbers
     [
         ("5", [5]),
         ("-2.5,1e3", [-2.5, 1000]),
+        ("1:10:3", [1, 4, 7, 10]),
+        ("0:1:0.1", [0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]),
+        ("10:0:-5", [10, 5, 0]),
         ("2:250", [2, 3, 10, 30, 100, 250]),
         ("0:1000", [0, 10, 30, 100, 300, 1000]),
         ("0.5:5", [0.5, 1, 3, 5]),
@@ -21,8 +24,24 @@ def test_lists(text: str, expected: list[float]) -> None:
 
 
 def test_bad_lists() -> None:
-    for text in ("", "a", "1,", "2:1", "-1:2", "1:inf", "1:2:3", "nan:1", "1:1", ":"):
-        with pytest.raises(ValueError, match="must be numbers as 1,5,10, or low:high"):
+    for text in (
+        "1:2:0",
+        "1:2:-1",
+        "1:2:3:4",
+        "0:1:1e-9",
+        "nan:1:1",
+        "",
+        "a",
+        "1,",
+        "2:1",
+        "-1:2",
+        "1:inf",
+        "1:2:3",
+        "nan:1",
+        "1:1",
+        ":",
+    ):
+        with pytest.raises(ValueError, match="must be numbers as 1,5,10, start:stop:step"):
             numbers(text)
 
 
