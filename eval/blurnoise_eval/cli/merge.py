@@ -43,4 +43,6 @@ def merge(
         advance = opened.enter_context(ProgressBar("merge", len(set(folders))))
         done = joined(folders, whole.path, command, advance)
     say(f"{done.cells} rows of cells of {done.pictures} pictures", f"blurnoise report {output}")
-    say("ends of windows: the sweep's command without --part, with -o this folder, refines them")
+    say(
+        "the sweep's command without --part, with -o this folder, refines ends of windows, where its plan does"
+    )

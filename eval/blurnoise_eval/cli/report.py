@@ -65,7 +65,7 @@ def report(
             place = path_within(done.output, "coco")
             with Store(done.folder, shared=True) as store:
                 files = write_detections(store, place)
-            say(f"{', '.join(map(str, files))}: each beside its instances.json", error=True)
+            say(f"{', '.join(map(str, files))}: each beside its -instances.json", error=True)
         print_run(done, as_json=as_json)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
-from blurnoise_eval.grid.axes import EGO, EXPOSURE, GAIN, LIGHT, SETTING
+from blurnoise_eval.grid.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
@@ -58,7 +58,7 @@ def opening(data: RunData) -> Opening:
     answered = [each for each in every if each.lights]
     reasons = data.manifest.get("withheld_models", {})
     if not answered:
-        why = "the pictures hold no targets."
+        why = "the pictures hold no targets." if data.scores else "no cell has been computed yet."
         if data.manifest.get("withheld"):
             why = "the models find almost nothing in the original pictures. Do they know these classes?"
         unknown = [f"{name}: {reason}" for name, reason in reasons.items()]
@@ -129,7 +129,7 @@ class _OfModel:
         return [axis.text(row[axis.name]) for axis in self.axes]
 
     def _speed_text(self, speed: float) -> str:
-        return "at rest" if not speed else self.data.speed.text(speed)
+        return self.data.speed.text(speed) if speed or self.data.speed is EGO_SPEED else "at rest"
 
     def answer(self, *, brief: bool) -> str:
         """The sentence that says what to use. brief: without where it falls short."""

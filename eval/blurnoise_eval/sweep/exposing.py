@@ -82,7 +82,6 @@ class Scene:
         self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
         self._picture, self.objects = picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
-        self._own_px_s: dict[int, tuple[float, float]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
@@ -111,12 +110,14 @@ class Scene:
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
-        """By the place of a target that crosses the view at a speed of its own, its blur, px."""
-        if taken.moves == "all":
-            return {}
-        own = self._crossing().items()
-        velocities = {place: taken.of_targets(0.0, speed).velocity_px_s for place, speed in own}
-        return {place: math.hypot(*velocity) * taken.exposure_s for place, velocity in velocities.items()}
+        """By the place of a target whose class has a speed of its own, its blur, px."""
+        found, objects = dict[int, float](), self.objects
+        for place, target in enumerate((self._picture and self._picture.targets) or ()):
+            if taken.moves != "all" and (target.label in objects.speeds or objects.crosses(target.label)):
+                own_px_s = objects.own_px_s(target.label, target.box_xyxy)
+                velocity = taken.of_targets(objects.speed_of(target.label), own_px_s).velocity_px_s
+                found[place] = math.hypot(*velocity) * taken.exposure_s
+        return found
 
     def mean_light(self, camera: Camera) -> float:
         """As the camera meters it: by luma, or by what its pixels make of the colours."""
@@ -133,17 +134,6 @@ class Scene:
             return self._cut_scene()[0], taken
         return self.light, taken if taken.moves == "all" else replace(taken, moves="all")
 
-    def _crossing(self) -> dict[int, tuple[float, float]]:
-        """By the place of a target that crosses the view at a speed of its own, its velocity, px/s."""
-        if self._own_px_s is None:
-            targets = enumerate((self._picture and self._picture.targets) or ())
-            self._own_px_s = {
-                place: self.objects.own_px_s(target.label, target.box_xyxy)
-                for place, target in targets
-                if self.objects.crosses(target.label)
-            }
-        return self._own_px_s
-
     def _cut_scene(self) -> tuple[CutScene, tuple[int, ...]]:
         """The layers, cut out by the first thread that needs them, and the places of their targets."""
         with self._lock:
@@ -154,8 +144,8 @@ class Scene:
                 if self._anchored is not None:
                     scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
                 found = cut_out(self._picture, light, self.objects, scale)
-                own = self._crossing()
-                beside = [own.get(place, (0.0, 0.0)) for place in found.targets]
+                targets = [(self._picture.targets or ())[place] for place in found.targets]
+                beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
             return self._cut
 

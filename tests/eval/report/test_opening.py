@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.grid.axes import EGO_SPEED
 from blurnoise_eval.report.opening import opening, ranked, table_rows
 from blurnoise_eval.report.run import RunData
 from made_runs import THRESHOLD, made_run
@@ -99,11 +100,22 @@ def test_a_run_without_answers_says_why(tmp_path: Path) -> None:
     data = made_run(tmp_path, {}, n_examples=0)
     assert "hold no targets" in opening(data).sentences[0]
     assert opening(data).rows == ()
+    assert "no cell has been computed" in opening(replace(data, scores=[])).sentences[0]
     held = {"withheld": [{"model": "m", "group": "g", "n_targets": 3, "reference": 0.1}]}
     nothing = replace(data, manifest=data.manifest | held)
     assert "almost nothing in the original pictures" in opening(nothing).sentences[0]
     doubted = replace(data, manifest=data.manifest | {"withheld_models": {"m": "AP50 is 0.00."}})
     assert opening(doubted).sentences == ("m: AP50 is 0.00.",)
+
+
+def test_a_camera_that_drives_is_not_called_at_rest_at_0_km_h(tmp_path: Path) -> None:
+    """It may turn."""
+    data = made_run(tmp_path, {"sign": 0.95}, n_examples=0)
+    assert "at rest" in " ".join(table_rows(opening(data), 9, 9)[0])
+    data.__dict__["speed"] = EGO_SPEED
+    heads = " ".join(table_rows(opening(data), 9, 9)[0])
+    assert "at rest" not in heads
+    assert "0 km/h" in heads
 
 
 @pytest.mark.parametrize(

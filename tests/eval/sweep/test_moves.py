@@ -53,6 +53,17 @@ def test_not_stated_it_is_all_with_the_same_ids_and_bits(tmp_path: Path, detecto
         assert {**one, "cell_id": None, "example": None} == {**other, "cell_id": None, "example": None}
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_rows_have_the_blur_of_their_class(tmp_path: Path, detector: Detector, speed: float) -> None:
+    plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": speed}))
+    _, targets, *_ = run(tmp_path, detector, plan, labelled())
+    rows = [row for row in targets if not row["clean"]]
+    assert {row["velocity_x_px_s"] for row in rows} > {0.0}
+    for row in rows:
+        own_px = speed * row["velocity_x_px_s"] * row["exposure_s"]
+        assert row["blur_px"] == pytest.approx(own_px)
+
+
 def test_what_stands_is_seen_as_at_rest(tmp_path: Path, detector: Detector) -> None:
     plan = SweepPlan(swept(**AT, moves=("targets",)).grid, objects=Objects(speeds={"stop sign": 0.0}))
     _, targets, *_ = run(tmp_path, detector, plan, labelled())
