@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from operator import itemgetter
+from textwrap import wrap
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -31,6 +32,7 @@ from blurnoise_eval.report.run import RunData
 
 MAX_PANELS, MAX_COLUMNS = 12, 4
 _BAR, _BAR_STEP = 0.05, 0.045  # of the first window below zero, and from bar to bar
+_LETTERS_PER_INCH = 12  # of a caption
 _TICKS = (0, 0.2, 0.4, 0.6, 0.8, 1.0)
 Panel = tuple[int, int, tuple[int, ...]]  # model, group, places on the axes that have panels
 
@@ -93,7 +95,8 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
     handles, title = grid[0].get_legend_handles_labels()[0], of_lines["word"].capitalize()
     if view["along"] == EXPOSURES:
         handles.append(Patch(color="0.5", alpha=0.2, label="surely in the window at every speed"))
-    figure.supxlabel("\n".join([view["title"], *notes, view["reading"]]), fontsize=9)
+    reading = wrap(view["reading"], int(_LETTERS_PER_INCH * figure.get_size_inches()[0]))
+    figure.supxlabel("\n".join([view["title"], *notes, *reading]), fontsize=9)
     figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the threshold)", fontsize=9)
     legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
     return figure

@@ -46,7 +46,17 @@ def test_figures_draw_the_measured_points_in_their_units(tmp_path: Path) -> None
         assert set(lines) == {"1 ms", "4 ms", "16 ms", "64 ms"}
         expected = [data.answers[2]["confidence"][1], answer["confidence"][1]]
         assert lines["4 ms"] == (pytest.approx(x), _near(expected))
-    assert "only the speed changes" in _drawn(data, "blur").get_supxlabel()
+    assert "only the speed changes" in " ".join(_drawn(data, "blur").get_supxlabel().split())
+
+
+@pytest.mark.parametrize("lights_lux", [(10.0,), (10.0, 50.0), (10.0, 50.0, 200.0, 1000.0)])
+def test_captions_stay_within_the_figure(tmp_path: Path, lights_lux: tuple[float, ...]) -> None:
+    data = made_run(tmp_path, {"sign": 0.9}, lights_lux=lights_lux, n_examples=0)
+    for view in charts.views(data):
+        figure = _drawn(data, view.word)
+        figure.canvas.draw()
+        extent = figure._supxlabel.get_window_extent()
+        assert figure.bbox.x0 <= extent.x0 < extent.x1 <= figure.bbox.x1, view.word
 
 
 def test_exposures_beyond_the_grid_refine_the_curves_over_exposure_alone(tmp_path: Path) -> None:
