@@ -63,11 +63,11 @@ class Objects:
             raise ValueError(f"speeds: {label}: is one of crossings, too; must be one of them")
 
     def speed_of(self, label: str) -> float:
-        """That of a class, 1 unless specified; 0 of one that crosses the view at a speed of its own."""
+        """The speed of a class, 1 by default; 0 if it crosses the view at a road speed."""
         return 0.0 if label in self.crossings else self.speeds.get(label, 1.0)
 
     def own_px_s(self, label: str, box_xyxy: Iterable[float]) -> tuple[float, float]:
-        """Velocity (x, y), px/s, of an object of a class that crosses, in that box; else 0."""
+        """Velocity (x, y), px/s, of an object in this box, if its class crosses the view; else 0."""
         crossing = self.crossings.get(label)
         return (0.0, 0.0) if crossing is None else crossing.velocity_px_s(box_xyxy)
 

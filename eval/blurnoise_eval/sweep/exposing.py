@@ -110,7 +110,7 @@ class Scene:
         return dict(zip(targets, scene.invented(taken), strict=True))
 
     def own_px(self, taken: Exposure) -> dict[int, float]:
-        """By the place of a target whose class has a speed of its own, its blur, px."""
+        """Blur, px, of the targets whose class has its own speed, by their place in the picture's list."""
         found, objects = dict[int, float](), self.objects
         for place, target in enumerate((self._picture and self._picture.targets) or ()):
             if taken.moves != "all" and (target.label in objects.speeds or objects.crosses(target.label)):

@@ -128,7 +128,7 @@ def listed(differing: Sequence[str]) -> str:
 
 
 def _replaced(pictures: PictureSet, store: Store) -> Iterator[Picture]:
-    """Those that are not what their cells were computed from; only where a file has changed it is read."""
+    """Pictures that have changed since their cells were computed; a picture is read only if its file has changed."""
     held = store.pictures()
     for picture in (each for each in pictures if each.name in held):
         before = held[picture.name]
