@@ -14,17 +14,7 @@ import numpy as np
 
 from blurnoise.charts import SIGN_RED, SIGN_WHITE
 from blurnoise.charts import stop_sign as chart
-from blurnoise_models.scenes.drawing import (
-    FONTS,
-    Bytes,
-    Easel,
-    Floats,
-    Points,
-    Sprite,
-    cut,
-    dim,
-    over,
-)
+from blurnoise_models.scenes.drawing import FONTS, Bytes, Easel, Floats, Points, Sprite, cut, dim, over
 from blurnoise_models.scenes.paint import Draws
 
 HALF = 0.52  # half the sprite's side
