@@ -1,43 +1,30 @@
-"""Training of the sign detector on rendered scenes, under one of the augmentations to be compared.
-
-The clean scenes are drawn once into a pool, one file, that every training reads; what differs between two
-trainings is the arm (what happens to the pictures on their way in) and the seed (weights, order, augmentation).
-"""
+"""Training of the sign detector on rendered scenes, each of which is drawn once."""
 
 from __future__ import annotations
 
-import errno
 import io
-import os
-import shutil
-import signal
-import threading
+import pickle
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from itertools import islice
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
-from blurnoise._core.files import write_whole, written_whole
-from blurnoise_models.checkpoints import Checkpoint
-from blurnoise_models.mixes import Arm, mix, mix_facts
+from blurnoise._core.files import write_whole
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 
-POOL_SEED = 1
+Augmentation = Callable[[Tensor, float], Tensor]
+"""Pictures (B, 3, H, W) in [0, 1] and how much of the training is done, 0 to 1, to pictures of the same shape."""
+SCENES_SEED = 1
 """Seed of the training scenes; held-out scenes have another."""
 BATCH = 16
 FEWEST_PICTURES = 20 * BATCH
@@ -45,149 +32,60 @@ FEWEST_PICTURES = 20 * BATCH
 MOST_PICTURES = 10**9
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
-_STEEPEST = 10.0  # gradient norm; a rare batch of odd boxes shall not throw the weights away
+_LARGEST_GRADIENT = 10.0  # norm; a rare batch of odd boxes must not throw the weights away
 _MEMORY = 0.998  # of the moving average of the weights, per step
-_KEPT_EVERY = 100  # steps, about half a minute of one core
-_KEPT_EVERY_S = 10.0  # s, where steps are slow: one that is stopped again and again goes on all the same
-_CHUNK = 64  # scenes that a worker draws at a time
-
-
-@dataclass(frozen=True)
-class Pool:
-    """Rendered scenes: pictures (N, H, W, 3) 8-bit sRGB RGB, boxes (N, M, 4) xyxy px, padded with zeros."""
-
-    pictures: NDArray[np.uint8]
-    boxes_xyxy: NDArray[np.float32]
+_SAVED_EVERY_S = 10.0
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a training: how many pictures it has seen, and the loss of this step."""
+    """One step of a training: the number of pictures so far, and the loss of this step."""
 
     pictures: int
     loss: float
 
 
-def pool(
-    folder: Path, count: int, *, size_px: int = 320, progress: Callable[[int], None] = lambda n: None
-) -> Pool:
-    """The first ``count`` training scenes of ``size_px``, drawn on all cores into ``folder``, once.
-
-    Takes 3 size_px² bytes per scene on disk (0.3 MB at 320 px). ``progress`` is told how many scenes are
-    ready. Raises ``ValueError`` for a count or size that is not positive or a size no multiple of 32 px,
-    ``OSError`` for less space than that, ``ChildProcessError`` where a process that draws dies.
-    """
-    _whole("count", count)
-    _whole("size_px", size_px)
-    if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
-        raise ValueError(f"size_px = {size_px!r}: must be a multiple of {SIDE_MULTIPLE_PX}")
-    pictures, boxes = (folder / f"{what}-{count}x{size_px}.npy" for what in ("pictures", "boxes"))
-    if boxes.is_file():  # written last
-        progress(count)
-        return Pool(np.load(pictures, mmap_mode="r"), np.load(boxes))
-    _enough_space(folder, 3 * size_px**2 * count)
-    folder.mkdir(parents=True, exist_ok=True)
-    with written_whole(pictures) as unfinished:
-        found = _drawn_into(unfinished, count, size_px, progress)
-    padded = pad_sequence([*found, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
-    content = io.BytesIO()
-    np.save(content, padded.numpy())
-    write_whole(boxes, content.getvalue())
-    return pool(folder, count, size_px=size_px)
-
-
-def _drawn_into(pictures: Path, count: int, size_px: int, progress: Callable[[int], None]) -> list[Tensor]:
-    """Draw the scenes into the file ``pictures``; returns their boxes."""
-    drawn = np.lib.format.open_memmap(pictures, mode="w+", dtype=np.uint8, shape=(count, size_px, size_px, 3))
-    found: list[Tensor] = []
-    starts = range(0, count, _CHUNK)
-    workers = ProcessPoolExecutor(None, get_context("spawn"), _begin_drawing)
-    try:
-        drawing = workers.map(partial(_draw, count=count, size_px=size_px), starts)
-        for start, (part, of_part) in zip(starts, drawing, strict=True):
-            drawn[start : start + len(part)] = part
-            found += [torch.from_numpy(each) for each in of_part]
-            progress(len(part))
-    except BrokenProcessPool:
-        raise ChildProcessError("a process that drew scenes died (killed, or out of memory)") from None
-    finally:
-        workers.shutdown(wait=True, cancel_futures=True)
-    drawn.flush()
-    return found
-
-
-def _enough_space(folder: Path, needed: int) -> None:
-    """Raise ``OSError`` for a disk with less space than that: writing to a mapped file would end the process."""
-    there = next(each for each in (folder.absolute(), *folder.absolute().parents) if each.is_dir())
-    free = shutil.disk_usage(there).free
-    if needed > free:
-        raise OSError(
-            errno.ENOSPC,
-            f"the scenes take {needed / 1e9:.3g} GB, and {free / 1e9:.3g} GB are free",
-            str(folder),
-        )
-
-
-def end_with_parent() -> None:
-    """Call first in a worker: ignore interrupts, and end as soon as the parent process has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-
-    def wait() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
-
-
-def _begin_drawing() -> None:
-    end_with_parent()
-    cv2.setNumThreads(1)
-
-
-def _draw(start: int, *, count: int, size_px: int) -> tuple[NDArray[np.uint8], list[NDArray[np.float32]]]:
-    scenes = [scene(POOL_SEED, index, size_px=size_px) for index in range(start, min(start + _CHUNK, count))]
-    return np.stack([each.picture for each in scenes]), [each.boxes_xyxy for each in scenes]
-
-
 def train(
-    scenes: Pool,
-    arm: Arm = "exposure",
+    augmentation: Augmentation | None = None,
     *,
     pictures: int,
+    size_px: int = 320,
     seed: int = 0,
     threads: int | None = None,
+    facts: dict[str, Any] | None = None,
     checkpoint: Path | None = None,
     progress: Callable[[Step], None] = lambda step: None,
 ) -> SignNet:
-    """Train a network on ``pictures`` pictures drawn from ``scenes`` under ``arm``; returns it in eval mode.
+    """Train a network on the first ``pictures`` training scenes of ``size_px``, augmented; returns it in eval mode.
 
     AdamW with one cycle of the learning rate, batches of 16; the result holds the moving average of the
     weights. On processors with bfloat16 arithmetic the convolutions use it, which halves the time. The same
     arguments, machine and number of threads give the same network. The global generator, which Kornia draws
     from, is seeded inside and left as it was.
 
-    checkpoint: the file that keeps a training that is not done; where it stands, that training goes on, to the same
-    bits as one that was never stopped, and ``progress`` is told of its earlier steps, too. It is left for the caller
-    to remove once the network is safe.
-    Raises ``ValueError`` for an unknown arm, fewer than 320 pictures, a seed outside [0, 2^63), or the checkpoint of
-    another training.
+    checkpoint: a file that holds an unfinished training; if it exists, that training goes on, to the same
+    bits as one that was never stopped, and ``progress`` gets its earlier steps, too. The caller removes it once the
+    network is safe. facts: what tells this training from others, beside seed, pictures and size.
+    Raises ``ValueError`` for fewer than 320 pictures, a seed outside [0, 2^63), a size that is no multiple of 32 px,
+    or the checkpoint of another training.
     """
     check(pictures, seed)
-    change = mix(arm)
-    before = torch.get_num_threads()
+    if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
+        raise ValueError(f"size_px = {size_px!r}: must be a positive multiple of {SIDE_MULTIPLE_PX}")
+    threads_before = torch.get_num_threads()
     if threads is not None:
         torch.set_num_threads(threads)
     try:
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(seed)
-            size_px = scenes.pictures.shape[1]
-            recipe = {"arm": arm, "seed": seed, "pictures": pictures}
-            recipe |= {"scenes": len(scenes.pictures), "size_px": size_px, **mix_facts(arm)}
-            return _train(scenes, change, pictures // BATCH, seed, (checkpoint, recipe), progress)
+            recipe = {"seed": seed, "pictures": pictures, "size_px": size_px, **(facts or {})}
+            run = _Training(pictures // BATCH, recipe, checkpoint)
+            run.resume()
+            for number, value in enumerate(run.losses, start=1):
+                progress(Step(number * BATCH, value))
+            return run.go_on(augmentation, size_px, progress)
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(threads_before)
 
 
 def check(pictures: int, seed: int) -> None:
@@ -198,36 +96,70 @@ def check(pictures: int, seed: int) -> None:
         raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= {MOST_PICTURES}")
 
 
-def _train(
-    scenes: Pool,
-    change: Callable[[Tensor, float], Tensor],
-    steps: int,
-    seed: int,
-    kept: tuple[Path | None, dict[str, Any]],
-    progress: Callable[[Step], None],
-) -> SignNet:
-    network, optimiser = beginner()
-    average = AveragedModel(network, avg_fn=_follow, use_buffers=True)
-    cycle = torch.optim.lr_scheduler.OneCycleLR(optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1)
-    parts: dict[str, Any] = {"network": network, "optimiser": optimiser, "average": average, "cycle": cycle}
-    checkpoint = Checkpoint(*kept, parts)
-    checkpoint.resume()
-    for step, value in enumerate(checkpoint.losses, start=1):
-        progress(Step(step * BATCH, value))
-    done = len(checkpoint.losses)
-    next_kept = time.monotonic() + _KEPT_EVERY_S
-    for step, chosen in enumerate(islice(_batches(len(scenes.pictures), seed), done, steps), start=done + 1):
-        seen, boxes = batch(scenes, chosen)
-        seen = change(seen, (step - 1) / steps)
-        value = learn(network, optimiser, seen, boxes, bfloat16=has_bfloat16())
-        cycle.step()
-        average.update_parameters(network)
-        checkpoint.losses.append(value)
-        if step % _KEPT_EVERY == 0 or time.monotonic() >= next_kept:
-            checkpoint.keep()
-            next_kept = time.monotonic() + _KEPT_EVERY_S
-        progress(Step(step * BATCH, value))
-    return average.module.eval()  # type: ignore[return-value]
+class _Training:
+    """Everything that the next step of a training depends on; its checkpoint holds the same, and appears whole."""
+
+    def __init__(self, steps: int, recipe: dict[str, Any], checkpoint: Path | None) -> None:
+        self.steps, self.recipe, self.checkpoint = steps, recipe, checkpoint
+        self.losses: list[float] = []
+        self.network, self.optimiser = untrained()
+        self.average = AveragedModel(self.network, avg_fn=_follow, use_buffers=True)
+        self.cycle = torch.optim.lr_scheduler.OneCycleLR(
+            self.optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1
+        )
+        self.parts: list[Any] = [self.network, self.optimiser, self.average, self.cycle]
+
+    def go_on(
+        self, augmentation: Augmentation | None, size_px: int, progress: Callable[[Step], None]
+    ) -> SignNet:
+        """Take the steps that are left; returns the network with averaged weights."""
+        saved = time.monotonic()
+        done = len(self.losses)
+        for step, (seen, boxes) in enumerate(_batches(done, self.steps, size_px), start=done):
+            if augmentation is not None:
+                seen = augmentation(seen, step / self.steps)
+            self.losses.append(learn(self.network, self.optimiser, seen, boxes, bfloat16=has_bfloat16()))
+            self.cycle.step()
+            self.average.update_parameters(self.network)
+            if time.monotonic() >= saved + _SAVED_EVERY_S:
+                self.save()
+                saved = time.monotonic()
+            progress(Step((step + 1) * BATCH, self.losses[-1]))
+        return self.average.module.eval()  # type: ignore[return-value]
+
+    def resume(self) -> None:
+        """Go on where the checkpoint ends, if there is one. Raises ``ValueError`` for another training's."""
+        if self.checkpoint is None or not self.checkpoint.is_file():
+            return
+        given = f"checkpoint = {str(self.checkpoint)!r}"
+        try:
+            held = torch.load(self.checkpoint, weights_only=True)
+            recipe, losses, states, generator = (
+                held[name] for name in ("recipe", "losses", "states", "generator")
+            )
+        except (RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError):
+            raise ValueError(
+                f"{given}: must be a checkpoint of a training; remove it to begin anew"
+            ) from None
+        if recipe != self.recipe:
+            raise ValueError(
+                f"{given}: was begun with {recipe}, not with {self.recipe}; choose another folder, repeat the "
+                "command that it comes from, or remove it"
+            )
+        for part, state in zip(self.parts, states, strict=True):
+            part.load_state_dict(state)
+        torch.set_rng_state(generator)
+        self.losses = losses
+
+    def save(self) -> None:
+        """Write the checkpoint. Raises ``OSError``."""
+        if self.checkpoint is None:
+            return
+        self.checkpoint.parent.mkdir(parents=True, exist_ok=True)
+        held = {"recipe": self.recipe, "losses": self.losses, "generator": torch.get_rng_state()}
+        content = io.BytesIO()
+        torch.save({**held, "states": [part.state_dict() for part in self.parts]}, content)
+        write_whole(self.checkpoint, content.getvalue())
 
 
 def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
@@ -237,8 +169,8 @@ def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
     return torch.lerp(average, current, max(1.0 - _MEMORY, 10.0 / (10.0 + int(updates))))
 
 
-def beginner() -> tuple[SignNet, torch.optim.Optimizer]:
-    """A network that has learnt nothing, and its optimiser."""
+def untrained() -> tuple[SignNet, torch.optim.Optimizer]:
+    """A new network and its optimiser."""
     network: SignNet = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     return network, torch.optim.AdamW(network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY)
 
@@ -252,34 +184,34 @@ def learn(
     value = loss(answers, boxes)
     optimiser.zero_grad()
     value.backward()  # type: ignore[no-untyped-call]
-    nn.utils.clip_grad_norm_(network.parameters(), _STEEPEST)
+    nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
     optimiser.step()
     return float(value.detach())
 
 
-def batch(scenes: Pool, chosen: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
-    """Pictures (B, 3, H, W) in [0, 1] and boxes (B, M, 4) of the ``chosen`` scenes."""
-    pictures = torch.from_numpy(scenes.pictures[chosen]).permute(0, 3, 1, 2).contiguous()
-    return pictures.float() / 255.0, torch.from_numpy(scenes.boxes_xyxy[chosen])
+def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor, Tensor]:
+    """Training scenes ``first``, ``first`` + 1, ...: pictures (B, 3, H, W) in [0, 1], boxes (B, M, 4) xyxy px.
+
+    Rows of boxes are padded with zeros.
+    """
+    drawn = [scene(SCENES_SEED, index, size_px=size_px) for index in range(first, first + count)]
+    pictures = torch.from_numpy(np.stack([each.picture for each in drawn])).permute(0, 3, 1, 2)
+    boxes = [torch.from_numpy(each.boxes_xyxy) for each in drawn]
+    padded = pad_sequence([*boxes, torch.zeros(1, 4)], batch_first=True)[:-1]  # one row at least
+    return pictures.contiguous().float() / 255.0, padded
 
 
-def _batches(count: int, seed: int) -> Iterator[NDArray[np.int64]]:
-    """Indices of batches: every scene once, in an order of the seed's, and again in another."""
-    order = np.random.default_rng(seed)
-    waiting = np.empty(0, np.int64)
-    while True:
-        while len(waiting) < BATCH:
-            waiting = np.concatenate([waiting, order.permutation(count)])
-        yield np.sort(waiting[:BATCH])  # sorted: the file is read in one direction
-        waiting = waiting[BATCH:]
+def _batches(first: int, last: int, size_px: int) -> Iterator[tuple[Tensor, Tensor]]:
+    """Batches ``first`` to ``last`` - 1; each is drawn while the one before it is learnt."""
+    with ThreadPoolExecutor(1) as artist:
+        ahead = deque([artist.submit(batch, first * BATCH, size_px=size_px)])
+        for number in range(first + 1, last + 1):
+            if number < last:
+                ahead.append(artist.submit(batch, number * BATCH, size_px=size_px))
+            yield ahead.popleft().result()
 
 
 def has_bfloat16() -> bool:
     """Whether this processor computes in bfloat16 (elsewhere torch emulates it, slowly)."""
     capabilities: dict[str, Any] = getattr(torch.cpu, "get_capabilities", dict)()
     return bool(capabilities.get("avx512_bf16") or capabilities.get("amx_bf16"))
-
-
-def _whole(name: str, value: int) -> None:
-    if not isinstance(value, int) or value < 1:
-        raise ValueError(f"{name} = {value!r}: must be an integer >= 1")

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import PictureSet, Target
@@ -19,7 +20,6 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.engines import Engine
 from blurnoise_eval.sweep.run import Outcome, run
-from blurnoise_models import matched_filter
 from plans import plan as swept
 
 from blurnoise import Camera, charts

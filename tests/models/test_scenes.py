@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import coco
-from blurnoise_models.scenes import Scene, compose, drawing, paint, scene, scenes, signs, things, write_coco
+from blurnoise_models.scenes import Scene, compose, drawing, paint, scene, signs, things, write_coco
 
 from blurnoise.charts import stop_sign_box
 
@@ -21,7 +21,7 @@ SEED = 11
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenes of nothing but signs, and these as plain white octagons on black, straight to 8 bit."""
-    full = np.dstack([signs._face_mask(256)] * 4)
+    full = np.dstack([signs.face_mask(256)] * 4)
     monkeypatch.setattr(compose, "ground", lambda rng, n: np.zeros((n, n, 3), np.float32))
     monkeypatch.setattr(compose, "_scatter", lambda rng, canvas, spare: None)
     monkeypatch.setattr(
@@ -39,7 +39,7 @@ def same(a: Scene, b: Scene) -> bool:
 def test_a_scene_depends_on_seed_and_index_alone() -> None:
     indices = list(range(6))
     first = [scene(SEED, index, size_px=160) for index in indices]
-    for cached in (paint._bank, paint._palette, drawing._glyph, drawing.outline, signs._face_mask):
+    for cached in (paint._bank, drawing.outline, signs.face_mask):
         cached.cache_clear()  # as in a process that drew nothing before
     backwards = [scene(SEED, index, size_px=160) for index in reversed(indices)][::-1]
     with ThreadPoolExecutor(3) as pool:
@@ -54,12 +54,6 @@ def test_other_seeds_indices_and_sizes_give_other_scenes() -> None:
     assert not same(one, scene(SEED, 1, size_px=96))
     assert not same(one, scene(SEED + 1, 0, size_px=96))
     assert not same(scene(1, 2, size_px=96), scene(2, 1, size_px=96))
-
-
-def test_the_stream_counts_from_its_start() -> None:
-    stream = scenes(SEED, size_px=80, start=3)
-    for index in (3, 4):
-        assert same(next(stream), scene(SEED, index, size_px=80))
 
 
 @pytest.mark.parametrize("size_px", [64, 97, 320])
@@ -136,13 +130,6 @@ def test_paste_averages_light_over_pixels(size_px: float, view: tuple[float, flo
         assert canvas.max() <= 1 + 1e-5
 
 
-def test_an_upright_sprite_lands_where_it_is_put() -> None:
-    canvas = np.zeros((40, 60, 3), np.float32)
-    drawing.upright(10, 5, 8).paste(canvas, np.ones((64, 64, 4), np.float32), (0, 0, 2, 1))
-    rows, columns = (np.flatnonzero(canvas[..., 0].max(axis=axis) > 0.5) for axis in (1, 0))
-    assert (rows[0], rows[-1] + 1, columns[0], columns[-1] + 1) == (5, 13, 10, 26)
-
-
 @pytest.mark.slow
 def test_shares_sizes_and_angles_are_as_promised(bare: None) -> None:
     """900 scenes: a share of 0.35 is known within 5 sqrt(0.35 * 0.65 / 900) = 0.08."""
@@ -172,18 +159,16 @@ def test_a_sign_that_is_cut_shows_at_least_half(bare: None) -> None:
             assert lit > 0.5 * 0.83 * 0.55 * side * side
 
 
-def test_every_kind_of_thing_can_be_drawn_small_and_large() -> None:
-    for draw in {*things._KINDS, things.body}:
-        for size_px in (16, 120):
-            for number in range(4):
-                sprite = draw(np.random.default_rng([SEED, number]), size_px)
-                assert sprite.dtype == np.float32
-                assert sprite.shape[2] == 4
-                assert np.isfinite(sprite).all()
-                assert sprite[..., 3].max() > 0
-                assert sprite[..., 3].max() <= 1 + 1e-5
-                bare_points = sprite[..., 3] == 0
-                assert np.abs(sprite[bare_points][:, :3]).max(initial=0) < 1e-5  # no light without coverage
+def test_things_can_be_drawn_small_and_large() -> None:
+    for size_px in (16, 120):
+        for number in range(60):
+            sprite = things.thing(paint.Draws(SEED, number), size_px)
+            assert sprite.dtype == np.float32
+            assert sprite.shape[2] == 4
+            assert np.isfinite(sprite).all()
+            assert 0 < sprite[..., 3].max() <= 1 + 1e-5
+            uncovered = sprite[sprite[..., 3] == 0]
+            assert np.abs(uncovered[:, :3]).max(initial=0) < 1e-5  # no light without coverage
 
 
 def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
@@ -191,12 +176,11 @@ def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
 ) -> None:
     monkeypatch.setattr(signs, "weathered", lambda rng, sprite: sprite)
     for number in range(60):
-        seeds = [SEED, number]
-        _, white = signs._masks(np.random.default_rng(seeds), 128)
-        sprite = signs.stop_sign(np.random.default_rng(seeds), 128)
+        white = signs._white(paint.Draws(SEED, number), 128)
+        sprite = signs.stop_sign(paint.Draws(SEED, number), 128)
         assert sprite[:8, :8].max() == 0  # outside the octagon
         assert sprite[64, 64, 3] == pytest.approx(1, abs=1e-3)
-        inside = signs._face_mask(128) > 0.99
+        inside = signs.face_mask(128) > 0.99
         legend, face = (sprite[inside & where][:, :3].mean(axis=0) for where in (white > 0.9, white < 0.1))
         assert face[0] > 1.3 * face[1]
         assert legend[0] < 1.2 * legend[1]
@@ -207,8 +191,8 @@ def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
 def test_an_occluder_hides_about_a_third_at_most() -> None:
     shares = []
     for number in range(500):
-        hidden = signs.occluder(np.random.default_rng([SEED, number]), 48)[..., 3]
-        shares.append(hidden[signs._face_mask(48) > 0.5].mean())
+        hidden = signs.occluder(paint.Draws(SEED, number), 48)[..., 3]
+        shares.append(hidden[signs.face_mask(48) > 0.5].mean())
     assert 0.2 < max(shares) <= 0.36
     assert np.mean(shares) > 0.04
 

@@ -1,8 +1,11 @@
-"""A miniature training: the loss falls, the pool is drawn once, the export is the network."""
+"""A miniature training: the loss falls, one that was stopped goes on to the same bits, the export is the network."""
 
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,27 +15,39 @@ import pytest
 import torch
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_models import training
+from blurnoise_models.augmentation import MOST, InShare, exposures, share_at
 from blurnoise_models.export import write_onnx
-from blurnoise_models.mixes import ARMS, Arm, augmentation
 from blurnoise_models.network import Decoded, SignNet
-from blurnoise_models.training import Pool, Step, batch, train
-
-pytestmark = pytest.mark.slow  # networks are trained
+from blurnoise_models.training import Step, batch, train
+from torch import Tensor, nn
 
 SIZE_PX = 96
+SMALL = {"pictures": 320, "size_px": 64, "seed": 3, "threads": 1}
+trains = pytest.mark.slow
+
+
+class Stopped(Exception):
+    """In place of a kill."""
+
+
+def stop(step: Step) -> None:
+    if step.pictures == 15 * training.BATCH:
+        raise Stopped
+
+
+@pytest.fixture
+def saved_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training, "_SAVED_EVERY_S", 0.0)
 
 
 @pytest.fixture(scope="module")
-def scenes(tmp_path_factory: pytest.TempPathFactory) -> Pool:
-    return training.pool(tmp_path_factory.mktemp("pool"), 48, size_px=SIZE_PX)
-
-
-@pytest.fixture(scope="module")
-def miniature(scenes: Pool) -> tuple[SignNet, list[Step]]:
+def miniature() -> tuple[SignNet, list[Step]]:
     steps: list[Step] = []
-    return train(scenes, "exposure", pictures=80 * 16, seed=3, threads=1, progress=steps.append), steps
+    network = train(exposures(), pictures=80 * 16, size_px=SIZE_PX, seed=3, threads=1, progress=steps.append)
+    return network, steps
 
 
+@trains
 def test_loss_falls(miniature: tuple[SignNet, list[Step]]) -> None:
     _, steps = miniature
     assert [step.pictures for step in steps] == list(range(16, 1281, 16))
@@ -40,103 +55,166 @@ def test_loss_falls(miniature: tuple[SignNet, list[Step]]) -> None:
     assert np.mean(losses[-10:]) < 0.8 * np.mean(losses[:10])
 
 
-def test_export_equals_the_network(miniature: tuple[SignNet, list[Step]], tmp_path: Path) -> None:
+@trains
+def test_the_export_is_the_network_and_states_contract_and_training(
+    miniature: tuple[SignNet, list[Step]], tmp_path: Path
+) -> None:
     network, _ = miniature
-    path = write_onnx(network, tmp_path / "mini.onnx", input_px=SIZE_PX, facts={"arm": "exposure"})
+    path = write_onnx(network, tmp_path / "mini.onnx", input_px=SIZE_PX, facts={"seed": 3})
     pictures = torch.rand(1, 3, SIZE_PX, SIZE_PX, generator=torch.Generator().manual_seed(1))
     with torch.no_grad():
         expected = Decoded(network)(pictures).numpy()
-    session = onnxruntime.InferenceSession(path)
-    (got,) = session.run(None, {"images": pictures.numpy()})
+    (got,) = onnxruntime.InferenceSession(path).run(None, {"images": pictures.numpy()})
     assert got.shape == (1, 5, (SIZE_PX // 8) ** 2)
     np.testing.assert_allclose(got[:, :4], expected[:, :4], atol=1e-4 * SIZE_PX)
     np.testing.assert_allclose(got[:, 4], expected[:, 4], atol=1e-4)
     properties = {entry.key: entry.value for entry in onnx.load(path).metadata_props}
-    assert json.loads(properties["blurnoise.training"]) == {"arm": "exposure"}
-    assert [entry.name for entry in tmp_path.iterdir()] == ["mini.onnx"]
-
-
-def test_export_states_its_own_contract(miniature: tuple[SignNet, list[Step]], tmp_path: Path) -> None:
-    detector = Detector(write_onnx(miniature[0], tmp_path / "mini.onnx", input_px=SIZE_PX))
+    assert json.loads(properties["blurnoise.training"]) == {"seed": 3}
+    detector = Detector(path)
     assert detector.contract.classes == ("stop sign",)
-    assert detector.contract.resize == "letterbox"
     assert not detector.contract.assumptions
-    assert detector.detect(np.zeros((40, 60, 3), np.uint8)).boxes_xyxy.shape[1] == 4
-
-
-def test_export_says_nothing_of_the_machine_it_ran_on(
-    miniature: tuple[SignNet, list[Step]], tmp_path: Path
-) -> None:
-    written = write_onnx(miniature[0], tmp_path / "mini.onnx", input_px=SIZE_PX).read_bytes()
-    shipped = Path(training.__file__).with_name("stop_sign.onnx").read_bytes()
-    for data in (written, shipped):
+    shipped = Path(training.__file__).with_name("stop_sign.onnx")
+    for data in (path.read_bytes(), shipped.read_bytes()):  # nothing of the machine that wrote them
         for trace in (str(Path(training.__file__).parent), "network.py", "site-packages", "stack_trace"):
             assert trace.encode() not in data, trace
 
 
-def test_same_arguments_same_network_and_the_global_generator_stays(scenes: Pool) -> None:
-    torch.default_generator.manual_seed(5)
+@trains
+def test_stopped_and_continued_is_unbroken_bit_for_bit(saved_often: None, tmp_path: Path) -> None:
+    file = tmp_path / "saved" / "training.checkpoint"
+    unbroken: list[Step] = []
     state = torch.get_rng_state()
-    first, again, other = (
-        train(scenes, arm, pictures=320, seed=seed, threads=1).state_dict()
-        for arm, seed in (("kornia", 1), ("kornia", 1), ("kornia", 2))
+    whole = train(exposures(), **SMALL, progress=unbroken.append).state_dict()
+    assert torch.equal(torch.get_rng_state(), state)  # the caller's generator
+    with pytest.raises(Stopped):
+        train(exposures(), **SMALL, checkpoint=file, progress=stop)
+    steps: list[Step] = []
+    again = train(exposures(), **SMALL, checkpoint=file, progress=steps.append).state_dict()
+    assert all(torch.equal(whole[name], again[name]) for name in whole)
+    assert steps == unbroken
+    other = train(exposures(), **{**SMALL, "seed": 4}).state_dict()
+    assert not all(torch.equal(whole[name], other[name]) for name in whole)
+
+
+@trains
+def test_killed_at_any_step_it_goes_on_to_the_same_losses(tmp_path: Path) -> None:
+    file = tmp_path / "training.checkpoint"
+    script = (
+        f"import sys; sys.path[:0] = {sys.path!r}\n"
+        "from pathlib import Path; from blurnoise_models import training\n"
+        "training._SAVED_EVERY_S = 0.0\n"
+        f"training.train(**{ {**SMALL, 'pictures': 16000} }, checkpoint=Path({str(file)!r}))"
     )
-    assert torch.equal(torch.get_rng_state(), state)
-    assert all(torch.equal(first[name], again[name]) for name in first)
-    assert not all(torch.equal(first[name], other[name]) for name in first)
+    with subprocess.Popen([sys.executable, "-c", script]) as process:
+        while not file.is_file() and process.poll() is None:
+            time.sleep(0.02)
+        process.kill()
+    last = (len(torch.load(file, weights_only=True)["losses"]) + 4) * training.BATCH
+
+    def losses(checkpoint: Path | None) -> list[float]:
+        found: list[float] = []
+
+        def add(step: Step) -> None:
+            found.append(step.loss)
+            if step.pictures == last:
+                raise Stopped
+
+        with pytest.raises(Stopped):
+            train(**{**SMALL, "pictures": 16000}, checkpoint=checkpoint, progress=add)
+        return found
+
+    assert losses(file) == losses(None)
 
 
-@pytest.mark.parametrize("arm", ARMS)
-def test_arms_keep_shape_and_range(scenes: Pool, arm: Arm) -> None:
-    pictures, boxes = batch(scenes, np.arange(8))
-    assert boxes.shape[::2] == (8, 4)
-    with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(0)
-        seen = augmentation(arm)(pictures)
-    assert seen.shape == pictures.shape
-    assert float(seen.min()) >= 0
-    assert float(seen.max()) <= 1
-    assert torch.equal(seen, pictures) == (arm == "none")
+@trains
+@pytest.mark.parametrize("change", [{"pictures": 336}, {"seed": 4}, {"size_px": 96}, {"facts": {"mix": 1}}])
+def test_the_checkpoint_of_another_training_is_refused(
+    saved_often: None, tmp_path: Path, change: dict[str, object]
+) -> None:
+    file = tmp_path / "training.checkpoint"
+    with pytest.raises(Stopped):
+        train(**SMALL, checkpoint=file, progress=stop)
+    before = file.read_bytes()
+    with pytest.raises(ValueError, match=r"training\.checkpoint.*was begun with .*another folder"):
+        train(**{**SMALL, **change}, checkpoint=file)
+    assert file.read_bytes() == before
 
 
-def test_the_pool_is_drawn_once(tmp_path: Path) -> None:
-    told: list[int] = []
-    first = training.pool(tmp_path, 3, size_px=64, progress=told.append)
-    written = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    again = training.pool(tmp_path, 3, size_px=64, progress=told.append)
-    assert sum(told) == 6
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == written
-    np.testing.assert_array_equal(first.pictures, again.pictures)
-    np.testing.assert_array_equal(first.boxes_xyxy, again.boxes_xyxy)
-
-
-def test_a_pool_that_fails_leaves_no_pictures(tmp_path: Path) -> None:
-    def stop(_: int) -> None:
-        raise InterruptedError("enough")
-
-    with pytest.raises(InterruptedError, match="enough"):
-        training.pool(tmp_path, 3, size_px=64, progress=stop)
-    assert not list(tmp_path.iterdir())
-
-
-def test_every_scene_comes_once_before_any_comes_again() -> None:
-    drawn = training._batches(40, seed=1)
-    seen = np.concatenate([next(drawn) for _ in range(5)])
-    assert (np.bincount(seen, minlength=40) == 2).all()
+@pytest.mark.parametrize("data", [b"", b"PK\x03\x04 nothing", b"\x80\x02N."])
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "training.checkpoint"
+    file.write_bytes(data)
+    with pytest.raises(ValueError, match=r"checkpoint = .*must be a checkpoint of a training; remove it"):
+        train(**SMALL, checkpoint=file)
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda pool: train(pool, "best", pictures=320), "arm"),  # type: ignore[arg-type]
-        (lambda pool: train(pool, pictures=319), "pictures = 319"),
-        (lambda pool: train(pool, pictures=320, seed=-1), "seed"),
-        (lambda pool: training.pool(Path("never"), 0), "count = 0"),
-        (lambda pool: training.pool(Path("never"), 8, size_px=100), "size_px = 100"),
-        (lambda pool: write_onnx(SignNet(), Path("model.pt")), "model.pt"),
+        (lambda: train(pictures=319), "pictures = 319"),
+        (lambda: train(pictures=320, seed=-1), "seed = -1"),
+        (lambda: train(pictures=320, size_px=100), "size_px = 100"),
+        (lambda: write_onnx(SignNet(), Path("model.pt")), "model.pt"),
     ],
 )
-def test_bad_arguments_are_named(scenes: Pool, call: object, message: str) -> None:
+def test_bad_arguments_are_named(call: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        call(scenes)  # type: ignore[operator]
-    assert not Path("never").exists()
+        call()  # type: ignore[operator]
+
+
+def test_batches_are_the_scenes_in_their_order() -> None:
+    pictures, boxes = batch(5, 3, size_px=64)
+    assert pictures.shape == (3, 3, 64, 64)
+    for number in range(3):
+        one = training.scene(training.SCENES_SEED, 5 + number, size_px=64)
+        shown = (pictures[number].permute(1, 2, 0) * 255).round().byte().numpy()
+        assert np.array_equal(shown, one.picture)
+        assert np.array_equal(boxes[number][: len(one.boxes_xyxy)].numpy(), one.boxes_xyxy)
+    drawn = list(training._batches(0, 2, 64))
+    assert torch.equal(drawn[1][0], batch(training.BATCH, size_px=64)[0])
+    assert len(drawn) == 2
+
+
+def test_the_share_of_changed_pictures_rises_stays_and_falls() -> None:
+    shares = [share_at(done / 20) for done in range(21)]
+    falling = [0.45 - 0.25 * step / 8 for step in range(1, 9)]
+    assert shares == pytest.approx([0.45 * step / 6 for step in range(6)] + [0.45] * 7 + falling)
+
+
+def test_every_change_gets_its_share_of_pictures_and_the_rest_stay() -> None:
+    """Of n pictures in each of which a change has a chance p, np change, but for sqrt(np(1 - p))."""
+
+    class To(nn.Module):
+        def __init__(self, value: float) -> None:
+            super().__init__()
+            self.value = value
+
+        def forward(self, pictures: Tensor) -> Tensor:
+            return torch.full_like(pictures, self.value)
+
+    pictures, count = torch.zeros(4000, 1, 1, 1), 4000
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(1)
+        values = InShare([To(1.0), To(2.0)])(pictures, 0.5).flatten()
+        assert torch.equal(InShare([To(1.0)])(pictures, 0.0), pictures)
+    for value, chance in ((0.0, 1 - MOST), (1.0, MOST / 2), (2.0, MOST / 2)):
+        expected, spread = count * chance, (count * chance * (1 - chance)) ** 0.5
+        assert int((values == value).sum()) == pytest.approx(expected, abs=4 * spread)
+    assert not pictures.any()
+
+
+def test_exposures_are_dark_at_rest_or_blurred_in_light_by_both_cameras_and_gains() -> None:
+    """The longest of 60 blurs that are uniform up to 60 px is above 54 px but for a chance of 0.9^60 = 0.002."""
+    with torch.random.fork_rng(devices=[]):
+        torch.default_generator.manual_seed(1)
+        changes = list(exposures().changes)
+        for number, change in enumerate(changes):
+            seen = change(torch.rand(60, 3, 32, 32))
+            assert float(seen.min()) >= 0
+            assert float(seen.max()) <= 1
+            drawn = change._params
+            longest = float((drawn["exposure_s"] * drawn["speed_px_s"]).max())
+            most = (8.0, 8.0, 60.0, 60.0)[number]
+            assert 0.9 * most < longest <= 1.0001 * most
+            assert set(drawn["camera_index"].tolist()) == {0, 1}
+    assert [change.ranges.gain_db == 0.0 for change in changes] == [True, False, True, False]

@@ -93,19 +93,19 @@ def bench(
 
 def _augment(*, quick: bool) -> Contest:
     """Augmentations of shares of a batch beside training steps of the small detector."""
-    import tempfile
-
-    import numpy as np
+    import kornia.augmentation as kornia
     from blurnoise_models import training
-    from blurnoise_models.mixes import blur_and_noise
+    from torch import nn
 
     from blurnoise import RandomExposure
     from blurnoise_eval.bench.contest import Case, Contender, Contest
 
-    count = 8 if quick else training.BATCH
-    with tempfile.TemporaryDirectory() as folder:
-        pictures, boxes = training.batch(training.pool(Path(folder), count), np.arange(count))
-    step = partial(training.learn, *training.beginner(), pictures, boxes)
+    def blur_and_noise(p: float) -> nn.Module:
+        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=p)
+        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=p), nn.Hardtanh(0.0, 1.0))
+
+    pictures, boxes = training.batch(0, 8 if quick else training.BATCH)
+    step = partial(training.learn, *training.untrained(), pictures, boxes)
 
     def case() -> Case:
         ways = [Contender("training step", partial(step, bfloat16=False))]

@@ -12,25 +12,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count as numbers
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
 from blurnoise._core.files import write_whole
 from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
 from blurnoise_models.scenes.grounds import ground
-from blurnoise_models.scenes.paint import WORDS, between, chance, colours, dark, pale, pick, ramp, texture
+from blurnoise_models.scenes.paint import Draws
 from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
-from blurnoise_models.scenes.things import thing
+from blurnoise_models.scenes.things import plate, thing
 
-_MOST = {"seed": 2**63 - 1, "index": 10**9, "start": 10**9, "count": 10**7, "size_px": 8192}
-_LEAST_SIDE_PX = 64
+_ALLOWED = {"seed": (0, 2**63 - 1), "index": (0, 10**9), "count": (1, 10**7), "size_px": (64, 8192)}
 LABEL = "stop sign"
 SMALLEST_PX, LARGEST_PX = 16.0, 200.0  # larger side of a sign's box, in a picture of 320 px
 _DESIGN_PX = 320
@@ -56,12 +54,11 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     Raises ``TypeError`` for numbers that are not integers, ``ValueError`` for a negative seed or index or
     fewer than 64 px.
     """
-    rng = default_rng([_integer("seed", seed, 0), _integer("index", index, 0)])
-    n = _integer("size_px", size_px, _LEAST_SIDE_PX)
+    _check(seed=seed, index=index, size_px=size_px)
+    rng, n = Draws(seed, index), size_px
     canvas = ground(rng, n)
     wanted = int(np.searchsorted(_SIGNS, rng.random()))
-    crowded = 1.6 if wanted == 0 else 1.0
-    for _ in range(int(rng.exponential(3.0 * crowded))):
+    for _ in range(int(rng.exponential(3.0 if wanted else 5.0))):
         _scatter(rng, canvas, [])
     boxes: list[Points] = []
     for _ in range(wanted):
@@ -76,12 +73,6 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     return Scene(picture, np.array(boxes, np.float32).reshape(-1, 4))
 
 
-def scenes(seed: int, *, size_px: int = 320, start: int = 0) -> Iterator[Scene]:
-    """Scenes ``start``, ``start`` + 1, ... of the stream ``seed``, without end. Raises as :func:`scene`."""
-    for index in numbers(_integer("start", start, 0)):
-        yield scene(seed, index, size_px=size_px)
-
-
 def write_coco(
     folder: Path,
     seed: int,
@@ -92,63 +83,54 @@ def write_coco(
 ) -> Path:
     """Write scenes 0 to count - 1 as PNG files with a COCO ``instances.json``, whose path is returned.
 
-    The JSON file comes last, and whole: where it stands, all its pictures do. ``progress`` is told how many
-    scenes were added. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
+    The JSON file comes last, and whole: where it stands, all its pictures do. ``progress`` gets the number of
+    scenes that were added. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
     """
-    for name, value, low in (("seed", seed, 0), ("count", count, 1), ("size_px", size_px, _LEAST_SIDE_PX)):
-        _integer(name, value, low)  # before anything is touched
+    _check(seed=seed, count=count, size_px=size_px)  # before anything is written
     folder.mkdir(parents=True, exist_ok=True)
     listing = folder / "instances.json"
-    listing.unlink(missing_ok=True)  # an older one would lie about the new pictures
-    images: list[dict[str, object]] = []
-    annotations: list[dict[str, object]] = []
-    for index in range(count):
-        one = scene(seed, index, size_px=size_px)
-        name = f"{index:06d}.png"
+    listing.unlink(missing_ok=True)  # an older one does not belong to the new pictures
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for number in range(1, count + 1):
+        one = scene(seed, number - 1, size_px=size_px)
+        name = f"{number - 1:06d}.png"
         data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
         write_whole(folder / name, data.tobytes())
-        images.append({"id": index + 1, "file_name": name, "width": size_px, "height": size_px})
+        images.append({"id": number, "file_name": name, "width": size_px, "height": size_px})
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
-            annotations.append(
-                {
-                    "id": len(annotations) + 1,
-                    "image_id": index + 1,
-                    "category_id": 1,
-                    "bbox": [x0, y0, x1 - x0, y1 - y0],
-                    "area": (x1 - x0) * (y1 - y0),
-                    "iscrowd": 0,
-                }
-            )
+            box = [x0, y0, x1 - x0, y1 - y0]
+            entry = {"id": len(annotations) + 1, "image_id": number, "category_id": 1, "bbox": box}
+            annotations.append({**entry, "area": box[2] * box[3], "iscrowd": 0})
         progress(1)
     document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
     write_whole(listing, json.dumps(document).encode())
     return listing
 
 
-def _place(rng: Generator, n: int, taken: list[Points]) -> tuple[Plane, Points, float] | None:
+def _place(rng: Draws, n: int, taken: list[Points]) -> tuple[Plane, Points, float] | None:
     """A view of a sign that is at least half in the picture and hides no other; None if none fits."""
     for _ in range(8):
         plane, size = _view(rng, n)
         corners = plane.project(octagon())
         low, high = corners.min(axis=0), corners.max(axis=0)
         box = np.concatenate([np.clip(low, 0, n), np.clip(high, 0, n)])
-        reach = low[1] - high[1], 2 * (high[1] - low[1])  # plates and signs above, plates and the pole below
-        column = box + np.array([0, reach[0], 0, reach[1]])
+        tall = high[1] - low[1]
+        column = box + np.array([0, -tall, 0, 2 * tall])  # plates above and below, and the pole
         if _shown(corners, n) >= 0.55 and all(_overlap(column, other) == 0 for other in taken):
             return plane, box, size
     return None
 
 
-def _view(rng: Generator, n: int) -> tuple[Plane, float]:
+def _view(rng: Draws, n: int) -> tuple[Plane, float]:
     """Where a sign stands and how it is turned; and its larger side, px."""
-    small = chance(rng, 0.35)
-    low, high = (SMALLEST_PX, 34.0) if small else (22.0, LARGEST_PX)
-    size = math.exp(between(rng, math.log(low), math.log(high))) * n / _DESIGN_PX
+    low, high = (SMALLEST_PX, 34.0) if rng.chance(0.35) else (22.0, LARGEST_PX)
+    size = math.exp(rng.between(math.log(low), math.log(high))) * n / _DESIGN_PX
     yaw = float(np.clip(rng.normal(0, 20), -50, 50))
     pitch = float(np.clip(rng.normal(0, 7), -20, 20))
-    roll = float(np.clip(rng.normal(0, 12 if chance(rng, 0.12) else 4), -28, 28))
-    plane = Plane.seen(yaw, pitch, roll, between(rng, 2.5, 12.0))
-    margin = -0.25 * size if chance(rng, 0.15) else 0.5 * size
+    roll = float(np.clip(rng.normal(0, 12 if rng.chance(0.12) else 4), -28, 28))
+    plane = Plane.seen(yaw, pitch, roll, rng.between(2.5, 12.0))
+    margin = -0.25 * size if rng.chance(0.15) else 0.5 * size
     x, y = rng.uniform(margin, n - margin, 2).tolist() if margin < n / 2 else (n / 2, n / 2)
     return plane.placed(octagon(), size, (x, y)), size
 
@@ -166,56 +148,29 @@ def _overlap(box: Points, other: Points) -> float:
     return float(np.prod(np.maximum(sides, 0)) / np.prod(other[2:] - other[:2]))
 
 
-def _erect(rng: Generator, canvas: Floats, plane: Plane, size: float) -> None:
+def _erect(rng: Draws, canvas: Floats, plane: Plane, size: float) -> None:
     """Pole, sign, plates and what hides them, all in the sign's plane."""
     n = int(np.clip(2 * size, 48, 256))
-    if chance(rng, 0.7):
-        _pole(rng, canvas, plane)
+    if rng.chance(0.7):
+        half = rng.between(0.02, 0.06)
+        pole = Easel.blank(64, 8)
+        pole.rectangle(0, 0, 1, 1, rng.colour() if rng.chance(0.6) else (150, 152, 154))
+        plane.paste(canvas, weathered(rng, pole.sprite()), (-half, -0.5, half, rng.between(1.0, 2.4)))
     plane.paste(canvas, stop_sign(rng, n), BOX)
-    if chance(rng, 0.18):
-        _plate(rng, canvas, plane, between(rng, 0.53, 0.6), n)
-    if chance(rng, 0.1):
-        _plate(rng, canvas, plane, -between(rng, 0.8, 0.95), n)
-    if chance(rng, 0.06):
-        above = thing(rng, n)
-        wide = above.shape[1] / above.shape[0] * 0.8
-        plane.paste(canvas, above, (-wide / 2, -1.45, wide / 2, -0.62))
-    if chance(rng, 0.22):
+    if rng.chance(0.25):  # a plate below or above
+        half, top = (
+            rng.between(0.25, 0.55),
+            rng.between(0.53, 0.6) if rng.chance(0.7) else rng.between(-0.95, -0.8),
+        )
+        plane.paste(canvas, plate(rng, n), (-half, top, half, top + rng.between(0.14, 0.24)))
+    if rng.chance(0.22):
         plane.paste(canvas, occluder(rng, n), BOX)
 
 
-def _pole(rng: Generator, canvas: Floats, plane: Plane) -> None:
-    half = between(rng, 0.02, 0.06)
-    easel = Easel.blank(64, 8)
-    tint = colours(rng, 1)[0] if chance(rng, 0.6) else (150, 152, 154)
-    easel.rectangle(0, 0, 1, 1, tint)
-    top = -between(rng, 0.45, 0.75)
-    foot = between(rng, 1.0, 2.4)
-    plane.paste(canvas, weathered(rng, easel.sprite()), (-half, top, half, foot))
-
-
-def _plate(rng: Generator, canvas: Floats, plane: Plane, top: float, n: int) -> None:
-    """A supplementary plate in red or white, or a street's name."""
-    tall, wide = between(rng, 0.14, 0.24), between(rng, 0.5, 1.1)
-    height = max(16, int(n * tall))
-    easel = Easel.blank(height, int(height * wide / tall))
-    w = easel.width
-    signal = (int(between(rng, 120, 200)), 24, 30)
-    faces = [(signal, pale(rng)), (pale(rng), dark(rng)), (pale(rng), signal), ((20, 100, 60), pale(rng))]
-    face, ink = pick(rng, faces)
-    easel.rectangle(0, 0, w, 1, ink)
-    easel.rectangle(0.06, 0.06, w - 0.06, 0.94, face)
-    legend = pick(
-        rng, ("ALL WAY", "4-WAY", "3-WAY", "2-WAY", "ALL-WAY", "EXCEPT RIGHT TURN", pick(rng, WORDS))
-    )
-    easel.text(legend, (0.08 * w, 0.2, 0.92 * w, 0.8), ink, weight=between(rng, 0, 0.03), stretch=1.2)
-    plane.paste(canvas, weathered(rng, easel.sprite()), (-wide / 2, top, wide / 2, top + tall))
-
-
-def _scatter(rng: Generator, canvas: Floats, spare: list[Points]) -> None:
+def _scatter(rng: Draws, canvas: Floats, spare: list[Points]) -> None:
     """Put a thing somewhere, but hide no more than an eighth of any box in ``spare``."""
     n = canvas.shape[0]
-    size = math.exp(between(rng, math.log(10), math.log(250))) * n / _DESIGN_PX
+    size = math.exp(rng.between(math.log(10), math.log(250))) * n / _DESIGN_PX
     x, y = rng.uniform(0, n, 2)
     reach = 0.5 * size * np.array([-1.6, -1.1, 1.6, 1.1])  # most things are no wider than this
     if any(_overlap(np.array([x, y, x, y]) + reach, box) > 0.12 for box in spare):
@@ -224,57 +179,55 @@ def _scatter(rng: Generator, canvas: Floats, spare: list[Points]) -> None:
     ratio = sprite.shape[1] / sprite.shape[0]
     if ratio > 1.4:  # wide things keep their area, not their height
         size *= math.sqrt(1.4 / ratio) if not spare else 1.4 / ratio
-    turn = rng.normal(0, 60 if chance(rng, 0.1) else 7)
-    plane = Plane.seen(rng.normal(0, 20), rng.normal(0, 8), turn, between(rng, 2.5, 10.0))
+    turn = rng.normal(0, 60 if rng.chance(0.1) else 7)
+    plane = Plane.seen(rng.normal(0, 20), rng.normal(0, 8), turn, rng.between(2.5, 10.0))
     frame = np.array([[-ratio / 2, -0.5], [ratio / 2, -0.5], [ratio / 2, 0.5], [-ratio / 2, 0.5]])
-    span = max(1.0, ratio)
-    plane.placed(frame, size * span, (x, y)).paste(canvas, sprite, (-ratio / 2, -0.5, ratio / 2, 0.5))
+    place = plane.placed(frame, size * max(1.0, ratio), (x, y))
+    place.paste(canvas, sprite, (-ratio / 2, -0.5, ratio / 2, 0.5))
 
 
-def _lit(rng: Generator, canvas: Floats) -> Floats:
+def _lit(rng: Draws, canvas: Floats) -> Floats:
     """The scene's light: its colour, its fall-off, shadows across, haze; and the lens's softness."""
     n = canvas.shape[0]
-    if chance(rng, 0.2):
-        dim(canvas, ramp(rng, n, n, between(rng, 0.15, 0.8)))
-    if chance(rng, 0.12):  # sun through leaves, a wall's shadow
-        depth, edge = between(rng, 0.3, 0.75), between(rng, 0.3, 0.6)
+    if rng.chance(0.2):
+        dim(canvas, rng.ramp(n, n, rng.between(0.15, 0.8)))
+    if rng.chance(0.12):  # sun through leaves, a wall's shadow
+        depth, edge = rng.between(0.3, 0.75), rng.between(0.3, 0.6)
         table = 1 - depth + depth * np.clip((np.linspace(0, 1, 256) - edge) * 8 + 0.5, 0, 1)
-        dim(canvas, np.asarray(cv2.LUT(texture(rng, n, n), table.astype(np.float32))))
-    warmth = rng.normal(0, 0.16 if chance(rng, 0.25) else 0.05)
+        dim(canvas, np.asarray(cv2.LUT(rng.texture(n, n), table.astype(np.float32))))
+    warmth = rng.normal(0, 0.16 if rng.chance(0.25) else 0.05)
     tint = np.array([math.exp(warmth), math.exp(rng.normal(0, 0.03)), math.exp(-warmth)])
-    level = cv2.mean(canvas)[1]
-    key = between(rng, 0.08, 0.4) / max(level, 1e-3)  # a camera meters the scene, not always well
-    tint *= np.clip(key, 0.6, 2.2) ** between(rng, 0.0, 1.0)
-    haze = between(rng, 0.03, 0.25) if chance(rng, 0.08) else 0.0
+    key = rng.between(0.08, 0.4) / max(
+        cv2.mean(canvas)[1], 1e-3
+    )  # a camera meters the scene, not always well
+    tint *= np.clip(key, 0.6, 2.2) ** rng.between(0.0, 1.0)
+    haze = rng.between(0.03, 0.25) if rng.chance(0.08) else 0.0
     veil = np.full((3, 1), 0.7 * haze)
     canvas = np.asarray(cv2.transform(canvas, np.hstack([np.diag(tint * (1 - haze)), veil])))
-    if chance(rng, 0.5):
-        canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), between(rng, 0.3, 1.0) * n / _DESIGN_PX))
+    if rng.chance(0.5):
+        canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), rng.between(0.3, 1.0) * n / _DESIGN_PX))
     return canvas
 
 
-def _developed(rng: Generator, canvas: Floats) -> Bytes:
+def _developed(rng: Draws, canvas: Floats) -> Bytes:
     """The coded picture: tone curve, colourfulness, resampling, sharpening and JPEG of a stored photograph."""
     n = canvas.shape[0]
-    table = _tone_curve(between(rng, -0.1, 0.5))
+    table = _tone_curve(rng.between(-0.1, 0.5))
     canvas *= np.float32(_LEVELS - 1)
     picture = np.take(table, canvas.astype(np.int32), mode="clip")
-    if chance(rng, 0.03):
-        picture = np.repeat(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)[..., None], 3, axis=2)
-    elif chance(rng, 0.4):  # more or less colourful
+    if rng.chance(0.4):  # more or less colourful, or grey
         grey = cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
-        colourful = between(rng, 0.4, 1.3)
+        colourful = 0.0 if rng.chance(0.08) else rng.between(0.4, 1.3)
         picture = np.asarray(cv2.addWeighted(picture, colourful, grey, 1 - colourful, 0), np.uint8)
-    if chance(rng, 0.35):
-        side = int(n * between(rng, 0.65, 1.0))
-        between_sizes = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
-        way = cv2.INTER_CUBIC if chance(rng, 0.5) else cv2.INTER_LINEAR
-        picture = np.asarray(cv2.resize(between_sizes, (n, n), interpolation=way), np.uint8)
-    if chance(rng, 0.35):
-        soft = cv2.GaussianBlur(picture, (0, 0), between(rng, 0.6, 1.2))
-        amount = between(rng, 0.15, 0.9)
+    if rng.chance(0.35):
+        side = int(n * rng.between(0.65, 1.0))
+        smaller = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
+        way = cv2.INTER_CUBIC if rng.chance(0.5) else cv2.INTER_LINEAR
+        picture = np.asarray(cv2.resize(smaller, (n, n), interpolation=way), np.uint8)
+    if rng.chance(0.35):
+        soft, amount = cv2.GaussianBlur(picture, (0, 0), rng.between(0.6, 1.2)), rng.between(0.15, 0.9)
         picture = np.asarray(cv2.addWeighted(picture, 1 + amount, soft, -amount, 0), np.uint8)
-    if chance(rng, 0.5):
+    if rng.chance(0.5):
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(40, 96))]
         coded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), quality)[1]
         picture = np.asarray(cv2.cvtColor(cv2.imdecode(coded, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8)
@@ -284,16 +237,16 @@ def _developed(rng: Generator, canvas: Floats) -> Bytes:
 def _tone_curve(contrast: float) -> Bytes:
     """sRGB coding of linear levels, then an S of the given strength about the middle."""
     linear = np.linspace(0, 1, _LEVELS)
-    coded = np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-4) ** (1 / 2.4) - 0.055
-    )
+    high = 1.055 * np.maximum(linear, 1e-4) ** (1 / 2.4) - 0.055
+    coded = np.where(linear <= 0.0031308, 12.92 * linear, high)
     coded += contrast * (coded * coded * (3 - 2 * coded) - coded)
     return np.asarray(np.rint(coded * 255), np.uint8)
 
 
-def _integer(name: str, value: int, low: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{name} = {value!r}: must be an integer")
-    if not low <= value <= _MOST[name]:
-        raise ValueError(f"{name} = {value!r}: must be >= {low} and <= {_MOST[name]}")
-    return value
+def _check(**given: int) -> None:
+    for name, value in given.items():
+        low, high = _ALLOWED[name]
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise TypeError(f"{name} = {value!r}: must be an integer")
+        if not low <= value <= high:
+            raise ValueError(f"{name} = {value!r}: must be >= {low} and <= {high}")

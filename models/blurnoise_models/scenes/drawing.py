@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -32,19 +32,16 @@ _FROM_INDEX = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV's indice
 _TO_INDEX = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
 _SHIFT = 4  # OpenCV's sub-pixel bits
 
-FONTS = (
-    "DejaVuSans-Bold.ttf",
-    "DejaVuSans.ttf",
-    "DejaVuSans-BoldOblique.ttf",
-    "DejaVuSerif-Bold.ttf",
-    "DejaVuSerif-BoldItalic.ttf",
-    "DejaVuSerif.ttf",
-    "DejaVuSansMono-Bold.ttf",
-    "STIXGeneralBol.ttf",
-    "STIXGeneralBolIta.ttf",
-    "cmss10.ttf",
-    "cmtt10.ttf",
-    "cmr10.ttf",
+FONTS = tuple(
+    f"{name}.ttf"
+    for name in (
+        "DejaVuSans-Bold",
+        "DejaVuSans",
+        "DejaVuSerif-Bold",
+        "DejaVuSansMono-Bold",
+        "STIXGeneralBol",
+        "cmss10",
+    )
 )
 
 
@@ -79,10 +76,7 @@ class Easel:
 
     def rectangle(self, x0: float, y0: float, x1: float, y1: float, colour: Colour) -> None:
         """Fill an upright rectangle."""
-        n = self.rgba.shape[0]
-        left, top, right, bottom = (round(edge * n) for edge in (x0, y0, x1, y1))
-        if right > left and bottom > top:
-            cv2.rectangle(self.rgba, (left, top), (right - 1, bottom - 1), (*colour, 255), cv2.FILLED)
+        self.polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], colour)
 
     def ellipse(
         self, x: float, y: float, rx: float, ry: float, colour: Colour, turn_deg: float = 0.0
@@ -90,10 +84,8 @@ class Easel:
         """Fill an ellipse."""
         n = self.rgba.shape[0] << _SHIFT
         half = 1 << (_SHIFT - 1)
-        centre, size = (
-            (round(x * n) - half, round(y * n) - half),
-            (max(0, round(rx * n)), max(0, round(ry * n))),
-        )
+        centre = round(x * n) - half, round(y * n) - half
+        size = max(0, round(rx * n)), max(0, round(ry * n))
         ink = (*colour, 255)
         cv2.ellipse(self.rgba, centre, size, turn_deg, 0.0, 360.0, ink, cv2.FILLED, cv2.LINE_8, _SHIFT)
 
@@ -118,8 +110,6 @@ class Easel:
         narrower, or the box's where stretch is None. weight: added stroke, in heights of the sheet.
         """
         contours, aspect = outline(words, font)
-        if not contours:
-            return
         x0, y0, x1, y1 = box
         width = x1 - x0
         if stretch is not None:
@@ -142,31 +132,12 @@ class Easel:
         return np.asarray(np.rint(pixels * (1 << _SHIFT)), np.int32)
 
 
-@cache
-def _glyph(font: str, letter: str) -> tuple[tuple[Points, ...], float]:
-    """Contours of a letter, em, y down from the baseline, from x = 0 on; and its width."""
-    if letter.isspace():
-        return (), 0.3
-    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / font
-    shape = TextPath((0, 0), letter, size=100, prop=FontProperties(fname=str(path)))
-    polygons = [np.asarray(polygon, np.float64) for polygon in shape.to_polygons()]
-    left = min(float(polygon[:, 0].min()) for polygon in polygons)
-    right = max(float(polygon[:, 0].max()) for polygon in polygons)
-    contours = tuple((polygon - np.array([left, 0.0])) * np.array([0.01, -0.01]) for polygon in polygons)
-    return contours, (right - left) / 100
-
-
 @lru_cache(maxsize=4096)
 def outline(words: str, font: str) -> tuple[tuple[Points, ...], float]:
-    """Contours of words, to be filled even-odd, scaled to the unit square; and their width / height."""
-    contours: list[Points] = []
-    x = 0.0
-    for letter in words:
-        shapes, width = _glyph(font, letter)
-        contours += [shape + np.array([x, 0.0]) for shape in shapes]
-        x += width + 0.09
-    if not contours:
-        return (), 1.0
+    """Contours of words, to be filled even-odd, scaled to the unit square, y down; and their width / height."""
+    path = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / font
+    shape = TextPath((0, 0), words, size=100, prop=FontProperties(fname=str(path)))
+    contours = [np.asarray(polygon, np.float64) * (1, -1) for polygon in shape.to_polygons()]
     every = np.concatenate(contours)
     low, extent = every.min(axis=0), np.maximum(np.ptp(every, axis=0), 1e-3)
     return tuple((contour - low) / extent for contour in contours), float(extent[0] / extent[1])
@@ -186,22 +157,14 @@ class Plane:
         """
         yaw, pitch, roll = (math.radians(angle) for angle in (yaw_deg, pitch_deg, -roll_deg))
         about_y = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
-        about_x = np.array(
-            [[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]]
-        )
+        about_x = np.array([[1, 0, 0], [0, math.cos(pitch), 0], [0, math.sin(pitch), 0]])
         about_z = np.array(
             [[math.cos(roll), -math.sin(roll), 0], [math.sin(roll), math.cos(roll), 0], [0, 0, 1]]
         )
-        turn = about_z @ about_x @ about_y
-        return cls(
-            np.array(
-                [
-                    [turn[0, 0], turn[0, 1], 0.0],
-                    [turn[1, 0], turn[1, 1], 0.0],
-                    [turn[2, 0] / distance, turn[2, 1] / distance, 1.0],
-                ]
-            )
-        )
+        matrix = about_z @ about_x @ about_y  # of points with z = 0
+        matrix[2] = [*(matrix[2, :2] / distance), 1.0]
+        matrix[:2, 2] = 0.0
+        return cls(matrix)
 
     def project(self, points: Points) -> Points:
         """Canvas points (n, 2) of plane points (n, 2)."""
@@ -251,34 +214,15 @@ class Plane:
         )
 
 
-def upright(x: float, y: float, scale_px: float) -> Plane:
-    """A plane that faces the camera: its origin at (x, y) px, its unit scale_px."""
-    return Plane(np.array([[scale_px, 0.0, x], [0.0, scale_px, y], [0.0, 0.0, 1.0]]))
-
-
 def over(canvas: Floats, sprite: Sprite) -> None:
-    """Lay a sprite of the canvas's size over it, in place."""
-    light, coverage = split(sprite)
-    dim(canvas, 1 - coverage)
-    canvas += light
-
-
-def split(sprite: Sprite) -> tuple[Floats, Floats]:
-    """A sprite's light, (h, w, 3), and coverage, (h, w)."""
-    return np.asarray(cv2.cvtColor(sprite, cv2.COLOR_RGBA2RGB)), sprite[..., 3]
-
-
-def joined(light: Floats, coverage: Floats) -> Sprite:
-    """The sprite of a light, (h, w, 3), and its coverage, (h, w)."""
-    sprite = np.asarray(cv2.cvtColor(light, cv2.COLOR_RGB2RGBA))
-    sprite[..., 3] = coverage
-    return sprite
+    """Lay a sprite of its size over a canvas (h, w, 3) or another sprite (h, w, 4), in place."""
+    canvas *= cv2.merge([1 - sprite[..., 3]] * canvas.shape[2])
+    canvas += sprite[..., : canvas.shape[2]]
 
 
 def dim(light: Floats, factor: Floats) -> None:
     """Multiply light (h, w, 3 or 4), in place, by a factor (h, w); coverage stays."""
-    # OpenCV takes a fourth channel for opacity, and makes it 1.
-    # NumPy is slow where it has to repeat a number three times, OpenCV is not.
+    # OpenCV makes the fourth channel, its opacity, 1. NumPy is slow where it repeats a number three times.
     light *= cv2.cvtColor(factor, cv2.COLOR_GRAY2RGB if light.shape[2] == 3 else cv2.COLOR_GRAY2RGBA)
 
 

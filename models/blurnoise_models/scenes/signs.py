@@ -11,39 +11,17 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.random import Generator
 
 from blurnoise.charts import SIGN_RED, SIGN_WHITE
 from blurnoise.charts import stop_sign as chart
-from blurnoise_models.scenes.drawing import (
-    FONTS,
-    Bytes,
-    Easel,
-    Floats,
-    Points,
-    Sprite,
-    cut,
-    dim,
-    joined,
-    over,
-    split,
-)
-from blurnoise_models.scenes.paint import (
-    between,
-    chance,
-    colour,
-    colours,
-    dark,
-    font,
-    gain,
-    pale,
-    pick,
-    ramp,
-    texture,
-)
+from blurnoise_models.scenes.drawing import FONTS, Bytes, Easel, Floats, Points, Sprite, cut, dim, over
+from blurnoise_models.scenes.paint import Draws
 
 HALF = 0.52  # half the sprite's side
 BOX = (-HALF, -HALF, HALF, HALF)
+_UNIT = 1 / (2 * HALF)  # the sign's width in sheets
+_SECOND_LINES = ("ARRET", "ARRÊT", "ALTO", "PARE", "4-WAY", "ALL WAY", "قف", "DUR", "HERE", "SLOW")
+_OTHER_LEGENDS = ("ALTO", "PARE", "ARRET", "ARRÊT", "СТОП", "STOPP", "DUR")
 
 
 def octagon(half: float = 0.5) -> Points:
@@ -52,230 +30,168 @@ def octagon(half: float = 0.5) -> Points:
     return np.column_stack([np.cos(turns), np.sin(turns)]) * (half / math.cos(math.pi / 8))
 
 
-def stop_sign(rng: Generator, size_px: int) -> Sprite:
+def stop_sign(rng: Draws, size_px: int) -> Sprite:
     """A stop sign, weathered, (size_px, size_px, 4)."""
-    face, white = _masks(rng, size_px)
-    red, pale_white = _pigments(rng)
-    plane = np.concatenate([red, [1.0]])
-    light = cv2.transform(white, np.column_stack([np.concatenate([pale_white - red, [0.0]]), plane]))
+    white = _white(rng, size_px)
+    red, pale = _pigments(rng)
+    light = cv2.transform(white, np.column_stack([[*(pale - red), 0.0], [*red, 1.0]]))
     sprite = weathered(rng, np.asarray(light, np.float32))
-    cut(sprite, face)
+    cut(sprite, face_mask(size_px))
     return sprite
 
 
-def weathered(rng: Generator, sprite: Sprite) -> Sprite:
-    """A board's sprite after some years outdoors: dirt, rust, scratches, stickers, snow, shadow, glare."""
+def weathered(rng: Draws, sprite: Sprite) -> Sprite:
+    """A board's sprite after some years outdoors: dirt, bleached patches, marks, uneven light, shadow, glare."""
     n, m = sprite.shape[:2]
-    light, coverage = split(sprite)
-    if chance(rng, 0.6):  # dirt, worn paint
-        dim(light, gain(rng, n, m, between(rng, 0.05, 0.45)))
-    if chance(rng, 0.2):  # bleached in patches
-        patch = 1 - gain(rng, n, m, between(rng, 0.1, 0.5))
-        paler = np.array(cv2.mean(light)[:3]) * 0.5 + 0.25
-        dim(light, 1 - patch)
-        light += cv2.transform(patch * coverage, paler[:, None])
-    if chance(rng, 0.3):
+    coverage = np.ascontiguousarray(sprite[..., 3])
+    if rng.chance(0.6):  # dirt, worn paint
+        dim(sprite, rng.grain(n, m, rng.between(0.05, 0.45)))
+    if rng.chance(0.2):  # bleached in patches
+        kept = rng.grain(n, m, rng.between(0.1, 0.5))
+        paler = np.array(cv2.mean(sprite)[:3]) * 0.5 + 0.25
+        dim(sprite, kept)
+        sprite[..., :3] += ((1 - kept) * coverage)[..., None] * paler
+    if rng.chance(0.3):
         marks = _marks(rng, n, m)
-        cut(marks, np.ascontiguousarray(coverage))
-        over(light, marks)
-    if chance(rng, 0.6):  # light that falls unevenly
-        dim(light, ramp(rng, n, m, between(rng, 0.3, 0.95)))
-    if chance(rng, 0.22):
-        dim(light, _shadow(rng, n, m))
-    if chance(rng, 0.1):  # glare: the sky in the sheeting
-        glare = ramp(rng, n, m, 0.0) ** 3 * np.float32(between(rng, 0.05, 0.4))
-        light += cv2.cvtColor(glare * coverage, cv2.COLOR_GRAY2RGB)
-    return joined(light, coverage)
+        cut(marks, coverage)
+        over(sprite, marks)
+    if rng.chance(0.6):  # light that falls unevenly
+        dim(sprite, rng.ramp(n, m, rng.between(0.3, 0.95)))
+    if rng.chance(0.22):  # a shadow's edge, or sun through leaves
+        field = rng.texture(n, m) / np.float32(255) if rng.chance(0.5) else rng.ramp(n, m, 0.0)
+        lit = np.clip((field - rng.between(0.4, 0.6)) * rng.between(3, 20) + 0.5, 0, 1)
+        low = rng.between(0.2, 0.6)
+        dim(sprite, np.asarray(low + (1 - low) * lit, np.float32))
+    if rng.chance(0.1):  # glare: the sky in the sheeting
+        sprite[..., :3] += (rng.ramp(n, m, 0.0) ** 3 * coverage * np.float32(rng.between(0.05, 0.4)))[
+            ..., None
+        ]
+    return sprite
 
 
-def occluder(rng: Generator, size_px: int) -> Sprite:
-    """Leaves, a branch, a pole or a post before a sign: a sprite for :data:`BOX`, hiding up to about a third."""
+def occluder(rng: Draws, size_px: int) -> Sprite:
+    """Leaves, branches or a post before a sign: a sprite for :data:`BOX`, hiding up to about a third."""
     easel = Easel.blank(size_px, size_px)
     kind = rng.random()
     if kind < 0.5:  # leaves from one side
-        turn = between(rng, 0, 2 * math.pi)
-        cx, cy = 0.5 + 0.55 * math.cos(turn), 0.5 + 0.55 * math.sin(turn)
-        greens = colours(rng, 2) if chance(rng, 0.2) else _leaf_colours(rng)
-        spread, size = between(rng, 0.08, 0.2), between(rng, 0.02, 0.09)
-        for x, y, ratio, angle, shade in rng.random((int(rng.integers(8, 70)), 5)).tolist():
-            x = cx + (x + y - 1) * 2.2 * spread
-            y = cy + (y + ratio + angle - 1.5) * 2.2 * spread
-            tint = greens[int(shade * len(greens))]
-            easel.ellipse(x, y, size, size * (0.3 + 0.5 * ratio), tint, angle * 180)
-    elif kind < 0.75:  # branches
+        turn, spread, size = rng.between(0, 6.28), rng.between(0.08, 0.2), rng.between(0.02, 0.09)
+        middle = 0.5 + 0.55 * np.array([math.cos(turn), math.sin(turn)])
+        g = rng.integers(50, 170, 4).tolist()
+        greens = (
+            [rng.colour(), rng.colour()] if rng.chance(0.2) else [(int(0.7 * v), v, int(0.35 * v)) for v in g]
+        )
+        for x, y in rng.normal(middle, 0.8 * spread, (int(rng.integers(8, 70)), 2)).tolist():
+            easel.ellipse(x, y, size, size * rng.between(0.3, 0.8), rng.pick(greens), rng.between(0, 180))
+    elif kind < 0.75:
         for _ in range(int(rng.integers(1, 5))):
-            turn, offset = between(rng, 0, math.pi), between(rng, -0.45, 0.45)
-            x, y = 0.5 - offset * math.sin(turn), 0.5 + offset * math.cos(turn)
-            dx, dy = 0.8 * math.cos(turn), 0.8 * math.sin(turn)
-            bend = rng.normal(0, 0.05, 2)
-            points = [(x - dx, y - dy), (x + bend[0], y + bend[1]), (x + dx, y + dy)]
-            easel.line(
-                points, colours(rng, 1)[0] if chance(rng, 0.3) else dark(rng), between(rng, 0.005, 0.03)
-            )
+            turn, offset = rng.between(0, math.pi), rng.between(-0.45, 0.45)
+            way = np.array([math.cos(turn), math.sin(turn)])
+            middle = 0.5 + offset * np.array([-way[1], way[0]])
+            points = np.stack([middle - 0.8 * way, middle + rng.normal(0, 0.05, 2), middle + 0.8 * way])
+            easel.line(points, rng.colour() if rng.chance(0.3) else rng.dark(), rng.between(0.005, 0.03))
     else:  # something upright or level
-        tint, width = colour(rng), between(rng, 0.05, 0.35)
-        at = between(rng, -0.05, 0.2) if chance(rng, 0.5) else between(rng, 0.8, 1.05)
-        edges = (at - width / 2, at + width / 2)
-        if chance(rng, 0.7):
-            easel.rectangle(edges[0], 0, edges[1], 1, tint)
-        else:
-            easel.rectangle(0, edges[0], 1, edges[1], tint)
+        width = rng.between(0.05, 0.35)
+        at = rng.between(-0.05, 0.2) if rng.chance(0.5) else rng.between(0.8, 1.05)
+        low, high, tint = at - width / 2, at + width / 2, rng.colour()
+        box = (low, 0.0, high, 1.0) if rng.chance(0.7) else (0.0, low, 1.0, high)
+        easel.rectangle(*box, colour=tint)
     sprite = easel.sprite()
-    dim(sprite, gain(rng, size_px, size_px, 0.4))
+    dim(sprite, rng.grain(size_px, size_px, 0.4))
     return sprite
 
 
-def _masks(rng: Generator, n: int) -> tuple[Floats, Floats]:
-    """Where the sign is, and where it is white: (n, n) each, shares."""
-    unit = 1 / (2 * HALF)  # the sign's width in sheets
-    easel = Easel.blank(n, n)
-    white, blank = (255, 255, 255), (0, 0, 0)
-    border = between(rng, 0.016, 0.04)
-    edge = between(rng, 0.006, 0.02) if chance(rng, 0.15) else 0.0  # some have a red rim
-    easel.polygon(octagon(0.5 - edge) * unit + 0.5, white)
-    easel.polygon(octagon(0.5 - edge - border) * unit + 0.5, blank)
-    style = rng.random()
-    height = between(rng, 0.29, 0.37)
-    half = between(rng, 0.36, 0.41) * unit
-    lift = between(rng, -0.02, 0.02)
-    if style < 0.5:
-        _stamp(easel, _chart_legend(), half * 2 / 0.787 * between(rng, 0.94, 1.02), height / (1 / 3), lift)
-    elif style < 0.9:
-        top = 0.5 + (lift - height / 2) * unit
-        legend = (
-            "STOP" if style < 0.82 else pick(rng, ("ALTO", "PARE", "ARRET", "ARRÊT", "СТОП", "STOPP", "DUR"))
-        )
-        face = pick(rng, ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf", "cmss10.ttf", "DejaVuSansMono-Bold.ttf"))
-        face = face if legend.isascii() else FONTS[0]
-        weight = between(rng, 0.0, 0.02) + (0.015 if "Bold" not in face else 0.0)
-        easel.text(
-            legend, (0.5 - half, top, 0.5 + half, top + height * unit), white, font=face, weight=weight
-        )
-    else:  # a second line
-        second = pick(
-            rng, ("ARRET", "ARRÊT", "ALTO", "PARE", "4-WAY", "ALL WAY", "قف", "DUR", "HERE", "SLOW")
-        )
-        rows = ("STOP", second) if chance(rng, 0.7) else (second, "STOP")
-        top = 0.5 - 0.24 * unit
-        for row, share in zip(rows, (0.25, 0.17) if rows[0] == "STOP" else (0.17, 0.25), strict=True):
-            box = (0.5 - half, top, 0.5 + half, top + share * unit)
-            easel.text(row, box, white, weight=between(rng, 0, 0.01), stretch=0.95)
-            top += (share + 0.06) * unit
-    on = np.ascontiguousarray(easel.sprite()[..., 0])
-    if chance(rng, 0.3):  # letters that have lost or gained some paint
-        on = np.asarray(cv2.GaussianBlur(on, (0, 0), max(0.3, n * between(rng, 0.003, 0.008))))
-        on = np.asarray(np.clip((on - between(rng, 0.35, 0.6)) * 4 + 0.5, 0, 1), np.float32)
-    return _face_mask(n), on
-
-
 @lru_cache(maxsize=64)
-def _face_mask(n: int) -> Floats:
+def face_mask(n: int) -> Floats:
+    """The share of each of (n, n) points of a sprite that the octagon covers."""
     easel = Easel.blank(n, n)
-    easel.polygon(octagon() / (2 * HALF) + 0.5, (255, 255, 255))
+    easel.polygon(octagon() * _UNIT + 0.5, (255, 255, 255))
     return np.ascontiguousarray(easel.sprite()[..., 0])
+
+
+def _white(rng: Draws, n: int) -> Floats:
+    """Where a sign is white, (n, n) shares: its border and legend."""
+    easel = Easel.blank(n, n)
+    white = (255, 255, 255)
+    border = rng.between(0.016, 0.04)
+    edge = rng.between(0.006, 0.02) if rng.chance(0.15) else 0.0  # some have a red rim
+    easel.polygon(octagon(0.5 - edge) * _UNIT + 0.5, white)
+    easel.polygon(octagon(0.5 - edge - border) * _UNIT + 0.5, (0, 0, 0))
+    style, height, half = rng.random(), rng.between(0.29, 0.37) * _UNIT, rng.between(0.36, 0.41) * _UNIT
+    middle = 0.5 + rng.between(-0.02, 0.02) * _UNIT
+    left, right = 0.5 - half, 0.5 + half
+    if style < 0.5:
+        _stamp(easel, (left, middle - height / 2, right, middle + height / 2))
+    elif style < 0.9:
+        legend = "STOP" if style < 0.82 else rng.pick(_OTHER_LEGENDS)
+        font = rng.font() if legend.isascii() else FONTS[0]
+        weight = rng.between(0.0, 0.02) + (0.015 if "Bold" not in font else 0.0)
+        easel.text(
+            legend, (left, middle - height / 2, right, middle + height / 2), white, font=font, weight=weight
+        )
+    else:
+        rows = [("STOP", 0.25), (rng.pick(_SECOND_LINES), 0.17)]
+        top = 0.5 - 0.24 * _UNIT
+        for row, part in rows if rng.chance(0.7) else rows[::-1]:
+            box = (left, top, right, top + part * _UNIT)
+            easel.text(row, box, white, weight=rng.between(0, 0.01), stretch=0.95)
+            top += (part + 0.06) * _UNIT
+    share = np.ascontiguousarray(easel.sprite()[..., 0])
+    if rng.chance(0.3):  # letters that have lost or gained some paint
+        share = np.asarray(cv2.GaussianBlur(share, (0, 0), max(0.3, n * rng.between(0.003, 0.008))))
+        share = np.asarray(np.clip((share - rng.between(0.35, 0.6)) * 4 + 0.5, 0, 1), np.float32)
+    return share
 
 
 @lru_cache(maxsize=1)
 def _chart_legend() -> Bytes:
-    """The chart's letters, (384, 384) of the octagon's square, 255 where white."""
+    """The letters of :func:`blurnoise.charts.stop_sign`, cut out, 255 where white."""
     light = chart(384, height_px=384, width_px=384, background=0.0, supersample=3)[0].numpy()
-    # Green and blue tell white from red; the border lies outside the letters' rows and columns.
-    share = (light[1] - SIGN_RED[1]) / (SIGN_WHITE[1] - SIGN_RED[1])
-    share[: int(0.3 * 384)] = share[int(0.7 * 384) :] = 0.0
-    share[:, : int(0.08 * 384)] = share[:, int(0.92 * 384) :] = 0.0
-    return np.asarray(np.clip(share, 0, 1) * 255, np.uint8)
+    share = (light[1] - SIGN_RED[1]) / (SIGN_WHITE[1] - SIGN_RED[1])  # green tells white from red
+    letters = share[int(0.3 * 384) : int(0.7 * 384), int(0.08 * 384) : int(0.92 * 384)]
+    rows, columns = (np.flatnonzero(letters.max(axis=axis) > 0.5) for axis in (1, 0))
+    letters = letters[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return np.asarray(np.clip(letters, 0, 1) * 255, np.uint8)
 
 
-def _stamp(easel: Easel, legend: Bytes, wide: float, tall: float, lift: float) -> None:
-    """Lay the chart's legend, scaled, onto the easel's first channel."""
+def _stamp(easel: Easel, box: tuple[float, float, float, float]) -> None:
+    """Lay the chart's legend into a box of the easel's first channel."""
     n = easel.rgba.shape[0]
-    unit = n / (2 * HALF)
-    scale_x, scale_y = wide * n / legend.shape[1], tall * unit / legend.shape[0]
-    matrix = np.array(
-        [
-            [scale_x, 0, n / 2 - scale_x * legend.shape[1] / 2],
-            [0, scale_y, n / 2 + lift * unit - scale_y * legend.shape[0] / 2],
-        ]
-    )
-    if scale_x < 0.6:
-        legend = np.asarray(cv2.resize(legend, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
-        matrix[:, :2] *= 2
-    laid = cv2.warpAffine(legend, matrix, (n, n), flags=cv2.INTER_LINEAR)
-    np.copyto(easel.rgba[..., 0], np.uint8(255), where=laid > 127)
+    x0, y0, x1, y1 = (round(edge * n) for edge in box)
+    legend = cv2.resize(_chart_legend(), (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
+    np.copyto(easel.rgba[y0:y1, x0:x1, 0], np.uint8(255), where=legend > 127)
 
 
-def _pigments(rng: Generator) -> tuple[Floats, Floats]:
+def _pigments(rng: Draws) -> tuple[Floats, Floats]:
     """Linear reflectance of the red and the white of one sign: new, dark, bleached, orange or dim."""
-    red = np.array(SIGN_RED) * between(rng, 0.45, 1.35) + np.array([0.0, 1.0, 1.0]) * between(rng, 0.0, 0.03)
-    white = (
-        np.array(SIGN_WHITE)
-        * between(rng, 0.55, 1.15)
-        * (1, 1 - between(rng, 0, 0.08), 1 - between(rng, 0, 0.2))
-    )
+    red = np.array(SIGN_RED) * rng.between(0.45, 1.35) + np.array([0.0, 1.0, 1.0]) * rng.between(0.0, 0.03)
+    yellowed = (1, 1 - rng.between(0, 0.08), 1 - rng.between(0, 0.2))
+    white = np.array(SIGN_WHITE) * rng.between(0.55, 1.15) * yellowed
     age = rng.random()
     if age < 0.25:  # bleached towards pink, orange or grey
-        faded = np.array([between(rng, 0.45, 0.65), between(rng, 0.12, 0.35), between(rng, 0.1, 0.35)])
-        red += (faded - red) * between(rng, 0.15, 0.75)
+        faded = np.array([rng.between(0.45, 0.65), rng.between(0.12, 0.35), rng.between(0.1, 0.35)])
+        red += (faded - red) * rng.between(0.15, 0.75)
     elif age < 0.4:  # old dark red
-        red *= between(rng, 0.35, 0.8)
+        red *= rng.between(0.35, 0.8)
     light = math.exp(rng.normal(-0.15, 0.4))  # in the sun, in the shade, against the light
     return np.asarray(red * light, np.float32), np.asarray(white * light, np.float32)
 
 
-def _leaf_colours(rng: Generator) -> list[tuple[int, int, int]]:
-    g = rng.integers(50, 170, 4)
-    return [(int(v * between(rng, 0.4, 0.95)), int(v), int(v * between(rng, 0.15, 0.5))) for v in g]
-
-
-def _marks(rng: Generator, n: int, m: int) -> Sprite:
-    """Stickers, scribbles, rust, scratches, holes or snow, each here and there."""
+def _marks(rng: Draws, n: int, m: int) -> Sprite:
+    """Stickers, scribbles, rust, holes or snow, each here and there."""
     easel = Easel.blank(n, m)
     for _ in range(int(rng.integers(1, 4))):
-        kind = rng.random()
-        x, y = rng.random(2)
-        if kind < 0.25:
-            w, h = rng.uniform(0.03, 0.13, 2)
-            easel.rectangle(x, y, x + w, y + h, colour(rng))
-        elif kind < 0.45:
-            steps = np.cumsum(rng.normal(0, 0.05, (int(rng.integers(4, 12)), 2)), axis=0)
-            easel.line(
-                steps + rng.random(2),
-                dark(rng) if chance(rng, 0.5) else colour(rng),
-                between(rng, 0.005, 0.015),
-            )
-        elif kind < 0.65:
-            for dx, dy, r in rng.normal(0, 0.06, (6, 3)).tolist():
-                easel.ellipse(x + dx, y + dy, abs(r) / 2, abs(r) / 3, (110, 62, 34))
-        elif kind < 0.85:
-            for dx, dy in rng.normal(0, 0.15, (4, 2)).tolist():
-                easel.line([(x, y), (x + dx, y + dy)], pale(rng) if chance(rng, 0.6) else dark(rng), 0.004)
+        kind, spot = rng.random(), rng.random(2)
+        tint = rng.pick([rng.colour(), rng.dark(), rng.pale(), (110, 62, 34)])
+        if kind < 0.3:
+            (x, y), (wide, tall) = spot.tolist(), rng.uniform(0.03, 0.13, 2).tolist()
+            easel.rectangle(x, y, x + wide, y + tall, tint)
+        elif kind < 0.6:
+            steps = np.cumsum(rng.normal(0, 0.07, (int(rng.integers(2, 12)), 2)), axis=0)
+            easel.line(spot + steps, tint, rng.between(0.004, 0.015))
         elif kind < 0.93:
-            for dx, dy in rng.normal(0, 0.2, (5, 2)).tolist():
-                easel.ellipse(x + dx, y + dy, 0.014, 0.014, (24, 22, 20))
-        else:  # snow that sticks, mostly at the top
+            for x, y in rng.normal(spot, 0.08, (6, 2)).tolist():
+                easel.ellipse(x, y, rng.between(0.01, 0.05), rng.between(0.01, 0.03), tint)
+        else:  # snow that sticks at the top
             foot = np.column_stack([np.linspace(0, 1, 12), 0.12 + np.abs(rng.normal(0, 0.1, 12))])
             easel.polygon(np.concatenate([[(0, 0)], foot, [(1, 0)]]), (236, 240, 246))
-    if chance(rng, 0.15):
-        easel.text(
-            "".join(pick(rng, "ABEKMRSWXZ139") for _ in range(4)),
-            (0.3, 0.7, 0.7, 0.85),
-            dark(rng),
-            font=font(rng),
-        )
     return easel.sprite()
-
-
-def _shadow(rng: Generator, n: int, m: int) -> Floats:
-    """Factor (n, m, 1) of a shadow's edge or of sun through leaves."""
-    low = between(rng, 0.2, 0.6)
-    if chance(rng, 0.5):
-        field = texture(rng, n, m).astype(np.float32) / 255
-        field = field + 0.01 * between(rng, -10, 10)
-        softness = between(rng, 3, 12)
-    else:
-        turn, offset = between(rng, 0, 2 * math.pi), between(rng, -0.5, 0.5)
-        y, x = np.linspace(-1, 1, n)[:, None], np.linspace(-1, 1, m)
-        field = np.asarray(x * math.cos(turn) + y * math.sin(turn) + offset + 0.5, np.float32)
-        softness = between(rng, 3, 30)
-    lit = np.clip((field - 0.5) * softness + 0.5, 0, 1)
-    return np.asarray(low + (1 - low) * lit, np.float32)

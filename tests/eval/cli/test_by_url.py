@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import matched_filter
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.system.urls import listing, location
-from blurnoise_models import matched_filter
 from commands import main
 from s3_servers import BUCKET, Wire, at, s3_server, wire_to
 from signs_in_memory import BOX, sign

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import cv2
+import matched_filter
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +15,6 @@ from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.report import page
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_models import matched_filter
 from commands import Output, main, told
 
 from blurnoise import charts

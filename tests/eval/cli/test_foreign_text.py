@@ -7,12 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import matched_filter
 import pytest
 import yaml
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.recognition import drawn_picture
-from blurnoise_models import matched_filter
 from commands import main
 
 Output = pytest.CaptureFixture[str]

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import matched_filter
 import numpy as np
 import onnx
 import pytest
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.detectors.contract import Contract
-from blurnoise_models import matched_filter
 from commands import main
 from onnx import TensorProto, helper, numpy_helper
 

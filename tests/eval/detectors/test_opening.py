@@ -7,6 +7,7 @@ import pickle
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import pytest
 from band_readers import LETTERS, band_reader
@@ -14,7 +15,6 @@ from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
 from blurnoise_eval.detectors.opening import open_models
-from blurnoise_models import matched_filter
 from constant_graphs import answering_graph
 
 

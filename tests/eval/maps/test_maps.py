@@ -6,12 +6,12 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import pytest
 from blurnoise_eval.maps import figures, maps
 from blurnoise_eval.maps.maps import Map, Maps, Rank, map_of, sentences, write
 from blurnoise_eval.quality.measure import METRICS
-from blurnoise_models import matched_filter
 from commands import Output, main
 from made_maps import KEEP, exact, plane, scores_at
 from made_tables import table

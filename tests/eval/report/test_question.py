@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import pytest
 from blurnoise_eval import Detector, Evaluation, datasets, evaluate
 from blurnoise_eval.cli import main
 from blurnoise_eval.report import page
 from blurnoise_eval.sweep.merging import merge
-from blurnoise_models import matched_filter
 from plans import plan
 
 PLAN = plan((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))

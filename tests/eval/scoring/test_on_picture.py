@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.scoring.on_picture import View
-from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 
 from blurnoise import charts

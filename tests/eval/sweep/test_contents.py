@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import onnx
 import pytest
@@ -17,7 +18,6 @@ from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
-from blurnoise_models import matched_filter
 from onnx import numpy_helper
 from plans import plan
 

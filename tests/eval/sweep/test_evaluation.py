@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import commands
+import matched_filter
 import numpy as np
 import pandas as pd
 import pytest
@@ -20,7 +21,6 @@ from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run_folder as model_notes
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_models import matched_filter
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import pytest
 from blurnoise_eval import SweepPlan, evaluate
@@ -16,7 +17,6 @@ from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder
-from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 from plans import plan as swept
 

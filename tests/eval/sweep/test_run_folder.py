@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import onnx
 import pytest
@@ -20,7 +21,6 @@ from blurnoise_eval.report.run import read_run
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.run_folder import open_run
-from blurnoise_models import matched_filter
 from plans import plan as swept
 
 from blurnoise import Camera, charts

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import matched_filter
 import numpy as np
 import pytest
 import torch
@@ -21,7 +22,6 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep import work
 from blurnoise_eval.sweep.engines import ThreadEngine
-from blurnoise_models import matched_filter
 from coco_oracle import target_confidence
 from made_up import Pedestal, Shift, Veil
 from numpy.typing import NDArray

@@ -10,6 +10,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
@@ -26,7 +27,6 @@ from blurnoise_eval.sweep import run_folder as model_notes
 from blurnoise_eval.sweep import run_folder as results
 from blurnoise_eval.sweep.coco_export import INSTANCES, write_detections
 from blurnoise_eval.sweep.work import count_cells
-from blurnoise_models import matched_filter
 from numpy.typing import NDArray
 from plans import plan as swept
 from pycocotools.coco import COCO

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import matched_filter
 import pytest
 from blurnoise_eval.datasets import rendered_signs, write_picture
 from blurnoise_eval.sweep.score_tables import LEAST_AP50, models_withheld
-from blurnoise_models import matched_filter
 from commands import main
 
 Output = pytest.CaptureFixture[str]

@@ -1,9 +1,8 @@
-"""A stop-sign detector whose answer is known in closed form: a matched filter, written as an ONNX graph.
+"""A stop-sign detector that is made in a moment: a matched filter, written as an ONNX graph.
 
 For each sign size the graph compares every patch p of the picture's luma with the drawn sign t (zero mean,
 unit norm) by normalised cross-correlation, NCC = <t, p> / |p - mean(p)|. Its confidence is the share of the
-patch's energy that the sign explains, max(NCC, 0)². Nothing is trained and nothing is downloaded, so tests
-can hold the whole chain against :func:`expected_confidence`.
+patch's energy that the sign explains, max(NCC, 0)². Nothing is trained and nothing is downloaded.
 
 Domain: sRGB-coded RGB pictures in [0, 1] with an upright sign of one of the filter's sizes, wholly inside the
 picture; a sign 10 % larger or smaller is not recognised. Output as YOLOv8's: (1, 4 + 1, A), boxes
@@ -42,14 +41,8 @@ def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px
     travels in the graph's metadata. Correlation runs at every pixel, at every second one for signs of 64 px
     or more; that grid includes the picture's centre. Each output cell reports the best of its positions
     where that lies, so boxes are not rounded to cells.
-    Raises ``ValueError`` unless ``input_px`` is a multiple of 32 and the sizes fit in it in falling order.
     """
-    if input_px < 32 or input_px % 32:
-        raise ValueError(f"input_px = {input_px!r}: must be a multiple of 32")
     sizes = tuple(sizes_px)
-    if len(sizes) != 3 or not input_px >= sizes[0] > sizes[1] > sizes[2] >= 8:
-        raise ValueError(f"sizes_px = {sizes_px!r}: must be three sizes, {input_px} >= a > b > c >= 8 px")
-
     graph = _Graph()
     coded = graph.add(
         "Conv",
@@ -78,46 +71,6 @@ def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px
     path = Path(path)
     write_whole(path, model.SerializeToString())
     return path
-
-
-def expected_confidence(
-    size_px: int, *, noise_variance: float = 0.0, blur_kernel: NDArray[np.floating] | None = None
-) -> float:
-    """Return the confidence for the drawn sign of ``size_px`` on the correlation grid, in closed form.
-
-    White noise of variance n on a patch of variance s leaves s / (s + n) explained. Blur replaces the patch
-    by Σ h(d) p(d) over shifts d. With r(d) = <t, p(d)>, the sign's autocorrelation, and C(d, d') the
-    covariance of two shifted patches, all per pixel,
-
-        confidence = (Σ h(d) r(d))² / (Σ Σ h(d) h(d') C(d, d') + n + VARIANCE_FLOOR).
-
-    noise_variance: of each channel of the coded picture in [0, 1], independent between channels and pixels,
-    added after the blur; it reaches the filter times Σ LUMA², averaged over the filter's blocks.
-    blur_kernel: (odd, odd) taps with unit sum, acting on the coded picture, centroid in the middle.
-    This is the answer at the sign's own place, without terms of order 1 / (number of pixels). The graph
-    answers for the best place of a cell, which under blur of more than two letter strokes may be another.
-    Raises ``ValueError`` for a negative variance or a kernel without a middle.
-    """
-    if not noise_variance >= 0:
-        raise ValueError(f"noise_variance = {noise_variance!r}: must be >= 0")
-    kernel = np.ones((1, 1)) if blur_kernel is None else np.asarray(blur_kernel, np.float64)
-    if kernel.ndim != 2 or not kernel.shape[0] % 2 == kernel.shape[1] % 2 == 1:
-        raise ValueError(f"blur_kernel: shape must be (odd, odd), got {kernel.shape}")
-    window, block = _window_px(size_px), _block_px(size_px)
-    reach_y, reach_x = kernel.shape[0] // 2, kernel.shape[1] // 2
-    picture = _sign_luma(size_px, window + 2 * max(reach_y, reach_x)).astype(np.float64)
-    middle = max(reach_y, reach_x)
-    patches = []
-    for row, column in np.argwhere(kernel):
-        top, left = middle + reach_y - row, middle + reach_x - column
-        patch = _block_mean(picture[top : top + window, left : left + window], block)
-        patches.append((patch - patch.mean()).ravel())
-    shifted, taps = np.stack(patches), kernel[kernel != 0]
-    pixels = shifted.shape[1]
-    explained = (taps @ shifted @ _template(size_px).ravel()) ** 2 / pixels
-    energy = taps @ (shifted @ shifted.T) @ taps / pixels
-    noise = noise_variance * float((LUMA.astype(np.float64) ** 2).sum()) / block**2
-    return float(explained / (energy + noise + VARIANCE_FLOOR))
 
 
 def _answers(graph: _Graph, coded: str, size_px: int, stride: int, input_px: int) -> str:
