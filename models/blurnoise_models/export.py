@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +45,8 @@ def write_onnx(
     """
     if path.suffix != ".onnx":
         raise ValueError(f"path = {str(path)!r}: must end in .onnx")
-    with _quiet():
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # no remarks about the exporter's insides
+    with warnings.catch_warnings(action="ignore", category=FutureWarning):
         program = torch.onnx.export(
             Decoded(network).eval(),
             (torch.zeros(1, 3, input_px, input_px),),
@@ -75,17 +74,3 @@ def _forget_origins(model: onnx.ModelProto) -> None:
     graph = model.graph
     for part in (graph, *graph.node, *graph.input, *graph.output, *graph.value_info, *graph.initializer):
         part.ClearField("metadata_props")
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without the exporter's remarks about its own insides."""
-    log = logging.getLogger("torch.onnx")
-    level = log.level
-    log.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)
-            yield
-    finally:
-        log.setLevel(level)

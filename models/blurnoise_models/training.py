@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import pickle
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,14 +35,6 @@ _MEMORY = 0.998  # of the moving average of the weights, per step
 _SAVED_EVERY_S = 10.0
 
 
-@dataclass(frozen=True)
-class Step:
-    """One step of a training: the number of pictures so far, and the loss of this step."""
-
-    pictures: int
-    loss: float
-
-
 def train(
     augmentation: Augmentation | None = None,
     *,
@@ -54,7 +44,7 @@ def train(
     threads: int | None = None,
     facts: dict[str, Any] | None = None,
     checkpoint: Path | None = None,
-    progress: Callable[[Step], None] = lambda step: None,
+    progress: Callable[[int, float], None] = lambda pictures, loss: None,
 ) -> SignNet:
     """Train a network on the first ``pictures`` training scenes of ``size_px``, augmented; returns it in eval mode.
 
@@ -64,12 +54,16 @@ def train(
     from, is seeded inside and left as it was.
 
     checkpoint: a file that holds an unfinished training; if it exists, that training goes on, to the same
-    bits as one that was never stopped, and ``progress`` gets its earlier steps, too. The caller removes it once the
+    bits as one that was never stopped, and ``progress`` gets its earlier steps, too: each with the number of pictures
+    so far and the loss before it. The caller removes it once the
     network is safe. facts: what tells this training from others, beside seed, pictures and size.
     Raises ``ValueError`` for fewer than 320 pictures, a seed outside [0, 2^63), a size that is no multiple of 32 px,
     or the checkpoint of another training.
     """
-    check(pictures, seed)
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
+    if not FEWEST_PICTURES <= pictures <= MOST_PICTURES:
+        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= {MOST_PICTURES}")
     if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
         raise ValueError(f"size_px = {size_px!r}: must be a positive multiple of {SIDE_MULTIPLE_PX}")
     threads_before = torch.get_num_threads()
@@ -82,18 +76,10 @@ def train(
             run = _Training(pictures // BATCH, recipe, checkpoint)
             run.resume()
             for number, value in enumerate(run.losses, start=1):
-                progress(Step(number * BATCH, value))
+                progress(number * BATCH, value)
             return run.go_on(augmentation, size_px, progress)
     finally:
         torch.set_num_threads(threads_before)
-
-
-def check(pictures: int, seed: int) -> None:
-    """Raise ``ValueError`` for fewer than 320 pictures, more than 1e9, or a seed outside [0, 2^63)."""
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
-    if not FEWEST_PICTURES <= pictures <= MOST_PICTURES:
-        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= {MOST_PICTURES}")
 
 
 class _Training:
@@ -110,7 +96,7 @@ class _Training:
         self.parts: list[Any] = [self.network, self.optimiser, self.average, self.cycle]
 
     def go_on(
-        self, augmentation: Augmentation | None, size_px: int, progress: Callable[[Step], None]
+        self, augmentation: Augmentation | None, size_px: int, progress: Callable[[int, float], None]
     ) -> SignNet:
         """Take the steps that are left; returns the network with averaged weights."""
         saved = time.monotonic()
@@ -124,7 +110,7 @@ class _Training:
             if time.monotonic() >= saved + _SAVED_EVERY_S:
                 self.save()
                 saved = time.monotonic()
-            progress(Step((step + 1) * BATCH, self.losses[-1]))
+            progress((step + 1) * BATCH, self.losses[-1])
         return self.average.module.eval()  # type: ignore[return-value]
 
     def resume(self) -> None:
@@ -204,11 +190,11 @@ def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor
 def _batches(first: int, last: int, size_px: int) -> Iterator[tuple[Tensor, Tensor]]:
     """Batches ``first`` to ``last`` - 1; each is drawn while the one before it is learnt."""
     with ThreadPoolExecutor(1) as artist:
-        ahead = deque([artist.submit(batch, first * BATCH, size_px=size_px)])
+        coming = artist.submit(batch, first * BATCH, size_px=size_px)
         for number in range(first + 1, last + 1):
-            if number < last:
-                ahead.append(artist.submit(batch, number * BATCH, size_px=size_px))
-            yield ahead.popleft().result()
+            ready = coming.result()
+            coming = artist.submit(batch, number * BATCH, size_px=size_px)
+            yield ready
 
 
 def has_bfloat16() -> bool:

@@ -36,14 +36,13 @@ def train(
     from blurnoise_eval.system.files import write_whole
 
     workers = given.threads(threads)
-    training.check(pictures, seed)  # before the scenes are drawn
     checkpoint = output / "training.checkpoint"
-    steps: list[training.Step] = []
+    steps: list[tuple[int, float]] = []
     with ProgressBar("train", pictures) as advance:
 
-        def progress(step: training.Step) -> None:
-            advance(step.pictures - (steps[-1].pictures if steps else 0))
-            steps.append(step)
+        def progress(seen: int, loss: float) -> None:
+            advance(seen - (steps[-1][0] if steps else 0))
+            steps.append((seen, loss))
 
         network = training.train(
             exposures(), pictures=pictures, size_px=size, seed=seed, threads=workers, facts={"mix": MIX},
@@ -51,7 +50,7 @@ def train(
         )  # fmt: skip
     facts = {"mix": MIX, "seed": seed, "pictures": pictures}
     path = write_onnx(network, output / "stop_sign.onnx", input_px=size, facts=facts)
-    rows = "".join(f"{step.pictures},{step.loss:.6g}\n" for step in steps)
+    rows = "".join(f"{seen},{loss:.6g}\n" for seen, loss in steps)
     write_whole(output / "training.csv", f"pictures,loss\n{rows}".encode())
     checkpoint.unlink(missing_ok=True)
-    print_facts({"model": str(path), **facts, "loss": steps[-1].loss}, as_json)
+    print_facts({"model": str(path), **facts, "loss": steps[-1][1]}, as_json)

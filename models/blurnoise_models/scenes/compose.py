@@ -25,8 +25,8 @@ from blurnoise._core.files import write_whole
 from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
 from blurnoise_models.scenes.grounds import ground
 from blurnoise_models.scenes.paint import Draws
-from blurnoise_models.scenes.signs import BOX, occluder, octagon, stop_sign, weathered
-from blurnoise_models.scenes.things import plate, thing
+from blurnoise_models.scenes.signs import BOX, octagon, stop_sign, weathered
+from blurnoise_models.scenes.things import thing
 
 _ALLOWED = {"seed": (0, 2**63 - 1), "index": (0, 10**9), "count": (1, 10**7), "size_px": (64, 8192)}
 LABEL = "stop sign"
@@ -90,20 +90,23 @@ def write_coco(
     folder.mkdir(parents=True, exist_ok=True)
     listing = folder / "instances.json"
     listing.unlink(missing_ok=True)  # an older one does not belong to the new pictures
-    images: list[dict[str, Any]] = []
-    annotations: list[dict[str, Any]] = []
+    document: dict[str, Any] = {"images": [], "annotations": [], "categories": [{"id": 1, "name": LABEL}]}
     for number in range(1, count + 1):
-        one = scene(seed, number - 1, size_px=size_px)
-        name = f"{number - 1:06d}.png"
+        one, name = scene(seed, number - 1, size_px=size_px), f"{number - 1:06d}.png"
         data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
         write_whole(folder / name, data.tobytes())
-        images.append({"id": number, "file_name": name, "width": size_px, "height": size_px})
+        document["images"].append({"id": number, "file_name": name, "width": size_px, "height": size_px})
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
-            box = [x0, y0, x1 - x0, y1 - y0]
-            entry = {"id": len(annotations) + 1, "image_id": number, "category_id": 1, "bbox": box}
-            annotations.append({**entry, "area": box[2] * box[3], "iscrowd": 0})
+            entry = {
+                "id": len(document["annotations"]) + 1,
+                "image_id": number,
+                "category_id": 1,
+                "iscrowd": 0,
+            }
+            document["annotations"].append(
+                {**entry, "bbox": [x0, y0, x1 - x0, y1 - y0], "area": (x1 - x0) * (y1 - y0)}
+            )
         progress(1)
-    document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
     write_whole(listing, json.dumps(document).encode())
     return listing
 
@@ -116,7 +119,7 @@ def _place(rng: Draws, n: int, taken: list[Points]) -> tuple[Plane, Points, floa
         low, high = corners.min(axis=0), corners.max(axis=0)
         box = np.concatenate([np.clip(low, 0, n), np.clip(high, 0, n)])
         tall = high[1] - low[1]
-        column = box + np.array([0, -tall, 0, 2 * tall])  # plates above and below, and the pole
+        column = box + np.array([0, -tall, 0, 2 * tall])  # what else belongs to the sign
         if _shown(corners, n) >= 0.55 and all(_overlap(column, other) == 0 for other in taken):
             return plane, box, size
     return None
@@ -149,7 +152,7 @@ def _overlap(box: Points, other: Points) -> float:
 
 
 def _erect(rng: Draws, canvas: Floats, plane: Plane, size: float) -> None:
-    """Pole, sign, plates and what hides them, all in the sign's plane."""
+    """Pole and sign, in the sign's plane."""
     n = int(np.clip(2 * size, 48, 256))
     if rng.chance(0.7):
         half = rng.between(0.02, 0.06)
@@ -157,23 +160,15 @@ def _erect(rng: Draws, canvas: Floats, plane: Plane, size: float) -> None:
         pole.rectangle(0, 0, 1, 1, rng.colour() if rng.chance(0.6) else (150, 152, 154))
         plane.paste(canvas, weathered(rng, pole.sprite()), (-half, -0.5, half, rng.between(1.0, 2.4)))
     plane.paste(canvas, stop_sign(rng, n), BOX)
-    if rng.chance(0.25):  # a plate below or above
-        half, top = (
-            rng.between(0.25, 0.55),
-            rng.between(0.53, 0.6) if rng.chance(0.7) else rng.between(-0.95, -0.8),
-        )
-        plane.paste(canvas, plate(rng, n), (-half, top, half, top + rng.between(0.14, 0.24)))
-    if rng.chance(0.22):
-        plane.paste(canvas, occluder(rng, n), BOX)
 
 
 def _scatter(rng: Draws, canvas: Floats, spare: list[Points]) -> None:
-    """Put a thing somewhere, but hide no more than an eighth of any box in ``spare``."""
+    """Put a thing somewhere, but hide no more than a quarter of any box in ``spare``."""
     n = canvas.shape[0]
     size = math.exp(rng.between(math.log(10), math.log(250))) * n / _DESIGN_PX
     x, y = rng.uniform(0, n, 2)
     reach = 0.5 * size * np.array([-1.6, -1.1, 1.6, 1.1])  # most things are no wider than this
-    if any(_overlap(np.array([x, y, x, y]) + reach, box) > 0.12 for box in spare):
+    if any(_overlap(np.array([x, y, x, y]) + reach, box) > 0.25 for box in spare):
         return
     sprite = thing(rng, int(np.clip(1.3 * size, 32, 192)))
     ratio = sprite.shape[1] / sprite.shape[0]
@@ -187,14 +182,10 @@ def _scatter(rng: Draws, canvas: Floats, spare: list[Points]) -> None:
 
 
 def _lit(rng: Draws, canvas: Floats) -> Floats:
-    """The scene's light: its colour, its fall-off, shadows across, haze; and the lens's softness."""
+    """The scene's light: its colour, its fall-off, haze; and the lens's softness."""
     n = canvas.shape[0]
     if rng.chance(0.2):
         dim(canvas, rng.ramp(n, n, rng.between(0.15, 0.8)))
-    if rng.chance(0.12):  # sun through leaves, a wall's shadow
-        depth, edge = rng.between(0.3, 0.75), rng.between(0.3, 0.6)
-        table = 1 - depth + depth * np.clip((np.linspace(0, 1, 256) - edge) * 8 + 0.5, 0, 1)
-        dim(canvas, np.asarray(cv2.LUT(rng.texture(n, n), table.astype(np.float32))))
     warmth = rng.normal(0, 0.16 if rng.chance(0.25) else 0.05)
     tint = np.array([math.exp(warmth), math.exp(rng.normal(0, 0.03)), math.exp(-warmth)])
     key = rng.between(0.08, 0.4) / max(

@@ -32,16 +32,10 @@ _FROM_INDEX = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV's indice
 _TO_INDEX = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
 _SHIFT = 4  # OpenCV's sub-pixel bits
 
-FONTS = tuple(
-    f"{name}.ttf"
-    for name in (
-        "DejaVuSans-Bold",
-        "DejaVuSans",
-        "DejaVuSerif-Bold",
-        "DejaVuSansMono-Bold",
-        "STIXGeneralBol",
-        "cmss10",
-    )
+FONTS = (
+    *tuple(f"DejaVu{name}.ttf" for name in ("Sans-Bold", "Sans", "Serif-Bold", "SansMono-Bold")),
+    "STIXGeneralBol.ttf",
+    "cmss10.ttf",
 )
 
 

@@ -1,4 +1,4 @@
-"""Backgrounds: surfaces, shapes that hide each other, outdoors, patterns.
+"""Backgrounds: surfaces, shapes that hide each other, outdoors.
 
 Domain: (size_px, size_px, 3) linear RGB.
 """
@@ -24,25 +24,18 @@ _SKIES: list[Colour] = [
 
 
 def ground(rng: Draws, size_px: int) -> Floats:
-    """One background, or two along a wavy border; some turned, some out of focus."""
+    """One background, or two along a wavy border; some out of focus."""
     canvas = _one(rng, size_px)
     if rng.chance(0.2):
         share = rng.texture(size_px, size_px)[..., None] > rng.between(60, 200)
         canvas = np.where(share, _one(rng, size_px), canvas)
-    if rng.chance(0.2):
-        middle = (size_px / 2, size_px / 2)
-        matrix = cv2.getRotationMatrix2D(middle, rng.between(-30, 30), rng.between(1.0, 1.6))
-        canvas = np.asarray(cv2.warpAffine(canvas, matrix, (size_px,) * 2, borderMode=cv2.BORDER_REFLECT_101))
     if rng.chance(0.15):
         canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), rng.between(1, 6) * size_px / 320))
     return canvas
 
 
 def _one(rng: Draws, n: int) -> Floats:
-    draw = rng.pick(
-        (_surface, _surface, _leaves, _leaves, _leaves, _outdoors, _outdoors, _outdoors, _pattern)
-    )
-    return draw(rng, n)
+    return rng.pick((_surface, _surface, _leaves, _leaves, _leaves, _outdoors, _outdoors, _outdoors))(rng, n)
 
 
 def _laid(rng: Draws, canvas: Floats, easel: Easel) -> Floats:
@@ -116,27 +109,3 @@ def _outdoors(rng: Draws, n: int) -> Floats:
         ends = [(x, 0.5 * y), (x, level + 0.15)] if rng.chance(0.5) else [(0.0, x / 2), (1.0, y / 2)]
         easel.line(ends, rng.dark(), 0.006)
     return _laid(rng, canvas, easel)
-
-
-def _pattern(rng: Draws, n: int) -> Floats:
-    """Bricks, tiles, checkers, dots, lines of words: something that repeats."""
-    easel = Easel.blank(n, n)
-    palette = [
-        rng.red() if rng.chance(0.2) else rng.colour(),
-        rng.pale() if rng.chance(0.3) else rng.colour(),
-    ]
-    dx, dy, joint = rng.between(0.03, 0.3), rng.between(0.03, 0.2), rng.between(0.003, 0.02)
-    kind = int(rng.integers(5))
-    for j in range(math.ceil(1 / dy)):
-        for i in range(-1, math.ceil(1 / dx) + 1):
-            x, y = i * dx + (j % 2) * (dx / 2) * (kind == 0), j * dy
-            tint = palette[(i + j) % 2] if kind == 1 else palette[rng.chance(0.2)]
-            if kind == 4:
-                easel.text(
-                    rng.words(), (x, y, x + dx - joint, y + 0.7 * dy), tint, font=rng.font(), stretch=1.5
-                )
-            elif kind == 3:
-                easel.ellipse(x + dx / 2, y + dy / 2, 0.35 * dx, 0.35 * dy, tint)
-            else:
-                easel.rectangle(x, y, x + dx - joint, y + dy - joint, tint)
-    return _laid(rng, _surface(rng, n), easel)

@@ -14,13 +14,12 @@ import numpy as np
 
 from blurnoise.charts import SIGN_RED, SIGN_WHITE
 from blurnoise.charts import stop_sign as chart
-from blurnoise_models.scenes.drawing import FONTS, Bytes, Easel, Floats, Points, Sprite, cut, dim, over
+from blurnoise_models.scenes.drawing import FONTS, Easel, Floats, Points, Sprite, cut, dim, over
 from blurnoise_models.scenes.paint import Draws
 
 HALF = 0.52  # half the sprite's side
 BOX = (-HALF, -HALF, HALF, HALF)
 _UNIT = 1 / (2 * HALF)  # the sign's width in sheets
-_SECOND_LINES = ("ARRET", "ARRÊT", "ALTO", "PARE", "4-WAY", "ALL WAY", "قف", "DUR", "HERE", "SLOW")
 _OTHER_LEGENDS = ("ALTO", "PARE", "ARRET", "ARRÊT", "СТОП", "STOPP", "DUR")
 
 
@@ -41,16 +40,11 @@ def stop_sign(rng: Draws, size_px: int) -> Sprite:
 
 
 def weathered(rng: Draws, sprite: Sprite) -> Sprite:
-    """A board's sprite after some years outdoors: dirt, bleached patches, marks, uneven light, shadow, glare."""
+    """A board's sprite after some years outdoors: dirt, marks, uneven light, shadow."""
     n, m = sprite.shape[:2]
     coverage = np.ascontiguousarray(sprite[..., 3])
     if rng.chance(0.6):  # dirt, worn paint
         dim(sprite, rng.grain(n, m, rng.between(0.05, 0.45)))
-    if rng.chance(0.2):  # bleached in patches
-        kept = rng.grain(n, m, rng.between(0.1, 0.5))
-        paler = np.array(cv2.mean(sprite)[:3]) * 0.5 + 0.25
-        dim(sprite, kept)
-        sprite[..., :3] += ((1 - kept) * coverage)[..., None] * paler
     if rng.chance(0.3):
         marks = _marks(rng, n, m)
         cut(marks, coverage)
@@ -62,41 +56,6 @@ def weathered(rng: Draws, sprite: Sprite) -> Sprite:
         lit = np.clip((field - rng.between(0.4, 0.6)) * rng.between(3, 20) + 0.5, 0, 1)
         low = rng.between(0.2, 0.6)
         dim(sprite, np.asarray(low + (1 - low) * lit, np.float32))
-    if rng.chance(0.1):  # glare: the sky in the sheeting
-        sprite[..., :3] += (rng.ramp(n, m, 0.0) ** 3 * coverage * np.float32(rng.between(0.05, 0.4)))[
-            ..., None
-        ]
-    return sprite
-
-
-def occluder(rng: Draws, size_px: int) -> Sprite:
-    """Leaves, branches or a post before a sign: a sprite for :data:`BOX`, hiding up to about a third."""
-    easel = Easel.blank(size_px, size_px)
-    kind = rng.random()
-    if kind < 0.5:  # leaves from one side
-        turn, spread, size = rng.between(0, 6.28), rng.between(0.08, 0.2), rng.between(0.02, 0.09)
-        middle = 0.5 + 0.55 * np.array([math.cos(turn), math.sin(turn)])
-        g = rng.integers(50, 170, 4).tolist()
-        greens = (
-            [rng.colour(), rng.colour()] if rng.chance(0.2) else [(int(0.7 * v), v, int(0.35 * v)) for v in g]
-        )
-        for x, y in rng.normal(middle, 0.8 * spread, (int(rng.integers(8, 70)), 2)).tolist():
-            easel.ellipse(x, y, size, size * rng.between(0.3, 0.8), rng.pick(greens), rng.between(0, 180))
-    elif kind < 0.75:
-        for _ in range(int(rng.integers(1, 5))):
-            turn, offset = rng.between(0, math.pi), rng.between(-0.45, 0.45)
-            way = np.array([math.cos(turn), math.sin(turn)])
-            middle = 0.5 + offset * np.array([-way[1], way[0]])
-            points = np.stack([middle - 0.8 * way, middle + rng.normal(0, 0.05, 2), middle + 0.8 * way])
-            easel.line(points, rng.colour() if rng.chance(0.3) else rng.dark(), rng.between(0.005, 0.03))
-    else:  # something upright or level
-        width = rng.between(0.05, 0.35)
-        at = rng.between(-0.05, 0.2) if rng.chance(0.5) else rng.between(0.8, 1.05)
-        low, high, tint = at - width / 2, at + width / 2, rng.colour()
-        box = (low, 0.0, high, 1.0) if rng.chance(0.7) else (0.0, low, 1.0, high)
-        easel.rectangle(*box, colour=tint)
-    sprite = easel.sprite()
-    dim(sprite, rng.grain(size_px, size_px, 0.4))
     return sprite
 
 
@@ -109,32 +68,22 @@ def face_mask(n: int) -> Floats:
 
 
 def _white(rng: Draws, n: int) -> Floats:
-    """Where a sign is white, (n, n) shares: its border and legend."""
+    """Where a sign is white, (n, n) shares: its border and legend; of half of all signs, the chart's."""
+    if rng.chance(0.5):
+        return np.asarray(cv2.resize(_chart(), (n, n), interpolation=cv2.INTER_AREA))
     easel = Easel.blank(n, n)
     white = (255, 255, 255)
     border = rng.between(0.016, 0.04)
     edge = rng.between(0.006, 0.02) if rng.chance(0.15) else 0.0  # some have a red rim
     easel.polygon(octagon(0.5 - edge) * _UNIT + 0.5, white)
     easel.polygon(octagon(0.5 - edge - border) * _UNIT + 0.5, (0, 0, 0))
-    style, height, half = rng.random(), rng.between(0.29, 0.37) * _UNIT, rng.between(0.36, 0.41) * _UNIT
+    height, half = rng.between(0.29, 0.37) * _UNIT, rng.between(0.36, 0.41) * _UNIT
     middle = 0.5 + rng.between(-0.02, 0.02) * _UNIT
-    left, right = 0.5 - half, 0.5 + half
-    if style < 0.5:
-        _stamp(easel, (left, middle - height / 2, right, middle + height / 2))
-    elif style < 0.9:
-        legend = "STOP" if style < 0.82 else rng.pick(_OTHER_LEGENDS)
-        font = rng.font() if legend.isascii() else FONTS[0]
-        weight = rng.between(0.0, 0.02) + (0.015 if "Bold" not in font else 0.0)
-        easel.text(
-            legend, (left, middle - height / 2, right, middle + height / 2), white, font=font, weight=weight
-        )
-    else:
-        rows = [("STOP", 0.25), (rng.pick(_SECOND_LINES), 0.17)]
-        top = 0.5 - 0.24 * _UNIT
-        for row, part in rows if rng.chance(0.7) else rows[::-1]:
-            box = (left, top, right, top + part * _UNIT)
-            easel.text(row, box, white, weight=rng.between(0, 0.01), stretch=0.95)
-            top += (part + 0.06) * _UNIT
+    box = (0.5 - half, middle - height / 2, 0.5 + half, middle + height / 2)
+    legend = "STOP" if rng.chance(0.8) else rng.pick(_OTHER_LEGENDS)
+    font = rng.font() if legend.isascii() else FONTS[0]
+    weight = rng.between(0.0, 0.02) + (0.015 if "Bold" not in font else 0.0)
+    easel.text(legend, box, white, font=font, weight=weight)
     share = np.ascontiguousarray(easel.sprite()[..., 0])
     if rng.chance(0.3):  # letters that have lost or gained some paint
         share = np.asarray(cv2.GaussianBlur(share, (0, 0), max(0.3, n * rng.between(0.003, 0.008))))
@@ -143,22 +92,13 @@ def _white(rng: Draws, n: int) -> Floats:
 
 
 @lru_cache(maxsize=1)
-def _chart_legend() -> Bytes:
-    """The letters of :func:`blurnoise.charts.stop_sign`, cut out, 255 where white."""
-    light = chart(384, height_px=384, width_px=384, background=0.0, supersample=3)[0].numpy()
-    share = (light[1] - SIGN_RED[1]) / (SIGN_WHITE[1] - SIGN_RED[1])  # green tells white from red
-    letters = share[int(0.3 * 384) : int(0.7 * 384), int(0.08 * 384) : int(0.92 * 384)]
-    rows, columns = (np.flatnonzero(letters.max(axis=axis) > 0.5) for axis in (1, 0))
-    letters = letters[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return np.asarray(np.clip(letters, 0, 1) * 255, np.uint8)
-
-
-def _stamp(easel: Easel, box: tuple[float, float, float, float]) -> None:
-    """Lay the chart's legend into a box of the easel's first channel."""
-    n = easel.rgba.shape[0]
-    x0, y0, x1, y1 = (round(edge * n) for edge in box)
-    legend = cv2.resize(_chart_legend(), (x1 - x0, y1 - y0), interpolation=cv2.INTER_AREA)
-    np.copyto(easel.rgba[y0:y1, x0:x1, 0], np.uint8(255), where=legend > 127)
+def _chart() -> Floats:
+    """Where :func:`blurnoise.charts.stop_sign` is white, (384, 384) shares of a sprite."""
+    pixels = round(384 * _UNIT)
+    light = chart(pixels, height_px=384, width_px=384, background=0.0)[
+        0, 1
+    ].numpy()  # green tells white from red
+    return np.asarray(np.clip((light - SIGN_RED[1]) / (SIGN_WHITE[1] - SIGN_RED[1]), 0, 1), np.float32)
 
 
 def _pigments(rng: Draws) -> tuple[Floats, Floats]:

@@ -21,47 +21,34 @@ _SIGNALS: list[Colour] = [(236, 180, 30), (240, 130, 20), (20, 70, 160), (40, 11
 
 def thing(rng: Draws, size_px: int) -> Sprite:
     """One thing, shaded."""
-    draw = rng.pick((board, board, board, board, _letters, _stack, _stack, _clutter, _clutter, _plain))
+    draw = rng.pick((board, board, board, board, board, _stack, _stack, _clutter, _clutter, _plain))
     return draw(rng, size_px)
 
 
 def board(rng: Draws, n: int) -> Sprite:
-    """A traffic sign, shop sign, label, ball or dial: a shape with a border, and words or a pictogram on it."""
+    """A traffic sign, shop sign, label or dial: a shape with a border, and words or strokes on it; or these alone."""
     corners, width = _shape(rng)
     easel = _sheet(n, width)
     middle = np.array([width / 2, 0.5])
     face, ink = _colours(rng, is_octagon=len(corners) == 8)
-    easel.polygon(corners, ink if rng.chance(0.6) else face)
-    easel.polygon(middle + (corners - middle) * rng.between(0.7, 0.97), face)
+    if rng.chance(0.85):  # else words on a road or a wall
+        easel.polygon(corners, ink if rng.chance(0.6) else face)
+        easel.polygon(middle + (corners - middle) * rng.between(0.7, 0.97), face)
     half = middle * rng.between(0.45, 0.75)
     (left, top), (right, bottom) = (middle - half).tolist(), (middle + half).tolist()
     kind = rng.random()
     if kind < 0.6:
         rows, font = int(rng.integers(1, 4)), rng.font()
-        for row, edge in enumerate(np.linspace(top, bottom, rows, endpoint=False).tolist()):
+        for edge in np.linspace(top, bottom, rows, endpoint=False).tolist():
             legend = "STOP" if rng.chance(0.05) else rng.words()
             box = (left, edge, right, edge + 0.8 * (bottom - top) / rows)
             easel.text(legend, box, ink, font=font, weight=rng.between(0, 0.02), stretch=1.3)
-            if row == 0 and rng.chance(0.1):
-                ink = rng.red() if len(corners) != 8 else ink
     elif kind < 0.85:  # an arrow, a cross, a dial: a few strokes through the middle
         for turn in rng.uniform(0, 2 * math.pi, int(rng.integers(1, 4))):
             end = 0.3 * np.array([math.cos(turn), math.sin(turn)])
             easel.line([tuple(middle - end * rng.random()), tuple(middle + end)], ink, rng.between(0.02, 0.1))
     elif kind < 0.93:  # the bar of "no entry"
         easel.rectangle(left, 0.41, right, 0.59, ink)
-    sprite = easel.sprite()
-    return _rounded(rng, sprite) if len(corners) > 8 and rng.chance(0.3) else weathered(rng, sprite)
-
-
-def plate(rng: Draws, n: int) -> Sprite:
-    """A plate that goes with a sign, or a street's name: about four times as wide as high."""
-    easel = Easel.blank(max(16, n // 5), 4 * max(16, n // 5))
-    face, ink = rng.pick([(rng.red(), rng.pale()), (rng.pale(), rng.dark()), (rng.pale(), rng.red())])
-    easel.rectangle(0, 0, 4, 1, ink)
-    easel.rectangle(0.06, 0.06, 3.94, 0.94, face)
-    legend = rng.pick(("ALL WAY", "4-WAY", "EXCEPT RIGHT TURN", rng.words()))
-    easel.text(legend, (0.3, 0.2, 3.7, 0.8), ink, weight=rng.between(0, 0.03), stretch=1.2)
     return weathered(rng, easel.sprite())
 
 
@@ -103,35 +90,12 @@ def _blob(rng: Draws, corners: int, width: float) -> Points:
     return np.column_stack([width / 2 * (1 + radii * np.cos(turns)), 0.5 * (1 + radii * np.sin(turns))])
 
 
-def _rounded(rng: Draws, sprite: Sprite) -> Sprite:
-    """The sprite shaded as a ball, with a highlight."""
-    n, m = sprite.shape[:2]
-    x, y = np.linspace(-1, 1, m, dtype=np.float32), np.linspace(-1, 1, n, dtype=np.float32)[:, None]
-    far = (x - np.float32(rng.between(-0.5, 0.5))) ** 2 + (y - np.float32(rng.between(-0.6, 0.2))) ** 2
-    dim(sprite, np.clip(1.1 - rng.between(0.15, 0.5) * far, 0.1, 1.1))
-    sprite[..., :3] += (rng.between(0, 0.8) * np.exp(-rng.between(8, 80) * far) * sprite[..., 3])[..., None]
-    return sprite
-
-
 def _shaded(rng: Draws, sprite: Sprite) -> Sprite:
-    """The sprite with texture and a fall of light, or as a ball."""
-    if rng.chance(0.25):
-        return _rounded(rng, sprite)
+    """The sprite with texture and a fall of light."""
     n, m = sprite.shape[:2]
     dim(sprite, rng.grain(n, m, rng.between(0, 0.5)))
     dim(sprite, rng.ramp(n, m, rng.between(0.2, 1.0)) * np.float32(rng.between(0.6, 1.2)))
     return sprite
-
-
-def _letters(rng: Draws, n: int) -> Sprite:
-    """Words without a board, STOP painted on a road among them."""
-    w = rng.between(1.0, 4.0)
-    easel = _sheet(n, w)
-    tint = rng.pick([rng.pale(), rng.pale(), rng.red(), rng.colour()])
-    text = "STOP" if rng.chance(0.25) else rng.words()
-    place = (0.02, 0.05, w - 0.02, 0.95)
-    easel.text(text, place, tint, font=rng.font(), weight=rng.between(0, 0.03), stretch=1.5)
-    return _shaded(rng, easel.sprite())
 
 
 def _stack(rng: Draws, n: int) -> Sprite:
