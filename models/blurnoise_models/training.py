@@ -27,7 +27,6 @@ SCENES_SEED = 1
 BATCH = 16
 FEWEST_PICTURES = 20 * BATCH
 """In fewer, the learning rate has no time to rise and fall."""
-MOST_PICTURES = 10**9
 _PEAK_RATE = 3e-3
 _WEIGHT_DECAY = 0.01
 _LARGEST_GRADIENT = 10.0  # norm; a rare batch of odd boxes must not throw the weights away
@@ -53,17 +52,18 @@ def train(
     arguments, machine and number of threads give the same network. The global generator, which Kornia draws
     from, is seeded inside and left as it was.
 
-    checkpoint: a file that holds an unfinished training; if it exists, that training goes on, to the same
-    bits as one that was never stopped, and ``progress`` gets its earlier steps, too: each with the number of pictures
-    so far and the loss before it. The caller removes it once the
-    network is safe. facts: what tells this training from others, beside seed, pictures and size.
+    checkpoint: a file that holds an unfinished training; if it exists, that training goes on, to the same bits as one
+    that was never stopped. The caller removes it once the network is safe. progress: gets the number of pictures so
+    far and the loss before each step, of earlier steps too. facts: what tells this training from others.
     Raises ``ValueError`` for fewer than 320 pictures, a seed outside [0, 2^63), a size that is no multiple of 32 px,
     or the checkpoint of another training.
     """
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
-    if not FEWEST_PICTURES <= pictures <= MOST_PICTURES:
-        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= {MOST_PICTURES}")
+    for name, value, least, most in (
+        ("seed", seed, 0, 2**63 - 1),
+        ("pictures", pictures, FEWEST_PICTURES, 10**9),
+    ):
+        if not least <= value <= most:
+            raise ValueError(f"{name} = {value!r}: must be >= {least} and <= {most}")
     if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
         raise ValueError(f"size_px = {size_px!r}: must be a positive multiple of {SIDE_MULTIPLE_PX}")
     threads_before = torch.get_num_threads()
@@ -117,21 +117,14 @@ class _Training:
         """Go on where the checkpoint ends, if there is one. Raises ``ValueError`` for another training's."""
         if self.checkpoint is None or not self.checkpoint.is_file():
             return
-        given = f"checkpoint = {str(self.checkpoint)!r}"
+        given = f"checkpoint = {str(self.checkpoint)!r}: remove it, or choose another folder; it "
         try:
             held = torch.load(self.checkpoint, weights_only=True)
-            recipe, losses, states, generator = (
-                held[name] for name in ("recipe", "losses", "states", "generator")
-            )
-        except (RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError):
-            raise ValueError(
-                f"{given}: must be a checkpoint of a training; remove it to begin anew"
-            ) from None
+            recipe, losses, states, generator = map(held.get, ("recipe", "losses", "states", "generator"))
+        except (RuntimeError, EOFError, AttributeError, pickle.UnpicklingError):
+            raise ValueError(f"{given}is no checkpoint of a training") from None
         if recipe != self.recipe:
-            raise ValueError(
-                f"{given}: was begun with {recipe}, not with {self.recipe}; choose another folder, repeat the "
-                "command that it comes from, or remove it"
-            )
+            raise ValueError(f"{given}was begun with {recipe}, not with {self.recipe}")
         for part, state in zip(self.parts, states, strict=True):
             part.load_state_dict(state)
         torch.set_rng_state(generator)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,40 +72,27 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     return Scene(picture, np.array(boxes, np.float32).reshape(-1, 4))
 
 
-def write_coco(
-    folder: Path,
-    seed: int,
-    count: int,
-    *,
-    size_px: int = 320,
-    progress: Callable[[int], None] = lambda n: None,
-) -> Path:
+def write_coco(folder: Path, seed: int, count: int, *, size_px: int = 320) -> Path:
     """Write scenes 0 to count - 1 as PNG files with a COCO ``instances.json``, whose path is returned.
 
-    The JSON file comes last, and whole: where it stands, all its pictures do. ``progress`` gets the number of
-    scenes that were added. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
+    The JSON file comes last, and whole: where it stands, all its pictures do. Raises as :func:`scene`, and
+    ``OSError`` where nothing can be written.
     """
     _check(seed=seed, count=count, size_px=size_px)  # before anything is written
     folder.mkdir(parents=True, exist_ok=True)
     listing = folder / "instances.json"
     listing.unlink(missing_ok=True)  # an older one does not belong to the new pictures
-    document: dict[str, Any] = {"images": [], "annotations": [], "categories": [{"id": 1, "name": LABEL}]}
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for number in range(1, count + 1):
         one, name = scene(seed, number - 1, size_px=size_px), f"{number - 1:06d}.png"
         data = cv2.imencode(".png", np.ascontiguousarray(one.picture[..., ::-1]))[1]
         write_whole(folder / name, data.tobytes())
-        document["images"].append({"id": number, "file_name": name, "width": size_px, "height": size_px})
+        images.append({"id": number, "file_name": name, "width": size_px, "height": size_px})
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
-            entry = {
-                "id": len(document["annotations"]) + 1,
-                "image_id": number,
-                "category_id": 1,
-                "iscrowd": 0,
-            }
-            document["annotations"].append(
-                {**entry, "bbox": [x0, y0, x1 - x0, y1 - y0], "area": (x1 - x0) * (y1 - y0)}
-            )
-        progress(1)
+            box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": (x1 - x0) * (y1 - y0), "iscrowd": 0}
+            annotations.append({"id": len(annotations) + 1, "image_id": number, "category_id": 1, **box})
+    document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
     write_whole(listing, json.dumps(document).encode())
     return listing
 
@@ -188,9 +174,8 @@ def _lit(rng: Draws, canvas: Floats) -> Floats:
         dim(canvas, rng.ramp(n, n, rng.between(0.15, 0.8)))
     warmth = rng.normal(0, 0.16 if rng.chance(0.25) else 0.05)
     tint = np.array([math.exp(warmth), math.exp(rng.normal(0, 0.03)), math.exp(-warmth)])
-    key = rng.between(0.08, 0.4) / max(
-        cv2.mean(canvas)[1], 1e-3
-    )  # a camera meters the scene, not always well
+    metered = rng.between(0.08, 0.4)  # a camera meters the scene, not always well
+    key = metered / max(cv2.mean(canvas)[1], 1e-3)
     tint *= np.clip(key, 0.6, 2.2) ** rng.between(0.0, 1.0)
     haze = rng.between(0.03, 0.25) if rng.chance(0.08) else 0.0
     veil = np.full((3, 1), 0.7 * haze)

@@ -32,11 +32,8 @@ _FROM_INDEX = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # OpenCV's indice
 _TO_INDEX = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
 _SHIFT = 4  # OpenCV's sub-pixel bits
 
-FONTS = (
-    *tuple(f"DejaVu{name}.ttf" for name in ("Sans-Bold", "Sans", "Serif-Bold", "SansMono-Bold")),
-    "STIXGeneralBol.ttf",
-    "cmss10.ttf",
-)
+_DEJAVU = tuple(f"DejaVu{style}.ttf" for style in ("Sans-Bold", "Sans", "Serif-Bold", "SansMono-Bold"))
+FONTS = (*_DEJAVU, "STIXGeneralBol.ttf", "cmss10.ttf")
 
 
 def linear(coded: Bytes) -> Floats:

@@ -13,29 +13,19 @@ import numpy as np
 from blurnoise_models.scenes.drawing import Colour, Easel, Floats, dim, linear, over
 from blurnoise_models.scenes.paint import Draws
 
-_SKIES: list[Colour] = [
-    (60, 120, 200),
-    (110, 160, 220),
-    (190, 200, 210),
-    (235, 238, 242),
-    (120, 125, 135),
-    (30, 36, 70),
-]
+_SKIES = ((60, 120, 200), (110, 160, 220), (190, 200, 210), (235, 238, 242), (120, 125, 135), (30, 36, 70))
 
 
 def ground(rng: Draws, size_px: int) -> Floats:
     """One background, or two along a wavy border; some out of focus."""
-    canvas = _one(rng, size_px)
+    draws = (_surface, _surface, _leaves, _leaves, _leaves, _outdoors, _outdoors, _outdoors)
+    canvas = rng.pick(draws)(rng, size_px)
     if rng.chance(0.2):
         share = rng.texture(size_px, size_px)[..., None] > rng.between(60, 200)
-        canvas = np.where(share, _one(rng, size_px), canvas)
+        canvas = np.where(share, rng.pick(draws)(rng, size_px), canvas)
     if rng.chance(0.15):
         canvas = np.asarray(cv2.GaussianBlur(canvas, (0, 0), rng.between(1, 6) * size_px / 320))
     return canvas
-
-
-def _one(rng: Draws, n: int) -> Floats:
-    return rng.pick((_surface, _surface, _leaves, _leaves, _leaves, _outdoors, _outdoors, _outdoors))(rng, n)
 
 
 def _laid(rng: Draws, canvas: Floats, easel: Easel) -> Floats:
@@ -81,10 +71,8 @@ def _leaves(rng: Draws, n: int) -> Floats:
 def _outdoors(rng: Draws, n: int) -> Floats:
     """Sky and clouds, hills or roofs before it, land, a road to the horizon, poles and wires."""
     r, g, b = rng.pick(_SKIES)
-    canvas, land = (
-        _slope(n, (r, g, b), (min(255, r + 50), min(255, g + 40), min(255, b + 20))),
-        rng.material(n, n),
-    )
+    canvas = _slope(n, (r, g, b), (min(255, r + 50), min(255, g + 40), min(255, b + 20)))
+    land = rng.material(n, n)
     dim(canvas, rng.grain(n, n, rng.between(0, 0.4)))
     level = rng.between(0.25, 0.7)
     walk = np.cumsum(rng.normal(0, 1, n))

@@ -126,9 +126,14 @@ class Draws(Generator):
 
 @lru_cache(maxsize=_BANK)
 def _bank(index: int) -> Bytes:
-    """Texture ``index`` of the bank, (512, 512): noise, foliage or cells in turn."""
+    """Texture ``index`` of the bank, (512, 512): noise, foliage, noise or cells in turn."""
     rng, n = Draws(_BANK_SEED, index), _BANK_PX
-    field = _fractal(rng)
+    stretch = rng.between(4, 15) if rng.chance(0.2) else 1.0  # as wood is
+    radius = np.hypot(np.fft.fftfreq(n)[:, None] * stretch, np.fft.rfftfreq(n))
+    radius[0, 0] = 1.0
+    phases = np.exp(2j * math.pi * rng.random(radius.shape))
+    field = np.asarray(np.fft.irfft2(phases * radius ** -rng.between(0.7, 2.0), s=(n, n)), np.float32)
+    field = np.abs(field) if rng.chance(0.3) else field
     if index % 4 == 1:  # foliage, gravel: small shapes that hide each other
         field *= 0.25 / field.std()
         shapes, size = np.zeros((n, n), np.float32), rng.between(7, 18)
@@ -145,13 +150,3 @@ def _bank(index: int) -> Bytes:
         field = np.asarray(cv2.distanceTransform(seeds, cv2.DIST_L2, 5), np.float32)
     low, high = np.percentile(field, (0.5, 99.5))
     return np.asarray(np.clip((field - low) / (high - low) * 255, 0, 255), np.uint8)
-
-
-def _fractal(rng: Draws) -> Floats:
-    """Noise whose amplitude falls with a power of frequency; some stretched as wood is."""
-    n, stretch = _BANK_PX, rng.between(4, 15) if rng.chance(0.2) else 1.0
-    radius = np.hypot(np.fft.fftfreq(n)[:, None] * stretch, np.fft.rfftfreq(n))
-    radius[0, 0] = 1.0
-    phases = np.exp(2j * math.pi * rng.random(radius.shape))
-    field = np.asarray(np.fft.irfft2(phases * radius ** -rng.between(0.7, 2.0), s=(n, n)), np.float32)
-    return np.abs(field) if rng.chance(0.3) else field

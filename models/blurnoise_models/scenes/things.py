@@ -133,9 +133,8 @@ def _clutter(rng: Draws, n: int) -> Sprite:
     size, spread = rng.between(0.02, 0.1), rng.between(0.08, 0.17)
     for x, y in np.clip(rng.normal(0.5, spread, (int(rng.between(3, 90)), 2)), 0.1, 0.9).tolist():
         r, g, b = (low + (high - low) * rng.random()).astype(int).tolist()
-        easel.ellipse(
-            x, y, size * rng.between(0.4, 1), size * rng.between(0.2, 1), (r, g, b), rng.between(0, 180)
-        )
+        rx, ry = size * rng.between(0.4, 1), size * rng.between(0.2, 1)
+        easel.ellipse(x, y, rx, ry, (r, g, b), rng.between(0, 180))
     return _shaded(rng, easel.sprite())
 
 
