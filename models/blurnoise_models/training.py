@@ -58,12 +58,10 @@ def train(
     Raises ``ValueError`` for fewer than 320 pictures, a seed outside [0, 2^63), a size that is no multiple of 32 px,
     or the checkpoint of another training.
     """
-    for name, value, least, most in (
-        ("seed", seed, 0, 2**63 - 1),
-        ("pictures", pictures, FEWEST_PICTURES, 10**9),
-    ):
-        if not least <= value <= most:
-            raise ValueError(f"{name} = {value!r}: must be >= {least} and <= {most}")
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed = {seed!r}: must be an integer in [0, 2^63)")
+    if not FEWEST_PICTURES <= pictures <= 10**9:
+        raise ValueError(f"pictures = {pictures!r}: must be >= {FEWEST_PICTURES} and <= 1e9")
     if size_px < SIDE_MULTIPLE_PX or size_px % SIDE_MULTIPLE_PX:
         raise ValueError(f"size_px = {size_px!r}: must be a positive multiple of {SIDE_MULTIPLE_PX}")
     threads_before = torch.get_num_threads()
@@ -73,22 +71,25 @@ def train(
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(seed)
             recipe = {"seed": seed, "pictures": pictures, "size_px": size_px, **(facts or {})}
-            run = _Training(pictures // BATCH, recipe, checkpoint)
+            run = Training(pictures // BATCH, recipe, checkpoint)
             run.resume()
-            for number, value in enumerate(run.losses, start=1):
-                progress(number * BATCH, value)
+            for step, value in enumerate(run.losses, start=1):
+                progress(step * BATCH, value)
             return run.go_on(augmentation, size_px, progress)
     finally:
         torch.set_num_threads(threads_before)
 
 
-class _Training:
+class Training:
     """Everything that the next step of a training depends on; its checkpoint holds the same, and appears whole."""
 
     def __init__(self, steps: int, recipe: dict[str, Any], checkpoint: Path | None) -> None:
         self.steps, self.recipe, self.checkpoint = steps, recipe, checkpoint
         self.losses: list[float] = []
-        self.network, self.optimiser = untrained()
+        self.network = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.optimiser = torch.optim.AdamW(
+            self.network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY
+        )
         self.average = AveragedModel(self.network, avg_fn=_follow, use_buffers=True)
         self.cycle = torch.optim.lr_scheduler.OneCycleLR(
             self.optimiser, _PEAK_RATE, total_steps=steps, pct_start=0.1
@@ -104,7 +105,7 @@ class _Training:
         for step, (seen, boxes) in enumerate(_batches(done, self.steps, size_px), start=done):
             if augmentation is not None:
                 seen = augmentation(seen, step / self.steps)
-            self.losses.append(learn(self.network, self.optimiser, seen, boxes, bfloat16=has_bfloat16()))
+            self.losses.append(self.learn(seen, boxes))
             self.cycle.step()
             self.average.update_parameters(self.network)
             if time.monotonic() >= saved + _SAVED_EVERY_S:
@@ -112,6 +113,17 @@ class _Training:
                 saved = time.monotonic()
             progress((step + 1) * BATCH, self.losses[-1])
         return self.average.module.eval()  # type: ignore[return-value]
+
+    def learn(self, seen: Tensor, boxes: Tensor) -> float:
+        """One step on pictures (B, 3, H, W) and their boxes (B, M, 4); returns the loss before it."""
+        with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
+            answers = self.network(seen.contiguous(memory_format=torch.channels_last))
+        value = loss(answers, boxes)
+        self.optimiser.zero_grad()
+        value.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self.network.parameters(), _LARGEST_GRADIENT)
+        self.optimiser.step()
+        return float(value.detach())
 
     def resume(self) -> None:
         """Go on where the checkpoint ends, if there is one. Raises ``ValueError`` for another training's."""
@@ -146,26 +158,6 @@ def _follow(average: Tensor, current: Tensor, updates: Tensor | int) -> Tensor:
     if not average.is_floating_point():  # counters
         return current
     return torch.lerp(average, current, max(1.0 - _MEMORY, 10.0 / (10.0 + int(updates))))
-
-
-def untrained() -> tuple[SignNet, torch.optim.Optimizer]:
-    """A new network and its optimiser."""
-    network: SignNet = SignNet().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-    return network, torch.optim.AdamW(network.parameters(), lr=_PEAK_RATE, weight_decay=_WEIGHT_DECAY)
-
-
-def learn(
-    network: SignNet, optimiser: torch.optim.Optimizer, seen: Tensor, boxes: Tensor, *, bfloat16: bool
-) -> float:
-    """One step on pictures (B, 3, H, W) and their boxes (B, M, 4); returns the loss before it."""
-    with torch.autocast("cpu", torch.bfloat16, enabled=bfloat16):
-        answers = network(seen.contiguous(memory_format=torch.channels_last))
-    value = loss(answers, boxes)
-    optimiser.zero_grad()
-    value.backward()  # type: ignore[no-untyped-call]
-    nn.utils.clip_grad_norm_(network.parameters(), _LARGEST_GRADIENT)
-    optimiser.step()
-    return float(value.detach())
 
 
 def batch(first: int, count: int = BATCH, *, size_px: int = 320) -> tuple[Tensor, Tensor]:

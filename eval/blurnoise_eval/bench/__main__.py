@@ -105,10 +105,10 @@ def _augment(*, quick: bool) -> Contest:
         return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=p), nn.Hardtanh(0.0, 1.0))
 
     pictures, boxes = training.batch(0, 8 if quick else training.BATCH)
-    step = partial(training.learn, *training.untrained(), pictures, boxes)
+    step = partial(training.Training(1, {}, None).learn, pictures, boxes)
 
     def case() -> Case:
-        ways = [Contender("training step", partial(step, bfloat16=False))]
+        ways = [Contender("training step", step)]
         ours: Any = RandomExposure  # of Kornia's classes, which mypy does not follow
         for p in (0.5, 1.0):
             ways.append(Contender(f"RandomExposure, p = {p:g}", partial(ours(p=p), pictures), True))

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,11 +73,13 @@ def scene(seed: int, index: int, *, size_px: int = 320) -> Scene:
     return Scene(picture, np.array(boxes, np.float32).reshape(-1, 4))
 
 
-def write_coco(folder: Path, seed: int, count: int, *, size_px: int = 320) -> Path:
+def write_coco(
+    folder: Path, seed: int, count: int, *, size_px: int = 320, progress: Callable[[int], None] | None = None
+) -> Path:
     """Write scenes 0 to count - 1 as PNG files with a COCO ``instances.json``, whose path is returned.
 
-    The JSON file comes last, and whole: where it stands, all its pictures do. Raises as :func:`scene`, and
-    ``OSError`` where nothing can be written.
+    The JSON file comes last, and whole: where it stands, all its pictures do. progress: called with 1
+    after each scene. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
     """
     _check(seed=seed, count=count, size_px=size_px)  # before anything is written
     folder.mkdir(parents=True, exist_ok=True)
@@ -92,6 +95,8 @@ def write_coco(folder: Path, seed: int, count: int, *, size_px: int = 320) -> Pa
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
             box = {"bbox": [x0, y0, x1 - x0, y1 - y0], "area": (x1 - x0) * (y1 - y0), "iscrowd": 0}
             annotations.append({"id": len(annotations) + 1, "image_id": number, "category_id": 1, **box})
+        if progress is not None:
+            progress(1)
     document = {"images": images, "annotations": annotations, "categories": [{"id": 1, "name": LABEL}]}
     write_whole(listing, json.dumps(document).encode())
     return listing
