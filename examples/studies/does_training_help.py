@@ -16,6 +16,7 @@ from blurnoise_models.augmentation import InShare, exposures
 from blurnoise_models.export import write_onnx
 from blurnoise_models.scenes import write_coco
 from blurnoise_models.training import train
+from scipy import stats
 from torch import nn
 
 
@@ -23,6 +24,14 @@ def kornias() -> InShare:
     """Kornia's motion blur and Gaussian noise, each in four of five changed pictures."""
     blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=0.8)
     return InShare([nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=0.8), nn.Hardtanh(0.0, 1.0))])
+
+
+def between_seeds(each: pandas.DataFrame) -> pandas.DataFrame:
+    """Means over seeds as text, with half of Student's 95 % interval."""
+    groups = each.groupby("arm")
+    seeds = groups.size().iloc[0]
+    half = groups.std() * (stats.t.ppf(0.975, seeds - 1) / seeds**0.5 if seeds > 1 else float("nan"))
+    return groups.mean().map("{:.3f}".format) + " +- " + half.map("{:.3f}".format)
 
 
 if __name__ == "__main__":
@@ -59,12 +68,18 @@ if __name__ == "__main__":
     run = evaluate(networks, pictures, plan=plan, output=options.folder / "run", refine=False)
     run.report()
     scores = pandas.DataFrame(run.scores)
-    scores["arm"] = scores["model"].str.rpartition("-")[0]
-    scores["blur_px"] = scores["exposure_s"] * scores["velocity_x_px_s"]
-    scores["case"] = pandas.cut(
-        scores["blur_px"], [-1, 0, 30, 1e9], labels=["at rest", "to 30 px", "further"]
+    scores[["arm", "seed"]] = scores["model"].str.rsplit("-", n=1, expand=True)
+    blur_px = scores["exposure_s"] * scores["velocity_x_px_s"]
+    scores["case"] = pandas.cut(blur_px, [-1, 0, 30, 1e9], labels=["at rest", "to 30 px", "further"]).astype(
+        str
     )
-    models = pandas.read_csv(options.folder / "run" / "models.csv")
-    models["arm"] = models["model"].str.rpartition("-")[0]
-    print(models.groupby("arm")[["p", "mpc", "rpc"]].agg(["mean", "min", "max"]).round(3).to_string())
-    print(scores.pivot_table("ap50", "arm", "case", observed=True).round(3).to_string())
+    scores.loc[scores["clean"].astype(bool), "case"] = "clean"
+    for score in ("ap50", "false_positives_per_image"):
+        each = scores.pivot_table(score, ["arm", "seed"], "case")
+        each["all but clean"] = scores[scores["case"] != "clean"].groupby(["arm", "seed"])[score].mean()
+        print(f"\n{score}: mean over seeds, and half of its 95 % interval")
+        print(between_seeds(each).to_string())
+        for other in ("none", "kornia"):
+            print(f"exposure less {other}, pair by pair:")
+            less = each.loc["exposure"] - each.loc[other]
+            print(between_seeds(pandas.concat({"difference": less}, names=["arm"])).to_string())
