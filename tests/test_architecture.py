@@ -82,7 +82,6 @@ EXCEPTIONS = {
         "blurnoise_models",
     ): "the command offers the built-in detector and makes such ones",
     ("blurnoise_eval.evaluation", "blurnoise_models"): "so does evaluate, its twin in Python",
-    ("blurnoise_eval.default_camera", "blurnoise_models"): "the built-in detector has a camera of its own",
     ("blurnoise_eval.bench", "blurnoise_models"): "a training step is measured, too",
     ("blurnoise_eval.scenes", "blurnoise_models"): "the scenes are those that the detector was trained on",
     ("blurnoise_eval.explorer", "blurnoise_models"): "a run's built-in detector is found wherever it lay",

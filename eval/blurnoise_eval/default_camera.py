@@ -1,12 +1,10 @@
 """The camera of pictures whose user names none: a colour camera for colours, a monochrome one for grey.
 
-The built-in detector has a sensor for each colour: it was not trained on the noise of colours. The reason for
-a choice is the source of the camera's name, so a run's manifest and page have it.
+The reason for a choice is the source of the camera's name, so a run's manifest and page have it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,39 +13,31 @@ from torch import Tensor
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
-from blurnoise_eval.detectors.model import model_sha256
-from blurnoise_eval.scoring.on_picture import Model
 
 COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
 """Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""
-_DEFAULT, _BUILT_IN = "chosen: default, ", "the built-in detector, which knows no colour noise"
+_DEFAULT = "chosen: default, "
 _SAMPLED = 8  # pictures that are looked at
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
 _MOST_PX = 256  # a side, of which colours are looked at
 
 
-def default_camera(*, colour: bool, built_in: bool = False, cfa: Cfa | None = None) -> Camera:
+def default_camera(*, colour: bool, cfa: Cfa | None = None) -> Camera:
     """The camera of pictures in colour or grey; cfa: filters that the user asks for, in place of its own.
 
-    built_in: whether the built-in detector is evaluated. ``sources["name"]`` says why it is this camera.
+    ``sources["name"]`` says why it is this camera.
     """
     name, reason = (COLOUR, "pictures in colour") if colour else (MONOCHROME, "grey pictures")
     if cfa is not None:
         name, reason = THREE_SENSORS if cfa in PLANES else COLOUR, f"cfa = {cfa}"
-    elif built_in:
-        name, reason = THREE_SENSORS, _BUILT_IN
     camera = Camera.preset(name)
     sources = {**camera.sources, "name": f"{_DEFAULT}{reason}"}
     return replace(camera, cfa=cfa or camera.cfa, sources=sources)
 
 
-def default_for(models: Sequence[Model], pictures: PictureSet, cfa: Cfa | None = None) -> Camera:
+def default_for(pictures: PictureSet, cfa: Cfa | None = None) -> Camera:
     """The camera of a run; some pictures are read to see whether they are in colour."""
-    from blurnoise_models.detector import STOP_SIGN
-
-    built_in = model_sha256(STOP_SIGN) in [model.sha256 for model in models]
-    colour = built_in or cfa is not None or in_colour(pictures)
-    return default_camera(colour=colour, built_in=built_in, cfa=cfa)
+    return default_camera(colour=cfa is not None or in_colour(pictures), cfa=cfa)
 
 
 def in_colour(pictures: PictureSet) -> bool:
@@ -77,6 +67,6 @@ def camera_text(camera: Camera, *, colour: bool) -> str | None:
     """
     source = camera.sources.get("name", "")
     reason = source.removeprefix(_DEFAULT) if source.startswith(_DEFAULT) else ""
-    if camera.cfa == "none" and colour and reason != _BUILT_IN:
+    if camera.cfa == "none" and colour:
         return f"camera: {camera.name}, a sensor for each colour: sees far more light than one with filters (Bayer)"
     return f"camera: {camera.name}, the default for {reason}" if reason else None

@@ -69,7 +69,7 @@ def evaluate(
 
     models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
     :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera; by
-    default :func:`~blurnoise_eval.default_camera.default_for` these models and pictures.
+    default :func:`~blurnoise_eval.default_camera.default_for` these pictures.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
     URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
     of what a model reaches on the original pictures that is enough, by default 0.9; threshold: in place of it, the
@@ -99,7 +99,7 @@ def evaluate(
         if value is not None and not isinstance(value, kind):
             raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
     whole = usual_pictures(opened) if pictures is None else pictures
-    seen_by = default_for(opened, whole) if named is None else named
+    seen_by = default_for(whole) if named is None else named
     check_cluster(cluster, (picture.name for picture in whole))
     shown, own = whole, None if part is None else Part.parse(part)
     if own is not None:

@@ -1,4 +1,4 @@
-"""The default camera: of one sensor, in colour or grey as the pictures are; that of the built-in detector."""
+"""The default camera: of one sensor, in colour or grey as the pictures are."""
 
 from __future__ import annotations
 
@@ -54,13 +54,6 @@ def test_pictures_choose_the_camera_and_the_manifest_says_why(
     assert each == list(colours)
 
 
-def test_the_built_in_detector_keeps_three_sensors_whatever_the_pictures(tmp_path: Path) -> None:
-    pictures = folder_of(tmp_path / "pictures", True)
-    camera = manifest(evaluate(None, pictures, plan=PLAN, output=tmp_path / "run"))
-    assert camera["name"] == "imx250"
-    assert "built-in" in camera["sources"]["name"]  # type: ignore[index]
-
-
 @pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
 def test_a_named_camera_wins(tmp_path: Path, named: str) -> None:
     model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", True)
@@ -101,7 +94,6 @@ def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding() -> None:
 def test_the_terminal_names_a_default_and_three_sensors() -> None:
     for camera in (Camera.preset("imx250"), given.camera(None, cfa="none")):
         assert "a sensor for each colour" in str(camera_text(camera, colour=True))
-    assert "built-in" in str(camera_text(default_camera(colour=True, built_in=True), colour=True))
     assert camera_text(Camera.preset("imx250"), colour=False) is None
     assert camera_text(Camera.preset("imx250c"), colour=True) is None
     assert camera_text(default_camera(colour=True), colour=True) == (

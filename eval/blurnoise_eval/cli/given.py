@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,12 +33,12 @@ def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> 
     return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "given on the command line"})
 
 
-def camera_of_run(plan: PlanFile, models: Sequence[Model], pictures: PictureSet) -> tuple[Camera, str | None]:
-    """The camera that is named, or the default of these models and pictures; and a line on it for the terminal."""
+def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | None]:
+    """The camera that is named, or the default of these pictures; and a line on it for the terminal."""
     from blurnoise_eval.default_camera import camera_text, default_for, in_colour
 
     named = plan.camera is not None
-    chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(models, pictures, plan.cfa)
+    chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
     return chosen, camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
 
 

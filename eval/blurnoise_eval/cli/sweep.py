@@ -47,7 +47,7 @@ def computed(
     workers = given.threads if given.address else given_by.threads(given.threads)
     models, pictures = given_by.subject(given)  # before a folder is made
     plan = given.sweep_plan()
-    camera, about_camera = given_by.camera_of_run(given, models, pictures)
+    camera, about_camera = given_by.camera_of_run(given, pictures)
     with written_run(output) as folder:
         done = compute(
             models,

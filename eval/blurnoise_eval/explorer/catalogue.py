@@ -98,9 +98,7 @@ class Catalogue:
         if camera is not None:
             self.base = replace(self.base, camera=GIVEN if GIVEN in cameras else str(camera))
         elif not self.run:
-            built_in = self.base.model == BUILT_IN
-            grey = not built_in and is_grey(self.subject(self.base).original)
-            usual = default_camera(colour=not grey, built_in=built_in)
+            usual = default_camera(colour=not is_grey(self.subject(self.base).original))
             self.base = replace(self.base, camera=usual.name)
 
     def start(self, query: str | None = None) -> State:
