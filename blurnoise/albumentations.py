@@ -47,7 +47,7 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         super().__init__(p=in_range("p", p, 0.0, 1.0))
         self.given = {"camera": camera, **ranges}
         self.ranges = ExposureRanges(**self.given)
-        self.flags = {
+        self.flags: dict[str, Any] = {
             "encoding": one_of("encoding", encoding, ("srgb", "linear")),
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,

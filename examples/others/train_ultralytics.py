@@ -6,8 +6,9 @@ Needs the package ultralytics (AGPL-3.0): python examples/others/train_ultralyti
 import argparse
 from typing import Any
 
-from blurnoise import RandomExposure
 from ultralytics.models.yolo.detect import DetectionTrainer
+
+from blurnoise import RandomExposure
 
 EXPOSE = RandomExposure(["imx250c", "ar0237"], exposure_s=(1e-3, 60e-3), illuminance_lux=(5, 500), p=0.5)
 
@@ -25,7 +26,9 @@ class ExposedTrainer(DetectionTrainer):
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", help="Ultralytics' data.yaml")
-    parser.add_argument("--model", default="yolov8n.pt", help="weights to go on from, or a .yaml to begin anew")
+    parser.add_argument(
+        "--model", default="yolov8n.pt", help="weights to go on from, or a .yaml to begin anew"
+    )
     parser.add_argument("--epochs", type=int, default=50)
     parser.add_argument("--size", type=int, default=640, help="of pictures, px")
     options = parser.parse_args()
