@@ -22,6 +22,7 @@ from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
+from blurnoise_eval.detectors.python_models import Find, PythonDetector
 from blurnoise_eval.grid.axes import AXES, named
 from blurnoise_eval.grid.conditions import Part, SweepPlan
 from blurnoise_eval.report.findings import reflectance
@@ -45,10 +46,12 @@ from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 Rows = list[dict[str, Any]]
+Given = str | Path | Model | Find
+"""A model: a file, one that is open, or a function."""
 
 
 def evaluate(
-    models: str | Path | Model | Sequence[str | Path | Model] | None = None,
+    models: Given | Sequence[Given] | None = None,
     pictures: PictureSet | None = None,
     camera: str | Camera | None = None,
     plan: SweepPlan | None = None,
@@ -67,9 +70,10 @@ def evaluate(
 ) -> Evaluation:
     """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
 
-    models: ONNX files, or models already opened; by default the built-in stop-sign detector. pictures: of
-    :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file, or a camera; by
-    default :func:`~blurnoise_eval.default_camera.default_for` these pictures.
+    models: ONNX files, models already opened, or functions from an RGB picture (H, W, 3), uint8, to boxes, scores and
+    names of classes (:mod:`blurnoise_eval.detectors.python_models`); by default the built-in stop-sign detector.
+    pictures: of :mod:`blurnoise_eval.datasets`; by default rendered stop signs. camera: a preset's name, a file,
+    or a camera; by default :func:`~blurnoise_eval.default_camera.default_for` these pictures.
     plan: by default :func:`usual_plan`. output: the run's folder; a run begun there goes on; for one at a
     URL a :func:`~blurnoise_eval.system.working_folder.written_run`. keep: the share
     of what a model reaches on the original pictures that is enough, by default 0.9; threshold: in place of it, the
@@ -90,7 +94,6 @@ def evaluate(
     folder = working_folder(output)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     named = find(camera) if isinstance(camera, str) else camera  # before anything is opened
-    opened = _opened(models)
     for name, value, kind in (
         ("pictures", pictures, PictureSet),
         ("camera", named, Camera),
@@ -98,6 +101,7 @@ def evaluate(
     ):
         if value is not None and not isinstance(value, kind):
             raise TypeError(f"{name} = {value!r}: must be a {kind.__name__}")
+    opened = _opened(models, pictures)
     whole = usual_pictures(opened) if pictures is None else pictures
     seen_by = default_for(whole) if named is None else named
     check_cluster(cluster, (picture.name for picture in whole))
@@ -275,7 +279,7 @@ def usual_plan() -> SweepPlan:
     return SweepPlan({axis.name: axis.default for axis in AXES if axis.default})
 
 
-def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) -> list[Model]:
+def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:
     if models is None:
         from blurnoise_models.detector import STOP_SIGN
 
@@ -283,12 +287,29 @@ def _opened(models: str | Path | Model | Sequence[str | Path | Model] | None) ->
     each = list(models) if isinstance(models, Sequence) and not isinstance(models, str) else [models]
     if not each:
         raise ValueError("models = []: must hold at least one")
+    opened = iter(open_models([model for model in each if isinstance(model, (str, Path))]))
+    found: list[Model] = []
     for model in each:
-        if not isinstance(model, (str, Path, Detector)) and not hasattr(model, "read"):
-            raise TypeError(f"models: {model!r}: must be a file, a Detector or a reader of text")
-    paths = [model for model in each if isinstance(model, (str, Path))]
-    opened = iter(open_models(paths) if paths else ())
-    found = [next(opened) if isinstance(model, (str, Path)) else model for model in each]
+        if isinstance(model, (str, Path)):
+            found.append(next(opened))
+        elif isinstance(model, Detector) or hasattr(model, "read"):
+            found.append(model)
+        else:
+            found.append(_of_python(model, pictures))
     if len({isinstance(model, Detector) for model in found}) > 1:
         raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
     return found
+
+
+def _of_python(model: Any, pictures: PictureSet | None) -> Model:
+    """A function that returns names of classes as a detector of those that the pictures have."""
+    kinds = "a file, a Detector, a reader of text, or a function of pictures"
+    if not callable(model):
+        raise TypeError(f"models: {model!r}: must be {kinds}")
+    if hasattr(model, "state_dict"):  # a network of torch's
+        raise TypeError(f"models: {type(model).__name__}: wrap it, TorchvisionDetector(network, classes)")
+    if pictures is None or not pictures.categories:
+        raise ValueError(
+            f"models: {model!r}: the pictures name no classes; wrap it, PythonDetector(find, classes)"
+        )
+    return PythonDetector(model, tuple(pictures.categories))

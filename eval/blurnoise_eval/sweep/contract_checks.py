@@ -30,6 +30,7 @@ from blurnoise_eval.datasets import PictureSet, sample
 from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import contract_option
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.python_models import FAMILY
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
@@ -172,7 +173,7 @@ def contracts_chosen(
     """
     found, comparisons = list(models), dict[str, Comparison]()
     for place, model in enumerate(models):
-        if not isinstance(model, Detector) or pictures.kind == "rendered":
+        if not isinstance(model, Detector) or model.contract.family == FAMILY or pictures.kind == "rendered":
             continue
         comparison = comparisons[model.name] = compared(model, _known(model, pictures))
         found[place] = model.with_contract(comparison.contract)
