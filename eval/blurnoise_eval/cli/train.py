@@ -23,7 +23,7 @@ def train(
 ) -> None:
     """Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside.
 
-      blurnoise train -o trained                       the built-in detector again: about an hour on two cores
+      blurnoise train -o trained                       the built-in detector again: twenty minutes on two cores
       blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
 
     A training that was stopped goes on where it was when the same command is given again, to the same weights:
