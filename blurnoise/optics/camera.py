@@ -2,7 +2,7 @@
 
 Gain is in dB, 20 log10 of the factor on the signal, counted from the system gain K at 0 dB: K(g) = K g whatever the
 pixel does; another conversion gain changes the full well and the read noise, not the brightness. Read noise is
-referred to the input: sigma^2(g) = sigma^2 (1 - share + share / g^2).
+referred to the input: sigma^2(g) = sigma^2 (1 - share + share / g^2). Measured gains replace both laws.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
 
 _Side = Annotated[int, Ge(1), Le(1 << 20)]
+_Share = Annotated[float, Ge(0), Le(1)]
+_VarianceFactor = Annotated[float, Ge(0), Le(100)]
+PhotonTransfer = tuple[tuple[_Share, _VarianceFactor], ...]
 DARK_NOISE = ("read_noise_e",)
 """Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
@@ -46,6 +49,23 @@ class ConversionGain:
     full_well_e: Annotated[Figure, within("full_well_e")]
     read_noise_e: Annotated[Figure, within("read_noise_e")]
     read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class MeasuredGain:
+    """A camera's figures as measured at a gain.
+
+    gain_db: above 0 dB, at which the camera's own figures are. system_gain_dn_per_e: K there. read_noise_e: rms,
+    referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
+    """
+
+    gain_db: Annotated[Figure, within("from_db")]
+    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
+    read_noise_e: Annotated[Figure, within("read_noise_e")]
+    black_level_dn: Annotated[Figure, within("black_level_dn")]
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -78,8 +98,14 @@ class Camera:
     :class:`blurnoise.optics.colour.FilterCurves`. full_well_e: saturation capacity. system_gain_dn_per_e: K.
     read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: of its variance, what arises behind
     the amplifier. analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds.
-    dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu: fraction. dsnu_e: rms.
-    black_level_dn: offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
+    gains: figures measured at gains, increasing, in place of conversion_gains and the law of the share; a row at 0 dB
+    repeats the camera's own figures. photon_transfer: points (signal_share, variance_factor), shares increasing: mean
+    signal above black over clip_dn - black_level_dn, and the temporal variance of photo noise there over the straight
+    line's; held beyond the first and the last point. row_noise_e, column_noise_e: rms, temporal, at 0 dB, one value
+    for each row (column) and frame, beside read_noise_e of each pixel. black_level_drift_dn: rms, one offset for each
+    frame. dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu, prnu_row, prnu_column: fractions,
+    of single pixels, whole rows and whole columns; dsnu_e, dsnu_row_e, dsnu_column_e: rms, likewise. black_level_dn:
+    offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
     disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only.
     diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none. cfa: the
     mosaic. "none": a sensor for each colour of a picture, all with the same quantum efficiency; "mono": one plane
@@ -103,12 +129,23 @@ class Camera:
     analogue_gain_max_db: Annotated[Figure, within("analogue_gain_max_db")] = 0.0
     gain_max_db: Annotated[Figure, within("gain_max_db")] = 48.0
     conversion_gains: tuple[ConversionGain, ...] = ()
+    gains: tuple[MeasuredGain, ...] = ()
+    photon_transfer: Annotated[
+        PhotonTransfer, "must be points (signal_share from 0 to 1, variance_factor from 0 to 100)"
+    ] = ()
     captures: tuple[Capture, ...] = ()
     dark_current_e_s: Annotated[Figure, within("dark_current_e_s")] = 0.0
     dark_reference_c: Annotated[Figure, within("dark_reference_c")] = 20.0
     dark_doubling_c: Annotated[Figure, within("dark_doubling_c")] = 8.0
+    row_noise_e: Annotated[Figure, within("row_noise_e")] = 0.0
+    column_noise_e: Annotated[Figure, within("column_noise_e")] = 0.0
+    black_level_drift_dn: Annotated[Figure, within("black_level_drift_dn")] = 0.0
     prnu: Annotated[Figure, within("prnu")] = 0.0
+    prnu_row: Annotated[Figure, within("prnu_row")] = 0.0
+    prnu_column: Annotated[Figure, within("prnu_column")] = 0.0
     dsnu_e: Annotated[Figure, within("dsnu_e")] = 0.0
+    dsnu_row_e: Annotated[Figure, within("dsnu_row_e")] = 0.0
+    dsnu_column_e: Annotated[Figure, within("dsnu_column_e")] = 0.0
     black_level_dn: Figure = 0.0
     bit_depth: Annotated[int, Ge(1), Le(16)] = 12
     defocus_radius_px: Annotated[Figure, within("defocus_radius_px")] = 0.0
@@ -137,6 +174,8 @@ class Camera:
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
         starts = [row.from_db for row in self.conversion_gains]
+        gains_db, shares = [row.gain_db for row in self.gains], [share for share, _ in self.photon_transfer]
+        own = self.system_gain_dn_per_e, self.read_noise_e, self.black_level_dn
         last_db, lens = self.analogue_gain_max_db, self.lens
         pinhole = lens.falloff_power or (
             lens.displaces and not (lens.distortion and lens.distortion.focal_px)
@@ -147,6 +186,18 @@ class Camera:
         elif sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
             must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
             fault = f"conversion_gains: from_db are {shown(starts)}; {must}"
+        elif self.gains and self.conversion_gains:
+            fault = "gains: are measured at every gain; conversion_gains must be empty beside them"
+        elif sorted({*gains_db}) != gains_db or any(gain_db > last_db for gain_db in gains_db):
+            must = f"must increase, up to analogue_gain_max_db, {last_db:g}"
+            fault = f"gains: gain_db are {shown(gains_db)}; {must}"
+        elif self.gains and gains_db[0] == 0 and self.gains[0] != MeasuredGain(0.0, *own):
+            must = "must repeat the camera's system_gain_dn_per_e, read_noise_e and black_level_dn"
+            fault = f"gains: the row at 0 dB is {shown(self.gains[0])}; {must}, {shown(own)}"
+        elif any(row.black_level_dn >= self.full_scale_dn for row in self.gains):
+            fault = f"gains: black_level_dn must be <= {self.full_scale_dn - 1}"
+        elif sorted({*shares}) != shares:
+            fault = f"photon_transfer: signal_share are {shown(shares)}; must increase"
         elif lens.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
             must = "defocus_radius_px and diffraction_wavelength_um must be 0 beside it"
             fault = f"lens.mtf: is measured with defocus and diffraction, at its own f-number; {must}"
