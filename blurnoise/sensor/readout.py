@@ -118,7 +118,8 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
             drawn["normal"] = options.draw(seeds[of], light, "frame")
         if _draws_read_noise(bare, light, known):
             drawn["read"] = options.draw(seeds[of], light, "read")
-        drawn |= stages.line_fields(active, light, seeds[of])
+        some = [stage for stage in stages.SHARED_NOISES if stage in active]
+        drawn["shared"] = {stage.name: stage.drawn(light, seeds[of]) for stage in some}
         return replace(bare, **drawn)
 
     if not (known and options.quantised and plain(scene)) or with_gradients:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from torch import Tensor
 
@@ -24,9 +24,8 @@ class Frames:
     """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
-    N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. rows (B, C, H, 1),
-    columns (B, C, 1, W), drift (B, 1, 1, 1): N(0, 1), of row noise, column noise and the black level. A field is None
-    where the law or the camera does not ask for it.
+    N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
+    where the law or the camera does not ask for it. shared: N(0, 1) by stage, of size 1 along what shares a value.
     """
 
     camera: Camera
@@ -39,18 +38,19 @@ class Frames:
     read: Tensor | None = None
     gain: Tensor | None = None
     offset_e: Tensor | None = None
-    rows: Tensor | None = None
-    columns: Tensor | None = None
-    drift: Tensor | None = None
+    shared: Mapping[str, Tensor] = field(default_factory=dict)
 
     def part(self, item: int, rows: slice) -> Frames:
         """Some rows of one frame."""
-        of, fields = slice(item, item + 1), (self.normal, self.read, self.gain, self.offset_e, self.rows)
-        own = [None if field is None else field[of, :, rows] for field in fields]
-        own += [None if field is None else field[of] for field in (self.columns, self.drift)]
-        return Frames(
-            self.camera, self.law, self.white_e[of], self.dark_e[of], self.seeds[of], self.quantised, *own
-        )
+        of, fields = slice(item, item + 1), ("normal", "read", "gain", "offset_e")
+        own: dict[str, Any] = {
+            name: None if (each := getattr(self, name)) is None else each[of, :, rows] for name in fields
+        }
+        own["shared"] = {
+            name: each[of, :, rows] if each.shape[2] > 1 else each[of] for name, each in self.shared.items()
+        }
+        means = {"white_e": self.white_e[of], "dark_e": self.dark_e[of]}
+        return replace(self, seeds=self.seeds[of], **means, **own)
 
 
 class SensorStage(ABC):

@@ -162,21 +162,38 @@ class ReadNoise(SensorStage):
         return f"{drawn}; measured at gains" if camera.gains else drawn
 
 
-class LineNoise(SensorStage):
-    """Normal noise of whole rows or columns ("row", "column"), of each frame."""
+class SharedNoise(SensorStage):
+    """Normal noise that pixels share: those of a row, of a column or of all planes of a frame.
+
+    figure: its deviation, e- or DN rms. first: of light, one of the pixels that share a value.
+    """
 
     draws = True
 
-    def __init__(self, line: str) -> None:
-        self.name, self.figures, self._fields = f"{line} noise", (f"{line}_noise_e",), f"{line}s"
-        self.modelled = f"a normal value per {line} and frame"
+    def __init__(self, name: str, figure: str, by: str, *first: slice) -> None:
+        self.name, self.figures, self.modelled, self._first = (
+            name,
+            (figure,),
+            f"a normal value per {by}",
+            first,
+        )
+
+    def drawn(self, light: Tensor, seeds: Sequence[int]) -> Tensor:
+        """N(0, 1) for frames of this size (B, C, H, W), of size 1 along what shares a value."""
+        return rng.standard_normal(seeds, light[:, *self._first], self.name)
+
+    def size_e(self, camera: Camera) -> float:
+        """Its deviation, e- rms."""
+        (figure,) = self.figures
+        unit = camera.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
+        return float(getattr(camera, figure)) / unit
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        values = getattr(at, self._fields)
-        return signal if values is None else signal + getattr(at.camera, self.figures[0]) * values
+        values = at.shared.get(self.name)
+        return signal if values is None else signal + self.size_e(at.camera) * values
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, getattr(at.camera, self.figures[0]))
+        return within_range_dn(at.camera, self.size_e(at.camera))
 
 
 class Dsnu(SensorStage):
@@ -202,21 +219,6 @@ class Gain(SensorStage):
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
-
-
-class BlackLevelDrift(SensorStage):
-    """The black level, which wanders from frame to frame."""
-
-    name = "black level drift"
-    draws = True
-    figures = ("black_level_drift_dn",)
-    modelled = "a normal value per frame"
-
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
-        return signal if at.drift is None else signal + at.camera.black_level_drift_dn * at.drift
-
-    def bound_dn(self, at: Conditions[float]) -> float:
-        return min(at.camera.black_level_drift_dn, at.camera.full_scale_dn)
 
 
 class Quantisation(SensorStage):
@@ -245,8 +247,13 @@ class Limits(SensorStage):
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
 PHOTON_TRANSFER, SHOT_NOISE, FULL_WELL, READ_NOISE = PhotonTransfer(), ShotNoise(), FullWell(), ReadNoise()
-ROW_NOISE, COLUMN_NOISE, DSNU, GAIN = LineNoise("row"), LineNoise("column"), Dsnu(), Gain()
-DRIFT, QUANTISATION, LIMITS = BlackLevelDrift(), Quantisation(), Limits()
+DSNU, GAIN, QUANTISATION, LIMITS = Dsnu(), Gain(), Quantisation(), Limits()
+_EVERY, _FIRST = slice(None), slice(1)
+SHARED_NOISES = (
+    SharedNoise("row noise", "row_noise_e", "row and frame", _EVERY, _EVERY, _FIRST),
+    SharedNoise("column noise", "column_noise_e", "column and frame", _EVERY, _FIRST, _EVERY),
+    SharedNoise("black level drift", "black_level_drift_dn", "frame", _FIRST, _FIRST, _FIRST),
+)
 LINEAR_MODEL: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
@@ -255,11 +262,9 @@ LINEAR_MODEL: tuple[SensorStage, ...] = (
     SHOT_NOISE,
     FULL_WELL,
     READ_NOISE,
-    ROW_NOISE,
-    COLUMN_NOISE,
+    *SHARED_NOISES,
     DSNU,
     GAIN,
-    DRIFT,
     QUANTISATION,
     LIMITS,
 )
@@ -309,27 +314,13 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     return found.clamp(min=1e-6)  # for the derivative of its root
 
 
-def line_fields(some: Sequence[SensorStage], light: Tensor, seeds: Sequence[int]) -> dict[str, Tensor]:
-    """The fields of :class:`Frames` for the noise of rows, columns and black level among some stages."""
-    one = light[:, :1, :1, :1]
-    likes = (
-        (ROW_NOISE, "rows", light[..., :1]),
-        (COLUMN_NOISE, "columns", light[..., :1, :]),
-        (DRIFT, "drift", one),
-    )
-    return {
-        name: rng.standard_normal(seeds, like, stage.name) for stage, name, like in likes if stage in some
-    }
-
-
 def offsets_e(at: Frames) -> Tensor | None:
-    """The offsets of pixels, rows, columns and frames behind the full well together, electrons, or None."""
-    camera = at.camera
-    drift_e = camera.black_level_drift_dn / camera.system_gain_dn_per_e
-    lines = (camera.row_noise_e, at.rows), (camera.column_noise_e, at.columns), (drift_e, at.drift)
-    every = [at.offset_e, *(None if field is None else size * field for size, field in lines)]
-    given = [each for each in every if each is not None]
-    return sum(given[1:], start=given[0]) if given else None
+    """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
+    shared = [
+        each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared
+    ]
+    every = shared if at.offset_e is None else [at.offset_e, *shared]
+    return sum(every[1:], start=every[0]) if every else None
 
 
 def nearly_full_e(camera: Camera) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -123,16 +124,10 @@ def _read_noise(before: Moments, at: Point) -> Moments:
     return before._replace(variance=before.variance + at.camera.read_noise_e**2)
 
 
-def _row_noise(before: Moments, at: Point) -> Moments:
-    return before._replace(variance=before.variance + at.camera.row_noise_e**2)
-
-
-def _column_noise(before: Moments, at: Point) -> Moments:
-    return before._replace(variance=before.variance + at.camera.column_noise_e**2)
-
-
-def _drift(before: Moments, at: Point) -> Moments:
-    return before._replace(variance=before.variance + at.camera.black_level_drift_dn**2)
+def _shared(figure: str, before: Moments, at: Point) -> Moments:
+    """Of a pixel over frames, whoever shares it; those of the black level are given in DN."""
+    unit = at.camera.system_gain_dn_per_e if figure == "black_level_drift_dn" else 1.0
+    return before._replace(variance=before.variance + (getattr(at.camera, figure) / unit) ** 2)
 
 
 def _unchanged(before: Moments, at: Point) -> Moments:
@@ -188,11 +183,9 @@ _AFTER: dict[str, Callable[[Moments, Point], Moments]] = {
     stages.SHOT_NOISE.name: _shot_noise,
     stages.FULL_WELL.name: _full_well,
     stages.READ_NOISE.name: _read_noise,
-    stages.ROW_NOISE.name: _row_noise,
-    stages.COLUMN_NOISE.name: _column_noise,
+    **{stage.name: partial(_shared, stage.figures[0]) for stage in stages.SHARED_NOISES},
     stages.DSNU.name: _dsnu,
     stages.GAIN.name: _gain,
-    stages.DRIFT.name: _drift,
     stages.QUANTISATION.name: _quantisation,
     stages.LIMITS.name: _limits,
 }

@@ -16,7 +16,6 @@ from blurnoise._core import rng
 from blurnoise._core.threads import WORTH_IT
 from blurnoise.scene.scene import ExposedScene
 from blurnoise.sensor import readout as sensor
-from blurnoise.sensor.stages import noisy_electrons
 
 BASE = Camera(
     name="test", pixel_pitch_um=3.0, f_number=2.0, transmission=0.9, quantum_efficiency=0.6, full_well_e=9000.0,
@@ -213,17 +212,6 @@ def test_the_bend_is_in_the_variance_and_not_in_the_mean(share: float, factor: f
     assert float(dn.mean()) == pytest.approx(200 + 0.8 * mean_e, abs=5 * math.sqrt(variance / dn.numel()))
     assert float(dn.var()) == pytest.approx(variance, rel=5 * math.sqrt(2 / dn.numel()))
     assert BENT.variance_factor(mean_e) == pytest.approx(factor)
-
-
-def test_the_bend_keeps_the_moments_of_poisson_about_its_mean() -> None:
-    """Integrated over the normal law: f m + read^2, and f^(3/2) m for the third moment."""
-    z = torch.linspace(-9, 9, 200001, dtype=torch.float64)
-    weight = torch.exp(-z * z / 2) / torch.exp(-z * z / 2).sum()
-    for mean_e, bend in ((50.0, 0.4), (300.0, 1.3)):
-        centred = noisy_electrons(torch.full_like(z, mean_e), 2.0, z, torch.full_like(z, bend)) - mean_e
-        assert float((weight * centred).sum()) == pytest.approx(0, abs=1e-9)
-        assert float((weight * centred**2).sum()) == pytest.approx(bend * mean_e + 4, rel=1e-9)
-        assert float((weight * centred**3).sum()) == pytest.approx(bend**1.5 * mean_e, rel=0.02)
 
 
 def test_gradients_pass_the_bend_rows_and_columns() -> None:
