@@ -10,7 +10,7 @@ is in neither product, either.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -18,12 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
+from scipy.stats import chi2
 
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats, Plane
-from blurnoise_eval.calibration.levels import outlying
+from blurnoise_eval.calibration.levels import Level, outlying
 
 _SMOOTH_PX = 7  # the mean of this square is taken off for PRNU
-_ALIKE = 1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
+_ALIKE = (
+    1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
+)
+Z = 1.959964  # of a normal number, two-sided 95 %
 Uncertain = tuple[float, float]
 """A value and its standard deviation."""
 Halves = tuple[Floats, Floats]
@@ -37,9 +42,15 @@ class Split:
     column: Uncertain
     pixel: Uncertain
 
+    @property
+    def lines(self) -> Uncertain:
+        """Rows and columns together; one whose interval includes 0 counts as 0."""
+        sure = [(value, error) for value, error in (self.row, self.column) if value > Z * error]
+        return sum(value for value, _ in sure), math.hypot(*(error for _, error in sure))
+
 
 class Stack:
-    """All frames of one kind and gain, level by level: two means, of every other frame, and means of rows and columns.
+    """All frames of one kind and gain, by level: two means, of every other frame, and means of rows and columns.
 
     levels: of each level the means of its frames' rows (L, H) and columns (L, W).
     """
@@ -78,8 +89,9 @@ class Stack:
         """Frames less levels."""
         return sum(len(rows) - 1 for rows, _ in self.levels)
 
-    def temporal(self, variance_dn2: float) -> Split:
-        """Of the noise in time, whose variance without that of whole frames is ``variance_dn2``."""
+    def temporal(self, levels: Sequence[Level]) -> Split:
+        """Of the noise in time of these, its levels."""
+        variance_dn2 = sum(level.variance_dn2 * (level.frames - 1) for level in levels) / self.freedom
         found: list[Uncertain] = []
         for axis, size in enumerate(self.shape):
             freedom = self.freedom * (size - 1)
@@ -87,10 +99,26 @@ class Stack:
             found.append((square, square * math.sqrt(2 / freedom)))
         return _split(found[0], found[1], variance_dn2, 0.0, self.shape)
 
-    @property
-    def frame_variance_dn2(self) -> float:
-        """Of the frames' means within a level."""
-        return sum(float(rows.mean(1).var()) * len(rows) for rows, _ in self.levels) / self.freedom
+    def drift(self, levels: Sequence[Level], noise: Split) -> tuple[Estimate, float]:
+        """RMS of the offset of whole frames beyond what pixels, rows and columns give, and the means' variance.
+
+        About the straight line of the means over the exposure, by which dark current shifts them.
+        """
+        (height, width), means = self.shape, np.concatenate([level.means_dn for level in levels])
+        exposure_s = np.repeat([level.exposure_s for level in levels], [level.frames for level in levels])
+        design = np.stack([np.ones(len(means)), exposure_s], 1)[:, : len(np.unique(exposure_s))]
+        line, *_ = np.linalg.lstsq(design, means)
+        freedom = len(means) - design.shape[1]
+        variance = float(((means - design @ line) ** 2).sum()) / freedom
+        every = (
+            noise.pixel[0] / (height * width)
+            + max(0.0, noise.row[0]) / height
+            + max(0.0, noise.column[0]) / width
+        )
+        chances = chi2.ppf([0.975, 0.025], freedom) / freedom
+        low, high = (math.sqrt(max(0.0, variance / each - every)) for each in chances)
+        value = math.sqrt(max(0.0, variance - every)) if low else 0.0
+        return Estimate(value, low, high), variance
 
 
 def _squares(means: Floats) -> float:
