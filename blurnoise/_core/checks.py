@@ -52,11 +52,12 @@ _LIMITS = {
     "f_number": Limit(0.5, 256.0),  # in air no lens is below 0.5
     "full_well_e": Limit(1.0, 1e12),
     "system_gain_dn_per_e": Limit(1e-9, 1e9),
-    "read_noise_e dsnu_e": Limit(0.0, 1e6),
+    "read_noise_e row_noise_e column_noise_e dsnu_e dsnu_row_e dsnu_column_e": Limit(0.0, 1e6),
     "analogue_gain_max_db gain_max_db from_db": Limit(0.0, 120.0),
     "dark_current_e_s": Limit(0.0, 1e9),
     "dark_doubling_c": Limit(1.0, 1000.0),
-    "prnu": Limit(0.0, 1.0),
+    "black_level_dn black_level_drift_dn": Limit(0.0, 65536.0),
+    "prnu prnu_row prnu_column": Limit(0.0, 1.0),
     "diffraction_wavelength_um": Limit(0.0, 20.0),  # thermal infrared included
     "row_time_s": Limit(0.0, 1.0),
     # lenses and blurs

@@ -172,7 +172,7 @@ def test_bad_fields_are_named(
     assert str(error.value).startswith(f"{path}: ")
     assert named in str(error.value)
     assert len(str(error.value).splitlines()) == 1
-    assert len(str(error.value)) < len(str(path)) + 700
+    assert len(str(error.value)) < len(str(path)) + 900
 
 
 def test_halves_of_characters_are_refused_where_they_stand(tmp_path: Path) -> None:

@@ -48,9 +48,9 @@ def too_dim(dark: Sequence[Level], flat: Sequence[Level]) -> list[int]:
     ]
 
 
-def remarks(dark: Sequence[Level], flat: Sequence[Level], dim: Sequence[int]) -> list[str]:
-    """What else to know of the levels; dim: places of those that are too dim."""
-    wander = levels.black_wander(dark)
+def remarks(dark: Sequence[Level], flat: Sequence[Level]) -> list[str]:
+    """What else to know of the levels."""
+    dim = too_dim(dark, flat)
     lamp = max(level.lamp_spread for place, level in enumerate(flat) if place not in dim)
     names = "; ".join(str(flat[place]) for place in dim)
     every = (
@@ -58,7 +58,6 @@ def remarks(dark: Sequence[Level], flat: Sequence[Level], dim: Sequence[int]) ->
             dim,
             f"left out: {len(dim)} flat levels too dim to tell a steady lamp from the dark frames' scatter: {names}",
         ),
-        (wander, f"the black level wanders by {wander:.2g} DN from frame to frame: intervals hold that"),
         (
             lamp > LEAST_LAMP,
             f"the lamp's light differs by up to {lamp:.1%} within a level: taken off the noise",

@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
-from scipy.stats import chi2
 
 from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
 
-_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
 _PLACES = tuple((slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1))
-_INNER = (slice(_SMOOTH_PX - 1, 1 - _SMOOTH_PX),) * 2  # what has whole squares of its place around it
+_INNER = (slice(SMOOTH_PX - 1, 1 - SMOOTH_PX),) * 2  # what has whole squares of its place around it
 _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 
 
@@ -162,29 +161,8 @@ class Pattern:
 
 def frame_scatter(levels: Sequence[Level]) -> float:
     """By how much the means of frames of one level scatter, DN rms, pooled over the levels."""
-    freedom = sum(level.frames - 1 for level in levels)
-    return math.sqrt(
-        sum((level.frames - 1) * float(np.var(level.means_dn, ddof=1)) for level in levels) / freedom
-    )
-
-
-def black_wander(dark: Sequence[Level]) -> float:
-    """By how much the black level differs from frame to frame, DN rms, beyond noise; 0 where it may be chance."""
-    freedom = sum(level.frames - 1 for level in dark)
-    scatter, noise = (
-        frame_scatter(dark) ** 2,
-        float(np.mean([level.variance_dn2 / level.pixels for level in dark])),
-    )
-    return math.sqrt(scatter - noise) if scatter * freedom > chi2.ppf(0.999, freedom) * noise else 0.0
-
-
-def with_wander(dark: Sequence[Level]) -> list[Level]:
-    """The dark levels, the errors of whose means hold that the black level wanders."""
-    wander = black_wander(dark)
-    return [
-        replace(level, mean_error_dn=math.hypot(level.mean_error_dn, wander / math.sqrt(level.frames)))
-        for level in dark
-    ]
+    squares = sum(level.frames * float(np.var(level.means_dn)) for level in levels)
+    return math.sqrt(squares / sum(level.frames - 1 for level in levels))
 
 
 def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
@@ -201,55 +179,35 @@ def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
     hot = hot_pixels(mean)
     planes = [(mean[place] - np.median(mean[place])).ravel() for place in _PLACES]
     inside = [mean[place][~hot[place]] for place in _PLACES]
-    inside = [values - values.mean() for values in inside]
-    return _pattern(np.concatenate(planes), np.concatenate(inside), noise_of_mean(levels), means=4)
-
-
-def response_pattern(mean: Floats, noise_dn2: float, hot: NDArray[np.bool_]) -> Pattern:
-    """Of ``mean`` (H, W), flat frames' less dark ones': each plane of a mosaic without its smooth part.
-
-    The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure; ``hot``
-    (H, W) and outlying pixels are in neither.
-    """
-    left_out = hot.copy()
-    left_out[_INNER] |= outlying(without_shading(mean, left_out), 1.0)
-    values = without_shading(mean, left_out)
-    inside = values[~(left_out[_INNER] | outlying(values, 1.0))]
-    return _pattern(values.ravel(), inside, noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
-
-
-def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, kept: float = 1.0) -> Pattern:
-    """inside: values about 0 without outliers, less ``means`` means. kept: share of the variance that they have."""
-    squares, freedom = inside**2 / kept, inside.size - means
+    squares = np.concatenate([(values - values.mean()) ** 2 for values in inside])
+    freedom = squares.size - len(_PLACES)
     variance = float(squares.sum()) / freedom
     return Pattern(
         variance_dn2=variance,
-        fixed_dn2=variance - noise_dn2,
+        fixed_dn2=variance - noise_of_mean(levels),
         error_dn2=float(squares.std()) / math.sqrt(freedom),
-        pixels=every.size,
-        outliers=every.size - inside.size,
-        outlying_dn2=max(0.0, float((every**2).mean()) / kept - variance),
+        pixels=hot.size,
+        outliers=int(hot.sum()),
+        outlying_dn2=max(0.0, float((np.concatenate(planes) ** 2).mean()) - variance),
     )
 
 
-def without_shading(mean: Floats, left_out: NDArray[np.bool_] | None = None) -> Floats:
-    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic.
+def without_shading(mean: Floats) -> Floats:
+    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic."""
+    return (mean - smooth(mean, np.zeros(mean.shape, bool)))[_INNER]
 
-    left_out (H, W): pixels that those means do without.
-    """
-    rest = np.empty_like(mean)
+
+def smooth(mean: Floats, left_out: NDArray[np.bool_]) -> Floats:
+    """Of ``mean`` (H, W) the mean of the 7 x 7 around each pixel of its place in a mosaic, without those left out."""
+    found = np.empty_like(mean)
     for place in _PLACES:
-        plane = mean[place]
-        if left_out is None:
-            smooth = uniform_filter(plane, _SMOOTH_PX, mode="reflect")
-        else:
-            counted = (~left_out[place]).astype(np.float64)
-            share = uniform_filter(counted, _SMOOTH_PX, mode="reflect")
-            level = np.median(plane)
-            smooth = uniform_filter((plane - level) * counted, _SMOOTH_PX, mode="reflect")
-            smooth = level + smooth / np.maximum(share, 0.5 / _SMOOTH_PX**2)
-        rest[place] = plane - smooth
-    return rest[_INNER]
+        kept, level = (~left_out[place]).astype(np.float64), np.median(mean[place])
+        total, share = (
+            uniform_filter(values, SMOOTH_PX, mode="reflect")
+            for values in (kept * (mean[place] - level), kept)
+        )
+        found[place] = level + total / np.maximum(share, 0.5 / SMOOTH_PX**2)
+    return found
 
 
 def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:

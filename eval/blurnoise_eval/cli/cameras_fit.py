@@ -10,11 +10,6 @@ from typer import Argument, Option
 from blurnoise_eval.cli._options import new_file
 from blurnoise_eval.system.terminal import say, show
 
-_UNITS = {
-    "system_gain_dn_per_e": "DN/e-", "read_noise_e": "e-", "dark_current_e_s": "e-/s", "black_level_dn": "DN",
-    "prnu": "", "dsnu_e": "e-", "full_well_e": "e-", "quantum_efficiency": "", "linearity_error": "",
-}  # fmt: skip
-
 
 def cameras_fit(
     folder: Annotated[
@@ -103,11 +98,8 @@ def cameras_fit(
     plot = output.with_suffix(".png")
     write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
     table = Table("figure", "value", "95 %", "unit", title=f"photon transfer of {found.frames}")
-    for name, unit in _UNITS.items():
-        each = found.estimates.get(name)
-        if each is None:
-            table.add_row(name, "not available", "", unit)
-        else:
-            table.add_row(name, f"{each.value:.4g}", " to ".join(to_camera.ends(each)), unit)
+    for name, each, unit in found.rows():
+        interval = " to ".join(to_camera.ends(each)) if each else ""
+        table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
     show(table)
     say(*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes, output, plot)
