@@ -52,9 +52,8 @@ class _Levels:
     def by(self, design: Floats) -> tuple[float, Floats, Floats]:
         """Chi-square, values and covariance of a fit of the columns of ``design`` (N, k)."""
         scaled, gain = design / self.error[:, None], self.gain / self.error
-        values: Floats
-        values, *_ = np.linalg.lstsq(scaled, gain)
-        covariance: Floats = np.linalg.inv(scaled.T @ scaled)
+        covariance = np.linalg.inv(scaled.T @ scaled).astype(np.float64)
+        values = covariance @ (scaled.T @ gain)
         return float(((scaled @ values - gain) ** 2).sum()), values, covariance
 
     def bent(self, straight: int, beyond: int) -> tuple[Floats, Floats]:

@@ -125,7 +125,7 @@ def measure(
         checks.check_linearity(flat, linear)
         estimates["linearity_error"] = linear.error
         if linear.by_photons:
-            estimates["quantum_efficiency"] = found.electrons(linear.slope, linear.slope_error)
+            estimates["quantum_efficiency"] = found.electrons(*linear.responsivity)
 
     chosen = sorted(fitted.used, key=lambda place: flat[place].frames * mean_dn[place])[-_MOST_FOR_PATTERN:]
     stack = Stack()

@@ -93,15 +93,14 @@ def _gains(found: Measurement, preset: Camera) -> Known:
         f"{gain_db:g} dB: " + ", ".join(f"{name} {'-'.join(ends(each))}" for name, each in figures.items())
         for gain_db, figures in found.gains.items()
     ]
-    highest_db, text = max(found.gains), "measured: the highest gain of the frames"
     known: Known = {
         "gains": (tuple(rows), f"measured: photon transfer at each, 95 % at {'; '.join(intervals)}{lowest}"),
         "read_noise_post_share": (0.0, "not used: read noise was measured at gains"),
-        "conversion_gains": ((), "not used: gains were measured"),
-        "analogue_gain_max_db": (highest_db, text),
+        "conversion_gains": ((), "not used: read noise was measured at gains"),
     }
-    if highest_db > preset.gain_max_db:
-        known["gain_max_db"] = (highest_db, text)
+    for limit in ("analogue_gain_max_db", "gain_max_db"):
+        if getattr(preset, limit) < max(found.gains):
+            known[limit] = (max(found.gains), "measured: the highest gain of the frames")
     return known
 
 

@@ -334,12 +334,13 @@ def spatial_variance(pixel_dn: Floats) -> float:
 class Linearity:
     """Signal against light: slope in DN per second, or per photon; x in that unit, deviation a fraction.
 
-    error: largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
+    responsivity: slope of the line through the origin, which a camera without an offset of its own has. error:
+    largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
     """
 
     slope: float
-    slope_error: float
     offset: float
+    responsivity: Uncertain
     x: Floats
     deviation: Floats
     worst: int
@@ -365,6 +366,8 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
     worst = int(np.argmax(np.where(inside, np.abs(deviation), -1)))
     error = mean_error[inside] / signal[inside]
     scatter = math.hypot(float(deviation[inside].std(ddof=1)), float(np.sqrt((error**2).mean())))
-    slope_error = abs(float(slope)) * scatter / math.sqrt(count)
+    through_0 = x[inside] / signal[inside]
+    rate = float(through_0.sum() / (through_0 @ through_0))
+    rate_error = rate * math.hypot(float(rate * through_0.std(ddof=1)), scatter) / math.sqrt(count)
     off = normal(abs(float(deviation[worst])), float(error.max()), least=0.0)
-    return Linearity(float(slope), slope_error, float(offset), x, deviation, worst, off, by_photons)
+    return Linearity(float(slope), float(offset), (rate, rate_error), x, deviation, worst, off, by_photons)

@@ -8,9 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.calibration.fit import Measurement, measure
-from blurnoise_eval.calibration.to_camera import camera_of
-
-from blurnoise.optics.camera import Camera
 
 SIZE = (210, 270)
 LONGEST_S = 0.1
