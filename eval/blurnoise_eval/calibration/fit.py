@@ -14,7 +14,8 @@ from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import bend, checks, levels, structure, transfer
 from blurnoise_eval.calibration.bend import Bend
 from blurnoise_eval.calibration.checks import Doubt
-from blurnoise_eval.calibration.frames import Floats, Folder, Size, refuse
+from blurnoise_eval.calibration.formats import RawLayout
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, Size, refuse
 from blurnoise_eval.calibration.levels import Level, Pattern, columns, level_of
 from blurnoise_eval.calibration.structure import Stack
 from blurnoise_eval.calibration.transfer import Linearity, Transfer
@@ -76,14 +77,22 @@ class Measurement:
                 yield f"photon_transfer at {100 * share:.0f} %", factor, ""
 
 
-def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | None = None) -> Measurement:
+def measure(
+    folder: Path,
+    *,
+    bit_depth: int | None = None,
+    layout: RawLayout | None = None,
+    cfa: str | None = None,
+) -> Measurement:
     """The camera whose frames lie in ``folder``. bit_depth: of the converter; None takes the fewest bits that fit.
+    layout, cfa: as :class:`Folder` takes them.
 
     Raises ``ValueError`` naming the file or level that cannot be used, and why.
     """
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
-    files = Folder(folder, raw_size_px)
+    files = Folder(folder, layout, cfa)
+    bit_depth = bit_depth or files.bit_depth
     taken, *others = [_Taken(files.at_gain(gain_db)) for gain_db in files.gains_db]
     highest_dn = max(level.highest_dn for each in (taken, *others) for level in (*each.dark, *each.flat))
     bits = bit_depth or next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
@@ -121,7 +130,8 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     chosen = sorted(fitted.used, key=lambda place: flat[place].frames * mean_dn[place])[-_MOST_FOR_PATTERN:]
     stack = Stack()
     light = sum((taken.lit(place, stack)[1] for place in chosen), np.zeros(())) / len(chosen)
-    response = structure.light_pattern(stack.halves, taken.stack.halves)
+    hot = levels.hot_pixels(taken.dark_mean)
+    response = structure.light_pattern(stack.halves, taken.stack.halves, hot)
     for name, variance in (
         ("prnu", response.pixel),
         ("prnu_row", response.row),
@@ -133,7 +143,11 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
         estimates["black_level_drift_dn"] = taken.drift
     stray, first = None, warming or fitted.tone
     if not first:
-        stray = checks.stray_light(taken.files, dark, [flat[place] for place in chosen], light, found)
+        whole = taken.files.whole()  # also of a mosaic, whose filters show light in the dark
+        if files.place is not None:
+            means = [np.mean([*whole.planes(whole.flat[place])], axis=0) for place in chosen]
+            light = np.mean(means, axis=0)
+        stray = checks.stray_light(whole, dark, [flat[place] for place in chosen], light, found)
     doubts = [doubt for doubt in (first, checks.hot_pixels(fitted.pattern, found), stray) if doubt]
     for doubt in doubts:
         doubt.widen(estimates)
@@ -141,7 +155,8 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
         estimates=estimates, dark=dark, flat=flat, used=fitted.used, fit=found, lowest_db=files.gains_db[0],
         gains=gains,
         bend=fitted.bend, linearity=linear, size_px=files.size_px, bit_depth=bits, bits_given=bit_depth is not None,
-        clip_dn=clip_dn, notes=_notes(found, files.step_dn), doubts=doubts,
+        clip_dn=clip_dn, doubts=doubts,
+        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files.step_dn)],
     )  # fmt: skip
 
 
@@ -194,8 +209,12 @@ class _Fitted:
 def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     """By the straight part of the curve. Raises ``ValueError`` for levels that cannot be used."""
     dark, flat = taken.dark, taken.flat
-    checks.check_levels(dark, flat)
+    dim = checks.too_dim(dark, flat)
+    checks.check_levels(dark, [level for place, level in enumerate(flat) if place not in dim])
     clip_dn, used = checks.clipping(flat, taken.line.offset, full_scale_dn)
+    used = [place for place in used if place not in dim]
+    few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; must be {FEWEST_FLAT} or more that are not"
+    refuse(len(used) < FEWEST_FLAT, few)
     checks.check_noise([flat[place] for place in used])
     pattern = levels.dark_pattern(taken.dark_mean, dark)
     fit = transfer.fit(dark, [flat[place] for place in used], pattern)

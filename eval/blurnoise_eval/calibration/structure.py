@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 from scipy.stats import chi2
 
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats, Plane
-from blurnoise_eval.calibration.levels import Level, outlying
+from blurnoise_eval.calibration.levels import SMOOTH_PX, Level, outlying, smooth
 
-_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU
 _ALIKE = (
     1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
 )
@@ -150,18 +148,18 @@ def dark_pattern(dark: Halves) -> Split:
     return fixed(one, other, outlying((one + other) / 2, 1.0))
 
 
-def light_pattern(light: Halves, dark: Halves) -> Split:
+def light_pattern(light: Halves, dark: Halves, hot: NDArray[np.bool_]) -> Split:
     """Of the response, relative: what both halves of flat frames less dark ones share beside their smooth part.
 
     The standard leaves that in, which makes rows of a lamp's and a lens's shading. Each plane of a mosaic is taken
-    relative to its own means of 7 x 7.
+    relative to its own means of 7 x 7; ``hot`` pixels (H, W) are in neither.
     """
-    edge = slice(2 * (_SMOOTH_PX // 2), -2 * (_SMOOTH_PX // 2))  # means there are of fewer
+    edge = slice(SMOOTH_PX - 1, 1 - SMOOTH_PX)  # means there are of fewer
     signals = [lit - unlit for lit, unlit in zip(light, dark, strict=True)]
-    smooth = [_by_plane(signal, _box) for signal in signals]
-    level = sum(smooth) / 2
-    one, other = (((a - b) / level)[edge, edge] for a, b in zip(signals, smooth, strict=True))
-    return fixed(one, other, outlying((one + other) / 2), 1 - 1 / _SMOOTH_PX)
+    means = [smooth(signal, hot) for signal in signals]
+    level = sum(means) / 2
+    one, other = (((a - b) / level)[edge, edge] for a, b in zip(signals, means, strict=True))
+    return fixed(one, other, hot[edge, edge] | outlying((one + other) / 2), 1 - 1 / SMOOTH_PX)
 
 
 def fixed(one: Floats, other: Floats, out: NDArray[np.bool_] | bool = False, kept: float = 1.0) -> Split:
@@ -185,7 +183,3 @@ def _by_plane(values: Floats, mean: Callable[[Floats], Any]) -> Floats:
     for row, column in product((0, 1), (0, 1)):
         found[row::2, column::2] = mean(values[row::2, column::2])
     return found
-
-
-def _box(plane: Floats) -> Floats:
-    return np.asarray(uniform_filter(plane, _SMOOTH_PX, mode="reflect"))
