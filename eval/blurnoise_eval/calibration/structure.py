@@ -10,10 +10,9 @@ is in neither product, either.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +23,7 @@ from blurnoise_eval.calibration.frames import Floats, Plane
 from blurnoise_eval.calibration.levels import SMOOTH_PX, Level, outlying, smooth
 
 _ALIKE = (
-    1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
+    1.29  # sum of the squared correlations of values less the mean of 7, by which their variance is uncertain
 )
 Z = 1.959964  # of a normal number, two-sided 95 %
 Uncertain = tuple[float, float]
@@ -144,7 +143,7 @@ def _split(
 
 def dark_pattern(dark: Halves) -> Split:
     """Of the offset, DN^2: what both halves share. The four planes of a mosaic vary about their own medians."""
-    one, other = (half - _by_plane(half, np.median) for half in dark)
+    one, other = (_centred(half) for half in dark)
     return fixed(one, other, outlying((one + other) / 2, 1.0))
 
 
@@ -177,9 +176,9 @@ def fixed(one: Floats, other: Floats, out: NDArray[np.bool_] | bool = False, kep
     return _split(found[0], found[1], every, float(rest.std()) / math.sqrt(rest.size), one.shape, kept)
 
 
-def _by_plane(values: Floats, mean: Callable[[Floats], Any]) -> Floats:
-    """The mean, one number or an array, of each of the four planes of a mosaic, in its place (H, W)."""
-    found = np.empty_like(values)
+def _centred(values: Floats) -> Floats:
+    """``values`` (H, W) less the median of each of the four planes of a mosaic."""
+    found = values.copy()
     for row, column in product((0, 1), (0, 1)):
-        found[row::2, column::2] = mean(values[row::2, column::2])
+        found[row::2, column::2] -= np.median(values[row::2, column::2])
     return found
