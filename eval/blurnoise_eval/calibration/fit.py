@@ -216,7 +216,7 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; must be {FEWEST_FLAT} or more that are not"
     refuse(len(used) < FEWEST_FLAT, few)
     checks.check_noise([flat[place] for place in used])
-    pattern = levels.dark_pattern(taken.dark_mean, dark)
+    pattern = levels.dark_pattern(taken.stack.halves)
     fit = transfer.fit(dark, [flat[place] for place in used], pattern)
     tone = checks.tone_curve(dark, [flat[place] for place in used], fit)
     limit_dn = clip_dn or full_scale_dn

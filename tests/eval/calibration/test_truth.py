@@ -76,7 +76,8 @@ def wrong(found: Measurement, truth: Truth) -> dict[str, tuple[float, float, flo
     pairs = [(name, value, found.estimates[name]) for name, value in (own | truth.terms).items()]
     for gain_db, *values in others:
         pairs += [
-            (f"{name} {gain_db}", value, found.gains[gain_db][name]) for name, value in zip(own, values, strict=True)
+            (f"{name} {gain_db}", value, found.gains[gain_db][name])
+            for name, value in zip(own, values, strict=True)
         ]
     return {
         name: (true, told.value, told.low, told.high)
