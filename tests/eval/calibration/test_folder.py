@@ -12,6 +12,9 @@ import pytest
 from blurnoise_eval.calibration.fit import measure
 from blurnoise_eval.calibration.frames import Folder
 from blurnoise_eval.calibration.levels import level_of
+from blurnoise_eval.calibration.to_camera import camera_of
+
+from blurnoise import Camera
 
 CAMERA = replace(
     made_frames.drawn_camera(2),
@@ -110,6 +113,26 @@ def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path: Path) -> None:
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.1)
     assert measure(folder, cfa="none").flat[-1].pixels == 128 * 160
     assert any(note.startswith("noticed: mosaic XGGX") for note in measure(folder).notes)
+
+
+def test_the_camera_behind_a_mosaic(tmp_path: Path) -> None:
+    """A base with a mosaic takes that of the frames; one efficiency is not that of three colours."""
+    folder = mosaic(tmp_path / "frames", (1.0, 0.3, 0.5, 1.0))
+    rows: list[dict[str, object]] = []
+    for path in sorted(folder.iterdir()):
+        kind, exposure_ms, _ = path.stem.split("_")
+        photons = 100 * float(exposure_ms[:-2]) if kind == "flat" else 0.0
+        rows.append(
+            {"file": path.name, "photons_per_px": photons, "kind": kind} | {"exposure_s": exposure_ms[:-2]}
+        )
+    listed(folder, rows)
+    found = measure(folder, cfa="GBRG")
+    assert found.estimates["quantum_efficiency"].value == pytest.approx(0.6, rel=0.04)
+    camera = camera_of(found, "mine", base="imx250c")
+    assert (camera.cfa, camera.sources["cfa"]) == ("GBRG", "stated with the frames")
+    assert camera.quantum_efficiency == Camera.preset("imx250c").quantum_efficiency
+    assert "measured was 0.59" in camera.sources["quantum_efficiency"]
+    assert camera_of(found, "mine").cfa == "none"
 
 
 def test_raw_files_are_a_camera(tmp_path: Path) -> None:
