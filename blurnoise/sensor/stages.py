@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -299,13 +300,13 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer."""
     if not camera.photon_transfer:
         return None
-    (first, begins), *_, (last, ends) = camera.photon_transfer
-    points = ((first - 1, begins), *camera.photon_transfer, (last + 1, ends))
-    shares, factors = charge_e.new_tensor(points).unbind(-1)
-    share = (charge_e / camera.saturation_e).clamp(float(shares[0]), float(shares[-1]))
-    piece = torch.searchsorted(shares[1:-1].contiguous(), share.detach().contiguous(), right=True)
-    slope = factors.diff() / shares.diff()
-    return (factors[piece] + slope[piece] * (share - shares[piece])).clamp(min=1e-6)  # a root's derivative
+    shares, factors = np.array(camera.photon_transfer).T
+    slopes = np.diff(factors) / np.diff(shares)
+    share = charge_e / camera.saturation_e
+    found = torch.full_like(share, factors[0])
+    for place, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
+        found = found + change * (share - place).clamp(min=0.0)  # straight lines, level beyond the ends
+    return found.clamp(min=1e-6)  # for the derivative of its root
 
 
 def line_fields(some: Sequence[SensorStage], light: Tensor, seeds: Sequence[int]) -> dict[str, Tensor]:

@@ -176,20 +176,30 @@ class _Taken:
             level, mean = level_of(self.stack.passing(files.planes(frames)), frames[0])
             dark.append(level)
             self.dark_mean = self.dark_mean + (mean - level.mean_dn) / len(files.dark)
-        self.drift, variance = self.stack.drift(dark, self.stack.temporal(dark))
+        noise = self.stack.temporal(dark)
+        self.drift, variance = self.stack.drift(dark, noise)
         if self.drift.value:
             dark = [replace(level, mean_error_dn=math.sqrt(variance / level.frames)) for level in dark]
-        self.dark = dark
-        self.line = transfer.dark_line(dark)
+        height, width = self.stack.shape
+        self._lines_dn2 = math.hypot(
+            noise.row[0] * math.sqrt(2 / height), noise.column[0] * math.sqrt(2 / width)
+        )
+        self.dark = [self._of_lines(level) for level in dark]
+        self.line = transfer.dark_line(self.dark)
         self.flat = [self.lit(place)[0] for place in range(len(files.flat))]
 
     def lit(self, place: int, stack: Stack | None = None) -> tuple[Level, Floats]:
         """A flat level and its mean frame, read; ``stack`` takes its frames, too."""
         frames = self.files.flat[place]
         planes = self.files.planes(frames)
-        return level_of(
-            stack.passing(planes) if stack else planes, frames[0], self.line.at(frames[0].exposure_s)
-        )
+        dark_dn = self.line.at(frames[0].exposure_s)
+        level, mean = level_of(stack.passing(planes) if stack else planes, frames[0], dark_dn)
+        return self._of_lines(level), mean
+
+    def _of_lines(self, level: Level) -> Level:
+        """The level, whose variance is as uncertain as that of so few rows and columns."""
+        error = math.hypot(level.variance_error_dn2, self._lines_dn2 / math.sqrt(level.frames - 1))
+        return replace(level, variance_error_dn2=error)
 
     def signal(self, fit: Transfer) -> Floats:
         """Means of the flat levels less those in the dark."""

@@ -197,7 +197,7 @@ def _fit(dark: Sequence[Level], flat: Sequence[Level], pattern: Pattern) -> Tran
             np.maximum(values[:free] / scale, low), bounds=(low, np.inf), x_scale="jac",
         )  # fmt: skip
         values = np.append(found.x * scale, rest)
-        data.weigh(data.model(values)[0])
+        data.weigh(data.model(values)[0], float(values[0]))
     residuals = data.residuals(values)
     # where rounding does not rule, the pattern, and its spread, always fit
     factor = _widened(residuals, free) if data.rounding else _widened(residuals[: len(data.seen)], 2)
@@ -220,13 +220,14 @@ class _Data:
         self._counted = 1.5 / pixels  # variance of one pixel that is off by one
         self._relative = np.maximum(noise / np.maximum(self.seen, 1e-9), 1e-6)
         self.error = np.hypot(noise, self._counted)
+        self._black_error = mean_error  # of a mean that is taken for charge
         # rounding acts on the pixels that there are, whose means are a sample of the pattern
         self._mean_error = np.hypot(mean_error, np.sqrt(pattern.variance_dn2 / pixels) + self._counted)
 
-    def weigh(self, expected: Floats) -> None:
+    def weigh(self, expected: Floats, gain: float) -> None:
         """Errors relative to the expected variance, as what happens to be low would count more; at least the
         measured ones where rounding rules."""
-        error = np.hypot(self._relative * expected, self._counted)
+        error = np.hypot(np.hypot(self._relative * expected, self._counted), gain * self._black_error)
         self.error = np.where(expected < PLAIN_DN2, np.maximum(error, self.error), error)
 
     def model(self, values: Floats) -> tuple[Floats, float, Floats]:
