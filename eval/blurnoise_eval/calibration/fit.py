@@ -39,8 +39,9 @@ class Measurement:
 
     dark, flat: levels of the lowest gain, lowest_db, in steps of the converter; used: places of the flat ones that
     were fitted. gains: by dB above the lowest, estimates of ``AT_GAIN``. bend: None where the line holds. clip_dn:
-    where flat frames clip, None if nowhere. size_px: (width, height). bits_given: whether the user gave the bit
-    depth. notes: assumptions beside the figures. doubts: why some of them may be wrong.
+    where flat frames clip, None if nowhere. size_px: (width, height). cfa: the mosaic, None without one.
+    bits_given: whether the user gave the bit depth. notes: assumptions beside the figures. doubts: why some of them
+    may be wrong.
     """
 
     estimates: dict[str, Estimate]
@@ -53,6 +54,7 @@ class Measurement:
     bend: Bend | None
     linearity: Linearity | None
     size_px: Size
+    cfa: str | None
     bit_depth: int
     bits_given: bool
     clip_dn: float | None
@@ -154,7 +156,8 @@ def measure(
     return Measurement(
         estimates=estimates, dark=dark, flat=flat, used=fitted.used, fit=found, lowest_db=files.gains_db[0],
         gains=gains,
-        bend=fitted.bend, linearity=linear, size_px=files.size_px, bit_depth=bits, bits_given=bit_depth is not None,
+        bend=fitted.bend, linearity=linear, size_px=files.size_px,
+        cfa=None if files.place is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
         clip_dn=clip_dn, doubts=doubts,
         notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files.step_dn)],
     )  # fmt: skip
@@ -226,7 +229,7 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; must be {FEWEST_FLAT} or more that are not"
     refuse(len(used) < FEWEST_FLAT, few)
     checks.check_noise([flat[place] for place in used])
-    pattern = levels.dark_pattern(taken.dark_mean, dark)
+    pattern = levels.dark_pattern(taken.stack.halves)
     fit = transfer.fit(dark, [flat[place] for place in used], pattern)
     tone = checks.tone_curve(dark, [flat[place] for place in used], fit)
     limit_dn = clip_dn or full_scale_dn

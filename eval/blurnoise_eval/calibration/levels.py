@@ -174,21 +174,30 @@ def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
     return hot
 
 
-def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
-    """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
+def dark_pattern(halves: tuple[Floats, Floats]) -> Pattern:
+    """Of the dark frames: means (H, W) of every other one and of the rest, whose noise is not the same.
+
+    Each of the four planes of a mosaic varies about its own mean. What both halves share is fixed; the noise of hot
+    pixels, far above the others', is in neither figure.
+    """
+    mean = (halves[0] + halves[1]) / 2
     hot = hot_pixels(mean)
-    planes = [(mean[place] - np.median(mean[place])).ravel() for place in _PLACES]
-    inside = [mean[place][~hot[place]] for place in _PLACES]
-    squares = np.concatenate([(values - values.mean()) ** 2 for values in inside])
-    freedom = squares.size - len(_PLACES)
-    variance = float(squares.sum()) / freedom
+    every, fixed, squares = [], [], []
+    for place in _PLACES:
+        kept = ~hot[place]
+        one, other = (half[place][kept] - half[place][kept].mean() for half in halves)
+        every.append((mean[place] - np.median(mean[place])).ravel())
+        fixed.append(one * other)
+        squares.append(((one + other) / 2) ** 2)
+    shared, freedom = np.concatenate(fixed), hot.size - int(hot.sum()) - len(_PLACES)
+    variance = float(np.concatenate(squares).sum()) / freedom
     return Pattern(
         variance_dn2=variance,
-        fixed_dn2=variance - noise_of_mean(levels),
-        error_dn2=float(squares.std()) / math.sqrt(freedom),
+        fixed_dn2=float(shared.sum()) / freedom,
+        error_dn2=float(shared.std()) / math.sqrt(freedom),
         pixels=hot.size,
         outliers=int(hot.sum()),
-        outlying_dn2=max(0.0, float((np.concatenate(planes) ** 2).mean()) - variance),
+        outlying_dn2=max(0.0, float((np.concatenate(every) ** 2).mean()) - variance),
     )
 
 

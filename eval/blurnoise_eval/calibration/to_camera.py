@@ -66,7 +66,14 @@ def camera_of(
         text = f"measured: variance over the line's, 95 %, {', '.join(factors)}; K is of the straight part"
         points = zip(found.bend.shares, found.bend.factors, strict=True)
         known["photon_transfer"] = (tuple((share, point.value) for share, point in points), text)
-    known |= _gains(found, PRESETS[one_of("base", base, sorted(PRESETS))])
+    preset = PRESETS[one_of("base", base, sorted(PRESETS))]
+    known |= _gains(found, preset)
+    if found.cfa and set(found.cfa) == set(preset.cfa):
+        known["cfa"] = (found.cfa, "stated with the frames")
+    if "quantum_efficiency" in known and preset.cfa not in ("none", "mono"):
+        of_green = f"{known['quantum_efficiency'][0]:.3g} in the frames' light and the green pixels"
+        source = f"assumed, as of the preset {base}: measured was {of_green}, not of each colour"
+        known["quantum_efficiency"] = (preset.quantum_efficiency, source)
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
         limit = "assumed: the converter's limit; no frame clips"

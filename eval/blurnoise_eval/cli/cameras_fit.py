@@ -43,8 +43,8 @@ def cameras_fit(
     """Measure your own camera: gain, read noise, dark current, black level, saturation, PRNU, DSNU and linearity,
     each with a 95 % interval, as a file for --camera, with plots beside it.
 
-      blurnoise cameras fit frames/ -o mine.yaml --bit-depth 12      writes mine.yaml and mine.png
-      blurnoise cameras fit --dng photo.dng -o phone.yaml            by the file's noise profile
+      blurnoise cameras fit frames/ -o mine.yaml             and mine.png
+      blurnoise cameras fit --dng photo.dng -o phone.yaml    its noise profile
 
     Frames are the sensor's own numbers. Dark: lens covered. Flat: an even, steady light, no part clipped. Eight
     exposures of two frames each are good; a few that saturate show the full well.
@@ -53,14 +53,15 @@ def cameras_fit(
     raw files (pip install 'blurnoise[raw]'), and .raw or .bin without a header: --raw-layout u8, u16, mipi10, mipi12
     (MIPI CSI-2), mono10p or mono12p (GenICam), with the size.
 
-    What they are, by the first that is there:
+    How they were taken, by the first that is there:
 
-      FOLDER/frames.csv          columns file, kind (dark or flat), exposure_s; where known photons_per_px,
-                                 illuminance_lux, wavelength_nm, gain_db, temperature_c, cfa, page
-      FOLDER/*.txt               the descriptor of an EMVA 1288 data set
-      names, folders, headers    dark_10ms_0.png, flat/2.5ms_1.tif; raw and FITS files state exposure and ISO
+      frames.csv    columns file, kind (dark, flat), exposure_s, or more (below)
+      a .txt file   descriptor of an EMVA 1288 data set
+      names         dark_10ms_0.png, flat/2.5ms_1.tif; raw and FITS files state
+                    their exposure and ISO; all but those in dark/ are flat
 
-    Of a colour sensor the green pixels are measured.
+    Further columns: photons_per_px (for the quantum efficiency), illuminance_lux, wavelength_nm, gain_db,
+    temperature_c, cfa, page. Of a colour sensor the green pixels are measured.
     """
     from blurnoise._core import checks
     from blurnoise.optics.camera import PRESETS
@@ -102,4 +103,6 @@ def cameras_fit(
         interval = " to ".join(to_camera.ends(each)) if each else ""
         table.add_row(name, f"{each.value:.4g}" if each else "not available", interval, unit)
     show(table)
+    if found.cfa and set(found.cfa) != set(camera.cfa):
+        say(f"the camera's mosaic is {camera.cfa}, as of its base: --base imx250c has RGGB")
     say(*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes, output, plot)
