@@ -23,7 +23,7 @@ def draw_fit(found: Measurement, name: str) -> Figure:
     figure, (transfer, *rest) = small_multiples(panels, panels, (5.4, 4.6), (0.0, 0.4))
     used = [found.flat[place] for place in found.used]
     out = [level for level in found.flat if level not in used]
-    shown = {"dark": found.dark, "flat": used, "flat, left out of the fit": out}
+    shown = {"dark": found.dark, "flat": used, "flat, left out of the line": out}
     for (label, of_kind), colour in zip(shown.items(), ("black", *COLOURS), strict=False):
         noisy = [level for level in of_kind if level.variance_dn2 > 0]
         mean, variance = columns(noisy, "mean_dn", "variance_dn2")
@@ -31,8 +31,15 @@ def draw_fit(found: Measurement, name: str) -> Figure:
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
     text = f"K {gain.value:.4g} DN/e⁻, read noise {read.value:.3g} e⁻"
     signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
-    line = fit.read_dn2 + 1 / 12 + fit.gain * signal
+    line = fit.at(signal + fit.dark.offset)
     transfer.plot(signal, line, label=text, **_MODEL)
+    if found.bend:
+        shares, factors = np.array(found.bend.shares), np.array([each.value for each in found.bend.factors])
+        bent = np.linspace(shares[0], shares[-1], 100)
+        photo = fit.gain * bent * found.bend.top_dn * np.interp(bent, shares, factors)
+        transfer.plot(
+            bent * found.bend.top_dn, line[0] + photo, label="bend", color="black", ls="--", zorder=3
+        )
     transfer.set_xscale("symlog", linthresh=1.0)
     transfer.set(yscale="log", ylim=(line[0] / 3, 5 * line[-1]))
     tidy(transfer, x="Mean above the black level / DN", y="Temporal variance / DN²")

@@ -17,7 +17,9 @@ from scipy.ndimage import uniform_filter
 
 from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
 
-_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+_PLACES = tuple((slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1))
+_INNER = (slice(SMOOTH_PX - 1, 1 - SMOOTH_PX),) * 2  # what has whole squares of its place around it
 _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 
 
@@ -25,8 +27,8 @@ _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
-    pixels: of a frame. drift_dn: mean of the last frame less that of the first. lamp_spread: largest less least of
-    the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
+    pixels: of a frame. means_dn: of each frame, in the order taken. lamp_spread: largest less least of the frames'
+    means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
     in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is more. counts
     (65536,): how many pixels hold each number.
     """
@@ -40,16 +42,34 @@ class Level:
     mean_error_dn: float
     variance_dn2: float
     variance_error_dn2: float
-    drift_dn: float
+    means_dn: tuple[float, ...]
     lamp_spread: float
     row_share: float
     correlation: float
     counts: NDArray[np.int64]
+    gain_db: float = 0.0
+    illuminance_lux: float | None = None
+    wavelength_nm: float | None = None
+    temperature_c: float | None = None
 
     def __str__(self) -> str:
         """As messages name it."""
-        light = "" if self.photons_per_px is None else f", {self.photons_per_px:g} photons/px"
-        return f"{self.kind} {self.exposure_s * 1e3:g} ms{light}"
+        parts = [
+            f"{value:g} {unit}"
+            for value, unit in (
+                (self.photons_per_px, "photons/px"),
+                (self.illuminance_lux, "lx"),
+                (self.wavelength_nm, "nm"),
+                (self.gain_db or None, "dB"),
+            )
+            if value is not None
+        ]
+        return ", ".join([f"{self.kind} {self.exposure_s * 1e3:g} ms", *parts])
+
+    @property
+    def drift_dn(self) -> float:
+        """Mean of the last frame less that of the first."""
+        return self.means_dn[-1] - self.means_dn[0]
 
     @property
     def highest_dn(self) -> int:
@@ -106,11 +126,15 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         mean_error_dn=math.sqrt(variance / (frames * pixels)),
         variance_dn2=variance,
         variance_error_dn2=float(each.std()) / math.sqrt(pixels),
-        drift_dn=means[-1] - means[0],
+        means_dn=tuple(means),
         lamp_spread=(max(means) - min(means)) / signal if lit and signal > 0 else 0.0,
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
         counts=counts,
+        gain_db=first.gain_db,
+        illuminance_lux=first.illuminance_lux,
+        wavelength_nm=first.wavelength_nm,
+        temperature_c=first.temperature_c,
     )
     return level, start + total / frames
 
@@ -135,43 +159,64 @@ class Pattern:
     outlying_dn2: float
 
 
-def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
-    """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
-    planes = [(plane - np.median(plane)).ravel() for plane in _planes(mean)]
-    # a mean of whole numbers that is one off may not lie out
-    inside = [values[~outlying(values, 1.0)] for values in planes]
-    inside = [values - values.mean() for values in inside]
-    return _pattern(np.concatenate(planes), np.concatenate(inside), noise_of_mean(levels), means=4)
+def frame_scatter(levels: Sequence[Level]) -> float:
+    """By how much the means of frames of one level scatter, DN rms, pooled over the levels."""
+    squares = sum(level.frames * float(np.var(level.means_dn)) for level in levels)
+    return math.sqrt(squares / sum(level.frames - 1 for level in levels))
 
 
-def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
-    """Of ``mean`` (H, W), flat frames' less dark ones': each plane of a mosaic without its smooth part.
+def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
+    """Which pixels of ``mean`` (H, W), of dark levels, lie far from the others of their place in a mosaic."""
+    hot = np.zeros(mean.shape, bool)
+    for place in _PLACES:
+        # a mean of whole numbers that is one off may not lie out
+        hot[place] = outlying(mean[place] - np.median(mean[place]), 1.0)
+    return hot
 
-    The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure.
+
+def dark_pattern(halves: tuple[Floats, Floats]) -> Pattern:
+    """Of the dark frames: means (H, W) of every other one and of the rest, whose noise is not the same.
+
+    Each of the four planes of a mosaic varies about its own mean. What both halves share is fixed; the noise of hot
+    pixels, far above the others', is in neither figure.
     """
-    values = without_shading(mean)
-    return _pattern(values, values[~outlying(values, 1.0)], noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
-
-
-def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, kept: float = 1.0) -> Pattern:
-    """inside: values about 0 without outliers, less ``means`` means. kept: share of the variance that they have."""
-    squares, freedom = inside**2 / kept, inside.size - means
-    variance = float(squares.sum()) / freedom
+    mean = (halves[0] + halves[1]) / 2
+    hot = hot_pixels(mean)
+    every, fixed, squares = [], [], []
+    for place in _PLACES:
+        kept = ~hot[place]
+        one, other = (half[place][kept] - half[place][kept].mean() for half in halves)
+        every.append((mean[place] - np.median(mean[place])).ravel())
+        fixed.append(one * other)
+        squares.append(((one + other) / 2) ** 2)
+    shared, freedom = np.concatenate(fixed), hot.size - int(hot.sum()) - len(_PLACES)
+    variance = float(np.concatenate(squares).sum()) / freedom
     return Pattern(
         variance_dn2=variance,
-        fixed_dn2=variance - noise_dn2,
-        error_dn2=float(squares.std()) / math.sqrt(freedom),
-        pixels=every.size,
-        outliers=every.size - inside.size,
-        outlying_dn2=max(0.0, float((every**2).mean()) / kept - variance),
+        fixed_dn2=float(shared.sum()) / freedom,
+        error_dn2=float(shared.std()) / math.sqrt(freedom),
+        pixels=hot.size,
+        outliers=int(hot.sum()),
+        outlying_dn2=max(0.0, float((np.concatenate(every) ** 2).mean()) - variance),
     )
 
 
 def without_shading(mean: Floats) -> Floats:
-    """The values (N,) of the four planes of ``mean`` (H, W), less the mean of the 7 x 7 around each."""
-    inner = slice(_SMOOTH_PX // 2, -(_SMOOTH_PX // 2))
-    smooth = [plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect") for plane in _planes(mean)]
-    return np.concatenate([plane[inner, inner].ravel() for plane in smooth])
+    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic."""
+    return (mean - smooth(mean, np.zeros(mean.shape, bool)))[_INNER]
+
+
+def smooth(mean: Floats, left_out: NDArray[np.bool_]) -> Floats:
+    """Of ``mean`` (H, W) the mean of the 7 x 7 around each pixel of its place in a mosaic, without those left out."""
+    found = np.empty_like(mean)
+    for place in _PLACES:
+        kept, level = (~left_out[place]).astype(np.float64), np.median(mean[place])
+        total, share = (
+            uniform_filter(values, SMOOTH_PX, mode="reflect")
+            for values in (kept * (mean[place] - level), kept)
+        )
+        found[place] = level + total / np.maximum(share, 0.5 / SMOOTH_PX**2)
+    return found
 
 
 def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
@@ -183,7 +228,3 @@ def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
 def noise_of_mean(levels: Sequence[Level]) -> float:
     """Temporal variance of the mean of the levels' mean frames."""
     return sum(level.variance_dn2 / level.frames for level in levels) / len(levels) ** 2
-
-
-def _planes(mean: Floats) -> list[Floats]:
-    return [mean[row::2, column::2] for row in (0, 1) for column in (0, 1)]

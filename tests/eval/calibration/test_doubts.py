@@ -82,6 +82,67 @@ def test_hot_pixels_are_named_and_left_out_of_dsnu(tmp_path: Path) -> None:
     assert "doubtful" not in camera.sources["system_gain_dn_per_e"]
 
 
+def test_one_per_cent_of_hot_pixels_changes_nothing(tmp_path: Path) -> None:
+    """Their neighbours' smooth part tripled the PRNU."""
+    found = found_in(tmp_path / "frames", 5, hot=0.01)
+    (doubt,) = found.doubts
+    share = float(doubt.text.split("(")[1].split(" %")[0])
+    assert share == pytest.approx(1, abs=4 * 100 * (0.01 / (SIZE[0] * SIZE[1])) ** 0.5)
+    assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.06)
+    assert found.estimates["dsnu_e"].value == pytest.approx(DSNU_E, rel=0.06)
+    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(GAIN, rel=0.02)
+
+
+def test_a_sensor_that_warms_over_one_exposure_is_named(tmp_path: Path) -> None:
+    """Frames of one dark level, each with 1 % of an exposure's dark charge more than that before."""
+    random = np.random.default_rng(6)
+    taken = {key: each for key, each in frames(6).items() if key[0] == "flat"}
+    for growth, doubts in ((0.0, 0), (0.4, 1)):
+        dark = [
+            BLACK_DN + GAIN * (40 + growth * n + READ_E * random.standard_normal(SIZE)) for n in range(10)
+        ]
+        taken["dark", 0.1] = [np.round(each).astype(np.uint16) for each in dark]
+        found = measure(made_frames.save(tmp_path / str(growth), taken), bit_depth=12)
+        assert len(found.doubts) == doubts
+    assert found.doubts[0].text.startswith(
+        "the sensor warms: frames of dark 100 ms get brighter one after the other"
+    )
+    assert (
+        found.estimates["black_level_dn"].low < BLACK_DN + GAIN * 40 < found.estimates["black_level_dn"].high
+    )
+
+
+def test_levels_too_dim_for_a_black_level_that_wanders_are_left_out(tmp_path: Path) -> None:
+    """0.8 DN of light beside 0.1 DN of wandering: 'flickering' refused the whole. A lamp that flickers still is."""
+    taken = frames(7, jitter_dn=0.1)
+    random = np.random.default_rng(7)
+
+    def lit(light_e: float, jitter_dn: float) -> np.ndarray:
+        noisy_e = random.poisson(light_e, SIZE) + READ_E * random.standard_normal(SIZE)
+        return np.round(BLACK_DN + jitter_dn + GAIN * noisy_e).astype(np.uint16)
+
+    taken["flat", 1e-5] = [lit(2.0, 0.1), lit(2.0, -0.1)]
+    found = measure(made_frames.save(tmp_path / "frames", taken), bit_depth=12)
+    assert any(
+        note.startswith("left out: 1 flat levels too dim") and "flat 0.01 ms" in note for note in found.notes
+    )
+    assert 0 not in found.used
+    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(GAIN, rel=0.02)
+    taken["flat", 1e-5] = [lit(20.0, 0.0), lit(25.0, 0.0)]
+    with pytest.raises(ValueError, match=r"^flat 0\.01 ms: flickering"):
+        measure(made_frames.save(tmp_path / "frames", taken), bit_depth=12)
+
+
+def test_a_lamp_that_drifts_within_levels_is_named(tmp_path: Path) -> None:
+    taken = frames(8)
+    for (kind, _), each in taken.items():
+        if kind == "flat":
+            each[1] = np.round(BLACK_DN + (each[1] - BLACK_DN) * 1.012).astype(np.uint16)
+    found = measure(made_frames.save(tmp_path / "frames", taken), bit_depth=12)
+    assert any("the lamp's light differs by up to 1.2% within a level" in note for note in found.notes)
+    assert not any("lamp" in note for note in found_in(tmp_path / "steady", 8).notes)
+
+
 @pytest.mark.parametrize("gamma", [0.9, 0.95, 1.1])
 def test_a_tone_curve_is_named_with_its_gamma(tmp_path: Path, gamma: float) -> None:
     found = found_in(tmp_path / "frames", 2, gamma=gamma)

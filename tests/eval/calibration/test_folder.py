@@ -1,0 +1,161 @@
+"""Levels of a folder: by gain, light and exposure; mosaics taken apart."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import made_frames
+import numpy as np
+import pytest
+from blurnoise_eval.calibration.fit import measure
+from blurnoise_eval.calibration.frames import Folder
+from blurnoise_eval.calibration.levels import level_of
+from blurnoise_eval.calibration.to_camera import camera_of
+
+from blurnoise import Camera
+
+CAMERA = replace(
+    made_frames.drawn_camera(2),
+    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=4.0, prnu=0.01, dsnu_e=2.0, black_level_dn=20.0,
+    bit_depth=12,
+)  # fmt: skip
+
+
+def listed(folder: Path, rows: list[dict[str, object]]) -> Path:
+    """``frames.csv`` of these rows."""
+    with (folder / "frames.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list({name: None for row in rows for name in row}))
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder
+
+
+def test_gain_light_and_temperature_reach_the_levels(tmp_path: Path) -> None:
+    """Two gains of the same exposures: the gain of the lower one is fitted."""
+    rows: list[dict[str, object]] = []
+    for gain_db, camera in ((6.0, replace(CAMERA, system_gain_dn_per_e=0.8)), (0.0, CAMERA)):
+        for (kind, exposure_s), planes in made_frames.exposed(
+            camera, 1, size=(64, 80), levels=4, top=0.5
+        ).items():
+            for number, plane in enumerate(planes):
+                name = f"{gain_db}_{kind}_{exposure_s:.4f}_{number}.npy"
+                np.save(tmp_path / name, plane)
+                light = {"illuminance_lux": 120.5, "wavelength_nm": 525} if kind == "flat" else {}
+                how = {"kind": kind, "exposure_s": exposure_s, "gain_db": gain_db, "temperature_c": 31}
+                rows.append({"file": name, **how, **light})
+    files = Folder(listed(tmp_path, rows))
+    assert files.gains_db == [0.0, 6.0]
+    high = files.at_gain(6.0)
+    assert (len(high.dark), len(high.flat)) == (4, 4)
+    level, _ = level_of(high.planes(high.flat[1]), high.flat[1][0])
+    assert (level.gain_db, level.illuminance_lux, level.wavelength_nm, level.temperature_c) == (
+        6,
+        120.5,
+        525,
+        31,
+    )
+    assert str(level) == "flat 50 ms, 120.5 lx, 525 nm, 6 dB"
+    assert measure(tmp_path).estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
+
+
+def mosaic(folder: Path, shares: tuple[float, float, float, float]) -> Path:
+    """Frames behind filters that pass these shares, in reading order, with 0.01 of PRNU."""
+    random, size = np.random.default_rng(3), (128, 160)
+    passed = np.tile(np.reshape(shares, (2, 2)), (64, 80))
+    response = passed * (1 + 0.01 * random.standard_normal(size))
+    planes: dict[tuple[str, float], list[np.ndarray]] = {}
+    for exposure_s in (0.01, 0.02, 0.04, 0.06, 0.08, 0.1):
+        for kind, light_e in (("dark", 0.0), ("flat", 60e3 * exposure_s)):
+            for _ in range(2):
+                noisy_e = random.poisson(light_e * response) + 4 * random.standard_normal(size)
+                each = np.round(60 + 0.4 * noisy_e).astype(np.uint16)
+                planes.setdefault((kind, exposure_s), []).append(each)
+    return made_frames.save(folder, planes)
+
+
+MOSAICS = {
+    "RGGB": ((0.5, 1.0, 1.0, 0.3), (0, 1), "XGGX"),
+    "GBRG": ((1.0, 0.3, 0.5, 1.0), (0, 0), "GXXG"),
+    "RCCB": ((0.5, 1.0, 1.0, 0.3), (0, 1), "XGGX"),
+    "green light": ((0.1, 1.0, 1.0, 0.1), (0, 1), "XGGX"),
+    "no filters": ((1.0, 1.0, 1.0, 1.0), None, None),
+    "four amplifiers": ((1.0, 0.9, 0.8, 0.7), None, None),
+}
+
+
+@pytest.mark.parametrize(("shares", "place", "noticed"), MOSAICS.values(), ids=MOSAICS)
+def test_a_mosaic_is_noticed(
+    tmp_path: Path,
+    shares: tuple[float, float, float, float],
+    place: tuple[int, int] | None,
+    noticed: str | None,
+) -> None:
+    files = Folder(mosaic(tmp_path / "frames", shares))
+    assert (files.place, files.cfa, files.size_px) == (place, noticed, (160, 128))
+    assert next(files.planes(files.flat[0])).shape == ((64, 80) if place else (128, 160))
+
+
+def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path: Path) -> None:
+    """The signal of each plane is told; a stated mosaic counts, also that there is none."""
+    folder = mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3))
+    found = measure(folder, cfa="RGGB")
+    (note,) = (note for note in found.notes if "mosaic" in note)
+    assert note.startswith(
+        "mosaic RGGB: figures are of the green pixels, those in row 1, column 2 of each 2 x 2; "
+    )
+    assert note.endswith("signal of the others over theirs: R 0.50, G 1.00, B 0.30")
+    assert found.size_px == (160, 128)
+    assert found.flat[-1].pixels == 64 * 80
+    assert found.flat[-1].mean_dn == pytest.approx(60 + 0.4 * 6000, rel=0.002)
+    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.04)
+    assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.1)
+    assert measure(folder, cfa="none").flat[-1].pixels == 128 * 160
+    assert any(note.startswith("noticed: mosaic XGGX") for note in measure(folder).notes)
+
+
+def test_the_camera_behind_a_mosaic(tmp_path: Path) -> None:
+    """A base with a mosaic takes that of the frames; one efficiency is not that of three colours."""
+    folder = mosaic(tmp_path / "frames", (1.0, 0.3, 0.5, 1.0))
+    rows: list[dict[str, object]] = []
+    for path in sorted(folder.iterdir()):
+        kind, exposure_ms, _ = path.stem.split("_")
+        photons = 100 * float(exposure_ms[:-2]) if kind == "flat" else 0.0
+        rows.append(
+            {"file": path.name, "photons_per_px": photons, "kind": kind} | {"exposure_s": exposure_ms[:-2]}
+        )
+    listed(folder, rows)
+    found = measure(folder, cfa="GBRG")
+    assert found.estimates["quantum_efficiency"].value == pytest.approx(0.6, rel=0.04)
+    camera = camera_of(found, "mine", base="imx250c")
+    assert (camera.cfa, camera.sources["cfa"]) == ("GBRG", "stated with the frames")
+    assert camera.quantum_efficiency == Camera.preset("imx250c").quantum_efficiency
+    assert "measured was 0.59" in camera.sources["quantum_efficiency"]
+    assert camera_of(found, "mine").cfa == "none"
+
+
+def test_raw_files_are_a_camera(tmp_path: Path) -> None:
+    """DNG files whose headers say all, dark ones in a folder of their own."""
+    pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
+    (tmp_path / "dark").mkdir()
+    number = 0
+    for (kind, exposure_s), planes in made_frames.exposed(CAMERA, 1, size=(96, 120), levels=5).items():
+        for plane in planes:
+            number += 1
+            path = tmp_path / ("dark" if kind == "dark" else "") / f"IMG_{number:04}.dng"
+            exif = {33434: (5, exposure_s), 34855: (3, 100)}
+            made_frames.write_dng(path, plane, {34665: (4, {tag: value for tag, (_, value) in exif.items()})})
+    found = measure(tmp_path, bit_depth=12)
+    assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
+    assert any(note.startswith("mosaic RGGB") for note in found.notes)
+
+
+def test_a_frame_alone_is_left_out(tmp_path: Path) -> None:
+    planes = made_frames.exposed(CAMERA, 1, size=(64, 80), levels=4)
+    planes["flat", 0.0333] = planes["flat", 0.05][:1]
+    files = Folder(made_frames.save(tmp_path / "frames", planes))
+    assert len(files.flat) == 4
+    assert files.notes == [
+        "left out: 1 frames alone at their exposure, as flat_33.3000ms_0.npy; two tell noise from pattern"
+    ]
