@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Size = tuple[int, int]
 FEWEST_FLAT = 3
 _UNLIKE = 0.05  # by which the places of a mosaic differ, of their mean
+_SETTLED_C = 1.0  # over which dark current changes by some 10 %
 _ALIKE = 0.02  # by which its two green ones do
 
 
@@ -63,6 +64,10 @@ class Folder:
         refuse(len(self.flat) < FEWEST_FLAT, few)
         none = f"frames: dark levels and {FEWEST_FLAT} flat ones must be of one gain_db; they are of none"
         refuse(not self.gains_db, none)
+        celsius = [frame.temperature_c for frame in ordered if frame.temperature_c is not None] or [0.0]
+        if max(celsius) - min(celsius) > _SETTLED_C:
+            warmed = f"the sensor was at {min(celsius):g} to {max(celsius):g} degrees C"
+            self.notes.append(f"{warmed}: its dark current is that of no one temperature")
         before = ""
         held = np.zeros(1 << 16, bool)
         places: dict[Kind, list[Floats]] = {"dark": [], "flat": []}

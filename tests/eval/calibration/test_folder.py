@@ -43,10 +43,18 @@ def test_gain_light_and_temperature_reach_the_levels(tmp_path: Path) -> None:
                 name = f"{gain_db}_{kind}_{exposure_s:.4f}_{number}.npy"
                 np.save(tmp_path / name, plane)
                 light = {"illuminance_lux": 120.5, "wavelength_nm": 525} if kind == "flat" else {}
-                how = {"kind": kind, "exposure_s": exposure_s, "gain_db": gain_db, "temperature_c": 31}
+                how = {
+                    "kind": kind,
+                    "exposure_s": exposure_s,
+                    "gain_db": gain_db,
+                    "temperature_c": 31 + gain_db / 3,
+                }
                 rows.append({"file": name, **how, **light})
     files = Folder(listed(tmp_path, rows))
     assert files.gains_db == [0.0, 6.0]
+    assert files.notes == [
+        "the sensor was at 31 to 33 degrees C: its dark current is that of no one temperature"
+    ]
     high = files.at_gain(6.0)
     assert (len(high.dark), len(high.flat)) == (4, 4)
     level, _ = level_of(high.planes(high.flat[1]), high.flat[1][0])
@@ -54,7 +62,7 @@ def test_gain_light_and_temperature_reach_the_levels(tmp_path: Path) -> None:
         6,
         120.5,
         525,
-        31,
+        33,
     )
     assert str(level) == "flat 50 ms, 120.5 lx, 525 nm, 6 dB"
     assert measure(tmp_path).estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
