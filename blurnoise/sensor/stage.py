@@ -49,8 +49,8 @@ class Frames:
         own["shared"] = {
             name: each[of, :, rows] if each.shape[2] > 1 else each[of] for name, each in self.shared.items()
         }
-        means = {"white_e": self.white_e[of], "dark_e": self.dark_e[of]}
-        return replace(self, seeds=self.seeds[of], **means, **own)
+        own |= {"white_e": self.white_e[of], "dark_e": self.dark_e[of], "seeds": self.seeds[of]}
+        return replace(self, **own)
 
 
 class SensorStage(ABC):
