@@ -48,9 +48,7 @@ class Measurement:
         return f"{flat} flat and {dark} dark frames"
 
 
-def measure(
-    folder: Path | Folder, *, bit_depth: int | None = None, raw_size_px: Size | None = None
-) -> Measurement:
+def measure(folder: Path | Folder, *, bit_depth: int | None = None, raw_size_px: Size | None = None) -> Measurement:
     """The camera whose frames lie in ``folder``. bit_depth: of the converter; None takes the fewest bits that fit.
 
     Raises ``ValueError`` naming the file or level that cannot be used, and why.
@@ -58,6 +56,7 @@ def measure(
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
     files = folder if isinstance(folder, Folder) else Folder(folder, raw_size_px)
+    files = files.at_gain(files.gains_db[0])
     dark, dark_mean = [], np.zeros(())
     for frames in files.dark:
         level, mean = level_of(files.planes(frames), frames[0])

@@ -120,8 +120,11 @@ def validate(
 
     Raises ``ValueError`` for frames that cannot be used, as :func:`.fit.measure` does.
     """
-    files = Folder(folder, raw_size_px)
-    dark, flat, fitted, notes = files.dark, files.flat, None, list[str]()
+    every = Folder(folder, raw_size_px)
+    files, fitted, notes = every.at_gain(every.gains_db[0]), None, list[str]()
+    if len(every.gains_db) > 1:
+        notes.append(f"several gains: compared at {every.gains_db[0]:g} dB")
+    dark, flat = files.dark, files.flat
     lit = flat
     if camera is None:
         half = copy(files)
@@ -133,6 +136,8 @@ def validate(
         fitted = fit.measure(half)
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
+    else:
+        camera = camera.at_gain(every.gains_db[0]).camera
     light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
     if not light.told:
         notes.append("the light is taken from each level's own mean, which is not compared for that")

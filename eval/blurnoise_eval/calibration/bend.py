@@ -1,0 +1,94 @@
+"""The bend: where the variance of photo noise leaves the straight line of photon transfer, as it does before a well fills.
+
+Points (signal_share, variance_factor) are the camera's ``photon_transfer``: mean signal above black as a share of that
+at which frames clip, and variance over the line's there. The first has the factor 1 and ends the straight part.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from blurnoise.metrics.values import Estimate
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats
+from blurnoise_eval.calibration.levels import Level, columns
+from blurnoise_eval.calibration.transfer import Transfer, Z, normal
+
+_CHANCE = 1e-3  # of a bend where there is none
+_LEAST = 0.02  # of the variance
+_SCATTER = 0.005  # of the variance of levels, beyond chance: lamps and real sensors do
+_MOST_POINTS = 3  # beyond the straight part
+
+
+@dataclass(frozen=True)
+class Bend:
+    """shares, factors: of the points; straight_dn: the mean up to which levels lie on the line."""
+
+    shares: tuple[float, ...]
+    factors: tuple[Estimate, ...]
+    straight_dn: float
+
+
+class _Levels:
+    """Variance over signal of levels, by rising mean: K on the straight part."""
+
+    def __init__(self, flat: Sequence[Level], fit: Transfer, top_dn: float) -> None:
+        mean, seen, error = columns(flat, "mean_dn", "variance_dn2", "variance_error_dn2")
+        order = np.argsort(mean)
+        signal = mean[order] - fit.dark.offset
+        self.mean_dn, self.shares = mean[order], signal / top_dn
+        self.gain = (seen[order] - fit.read_dn2 - 1 / 12) / signal
+        noise = np.hypot(error[order], fit.error(0, 1)) / signal
+        self.error = np.hypot(noise, _SCATTER * self.gain)
+
+    def by(self, design: Floats) -> tuple[float, Floats, Floats]:
+        """Chi-square, values and covariance of a fit of the columns of ``design`` (N, k)."""
+        scaled, gain = design / self.error[:, None], self.gain / self.error
+        values, *_ = np.linalg.lstsq(scaled, gain)
+        return float(((scaled @ values - gain) ** 2).sum()), values, np.linalg.inv(scaled.T @ scaled)
+
+    def bent(self, straight: int, beyond: int) -> tuple[Floats, Floats]:
+        """Shares of points, and the design of straight lines between them; before the first one its value holds.
+
+        straight: how many levels lie there; beyond: points after the first.
+        """
+        nodes = np.linspace(self.shares[straight - 1], self.shares[-1], beyond + 1)
+        return nodes, np.stack([np.interp(self.shares, nodes, each) for each in np.eye(len(nodes))], 1)
+
+
+def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) -> Bend | None:
+    """The bend that explains the variances of ``flat``, levels that do not clip, better than chance.
+
+    top_dn: signal at which frames clip. tone: they are explained by a power of the signal, which the bend has to
+    surpass. None where the line holds.
+    """
+    levels = _Levels(flat, fit, top_dn)
+    count = len(flat)
+    plain = [levels.by(np.ones((count, 1)))[0]]
+    if tone:
+        plain.append(levels.by(np.stack([np.ones(count), np.log(levels.shares)], 1))[0])
+    tried = []
+    for straight in range(FEWEST_FLAT, count):
+        for beyond in range(1, 1 + min(_MOST_POINTS, count - straight)):
+            freedom = count - beyond - 2  # K, the place of the first point, and a value of each other one
+            if freedom > 0:
+                left = levels.by(levels.bent(straight, beyond)[1])[0]
+                gained = (min(plain) - left) / (beyond + 1) / max(1.0, left / freedom)
+                tried.append((float(fisher.sf(gained, beyond + 1, freedom)), straight, beyond))
+    chance, straight, beyond = min(tried, default=(1.0, 0, 0))
+    if chance > _CHANCE:
+        return None
+    nodes, design = levels.bent(straight, beyond)
+    chi_square, values, covariance = levels.by(design)
+    widened = max(1.0, chi_square / (count - len(nodes)))
+    factors = values[1:] / fit.gain
+    errors = np.hypot(np.sqrt(widened * np.diag(covariance))[1:] / fit.gain, factors * fit.error(1) / fit.gain)
+    away = np.abs(factors - 1)
+    if not (away > np.maximum(_LEAST, Z * errors)).any():
+        return None
+    points = [Estimate(1.0, 1.0, 1.0), *(normal(*each, least=0.0) for each in zip(factors.tolist(), errors.tolist()))]
+    return Bend(tuple(nodes.tolist()), tuple(points), float(levels.mean_dn[straight - 1]))
