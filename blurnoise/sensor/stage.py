@@ -24,7 +24,8 @@ class Frames:
     """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
-    N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
+    N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. rows (B, C, H, 1),
+    columns (B, C, 1, W), drift (B, 1, 1, 1): N(0, 1), of row noise, column noise and the black level. A field is None
     where the law or the camera does not ask for it.
     """
 
@@ -38,11 +39,15 @@ class Frames:
     read: Tensor | None = None
     gain: Tensor | None = None
     offset_e: Tensor | None = None
+    rows: Tensor | None = None
+    columns: Tensor | None = None
+    drift: Tensor | None = None
 
     def part(self, item: int, rows: slice) -> Frames:
         """Some rows of one frame."""
-        of, fields = slice(item, item + 1), (self.normal, self.read, self.gain, self.offset_e)
+        of, fields = slice(item, item + 1), (self.normal, self.read, self.gain, self.offset_e, self.rows)
         own = [None if field is None else field[of, :, rows] for field in fields]
+        own += [None if field is None else field[of] for field in (self.columns, self.drift)]
         return Frames(
             self.camera, self.law, self.white_e[of], self.dark_e[of], self.seeds[of], self.quantised, *own
         )

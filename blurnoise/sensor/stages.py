@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,6 +15,8 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.light.conditions import Conditions
+from blurnoise.optics.camera import DSNU as DSNU_FIGURES
+from blurnoise.optics.camera import PRNU as PRNU_FIGURES
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s
@@ -39,18 +42,18 @@ class SpectralIntegration(SensorStage):
 
 
 class Prnu(SensorStage):
-    """Photo-response non-uniformity: a fixed factor per pixel."""
+    """Photo-response non-uniformity: a fixed factor of each pixel, with parts of its row and its column."""
 
     name = "PRNU"
     modelled = "fixed field of factors"
-    figures = ("prnu",)
+    figures = PRNU_FIGURES
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
+        return within_range_dn(at.camera, at.camera.prnu_total * signal_bound_e(at))
 
 
 class DarkCurrent(SensorStage):
@@ -68,6 +71,25 @@ class DarkCurrent(SensorStage):
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
+class PhotonTransfer(SensorStage):
+    """The bend of the variance of shot noise over the mean, in the draw of shot noise."""
+
+    name = "photon transfer"
+    draws = True
+    figures = ("photon_transfer",)
+    modelled = "in the draw of shot noise"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        return signal
+
+    def bound_dn(self, at: Conditions[float]) -> float:
+        most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
+        places_e = [share * camera.saturation_e for share, _ in camera.photon_transfer]
+        reached = [camera.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
+        farthest = max(abs(math.sqrt(factor) - 1) for factor in reached)
+        return within_range_dn(camera, farthest * math.sqrt(most_e))
+
+
 class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
@@ -78,20 +100,23 @@ class ShotNoise(SensorStage):
     draws = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        camera, bend = at.camera, variance_factor(signal, at.camera)
         if at.law == "exact":
-            return rng.poisson(signal, at.seeds)
-        if at.normal is None:
+            counts = rng.poisson(signal, at.seeds)
+        elif at.normal is None:
             return signal
-        if at.law == "merged":
-            drawn = noisy_electrons(signal, at.camera.read_noise_e, at.normal)
-            full = signal >= nearly_full_e(at.camera)
+        elif at.law == "merged":
+            drawn = noisy_electrons(signal, camera.read_noise_e, at.normal, bend)
+            full = signal >= nearly_full_e(camera)
             if at.read is None or not bool(full.any()):
                 return drawn
-            charge = noisy_electrons(signal, 0.0, at.normal).clamp(0.0, at.camera.well_limit_e)
-            return torch.where(full, charge + at.camera.read_noise_e * at.read, drawn)
-        if at.law == "apart":
-            return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
-        return rng.poisson_of_normal(signal, at.normal)
+            charge = noisy_electrons(signal, 0.0, at.normal, bend).clamp(0.0, camera.well_limit_e)
+            return torch.where(full, charge + camera.read_noise_e * at.read, drawn)
+        elif at.law == "apart":
+            return noisy_electrons(signal, 0.0, at.normal, bend).clamp(min=0.0)
+        else:
+            counts = rng.poisson_of_normal(signal, at.normal)
+        return counts if bend is None else signal + bend.sqrt() * (counts - signal)
 
     def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
@@ -132,22 +157,40 @@ class ReadNoise(SensorStage):
 
     def how(self, camera: Camera, noisy: bool) -> str:
         merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
-        return "in the draw of shot noise" if merged else "a normal draw of its own"
+        drawn = "in the draw of shot noise" if merged else "a normal draw of its own"
+        return f"{drawn}; measured at gains" if camera.gains else drawn
+
+
+class LineNoise(SensorStage):
+    """Normal noise of whole rows or columns ("row", "column"), of each frame."""
+
+    draws = True
+
+    def __init__(self, line: str) -> None:
+        self.name, self.figures, self._fields = f"{line} noise", (f"{line}_noise_e",), f"{line}s"
+        self.modelled = f"a normal value per {line} and frame"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        values = getattr(at, self._fields)
+        return signal if values is None else signal + getattr(at.camera, self.figures[0]) * values
+
+    def bound_dn(self, at: Conditions[float]) -> float:
+        return within_range_dn(at.camera, getattr(at.camera, self.figures[0]))
 
 
 class Dsnu(SensorStage):
-    """Dark-signal non-uniformity: a fixed offset per pixel."""
+    """Dark-signal non-uniformity: a fixed offset of each pixel, with parts of its row and its column."""
 
     name = "DSNU"
     modelled = "fixed field of offsets"
-    figures = ("dsnu_e",)
+    figures = DSNU_FIGURES
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, at.camera.dsnu_e)
+        return within_range_dn(at.camera, at.camera.dsnu_total_e)
 
 
 class Gain(SensorStage):
@@ -158,6 +201,21 @@ class Gain(SensorStage):
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
+
+
+class BlackLevelDrift(SensorStage):
+    """The black level, which wanders from frame to frame."""
+
+    name = "black level drift"
+    draws = True
+    figures = ("black_level_drift_dn",)
+    modelled = "a normal value per frame"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        return signal if at.drift is None else signal + at.camera.black_level_drift_dn * at.drift
+
+    def bound_dn(self, at: Conditions[float]) -> float:
+        return min(at.camera.black_level_drift_dn, at.camera.full_scale_dn)
 
 
 class Quantisation(SensorStage):
@@ -185,21 +243,26 @@ class Limits(SensorStage):
 
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
-SHOT_NOISE, FULL_WELL, READ_NOISE, DSNU = ShotNoise(), FullWell(), ReadNoise(), Dsnu()
-GAIN, QUANTISATION, LIMITS = Gain(), Quantisation(), Limits()
+PHOTON_TRANSFER, SHOT_NOISE, FULL_WELL, READ_NOISE = PhotonTransfer(), ShotNoise(), FullWell(), ReadNoise()
+ROW_NOISE, COLUMN_NOISE, DSNU, GAIN = LineNoise("row"), LineNoise("column"), Dsnu(), Gain()
+DRIFT, QUANTISATION, LIMITS = BlackLevelDrift(), Quantisation(), Limits()
 LINEAR_MODEL: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
     DARK_CURRENT,
+    PHOTON_TRANSFER,
     SHOT_NOISE,
     FULL_WELL,
     READ_NOISE,
+    ROW_NOISE,
+    COLUMN_NOISE,
     DSNU,
     GAIN,
+    DRIFT,
     QUANTISATION,
     LIMITS,
 )
-"""The stages of EMVA 1288, which the fast route implements."""
+"""The stages of EMVA 1288 and a camera's departures from it; the fast route implements all but the bend."""
 STAGES = LINEAR_MODEL
 """All stages; those of one's own come between: ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
 
@@ -212,26 +275,66 @@ def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool
     ]
 
 
-def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:
+def noisy_electrons(
+    mean_e: Tensor, read_noise_e: float, normal: Tensor, bend: Tensor | None = None
+) -> Tensor:
     """Shot and read noise in one draw: a normal corrected to the skewness of Poisson(mean) + N(0, read^2).
 
     x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms of Cornish
     and Fisher): mean and variance exact. After gain and rounding the total variation distance from the exact law is
     below 0.008, and 0.0005 from 100 electrons on, for a read noise of at least 1 electron. mean_e, normal: any shape.
+    bend: :func:`variance_factor`, with whose root f the deviation of Poisson(mean) from its mean is multiplied.
     """
     # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
-    variance = mean_e + max(read_noise_e**2, 1e-6)
-    skew = mean_e / variance / 6
+    of_light = mean_e if bend is None else mean_e * bend
+    variance = of_light + max(read_noise_e**2, 1e-6)
+    skew = (of_light if bend is None else of_light * bend.sqrt()) / variance / 6
     spread = variance - 2 * skew * skew
-    if read_noise_e**2 < 1 / 18:  # else v > 2 k^2 throughout
+    if read_noise_e**2 < 1 / 18 or bend is not None:  # else v > 2 k^2 throughout
         spread = spread.clamp(min=1e-6)
     return mean_e - skew + (torch.sqrt(spread) + skew * normal) * normal
 
 
+def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
+    """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer."""
+    if not camera.photon_transfer:
+        return None
+    (first, begins), *_, (last, ends) = camera.photon_transfer
+    points = ((first - 1, begins), *camera.photon_transfer, (last + 1, ends))
+    shares, factors = charge_e.new_tensor(points).unbind(-1)
+    share = (charge_e / camera.saturation_e).clamp(float(shares[0]), float(shares[-1]))
+    piece = torch.searchsorted(shares[1:-1].contiguous(), share.detach().contiguous(), right=True)
+    slope = factors.diff() / shares.diff()
+    return (factors[piece] + slope[piece] * (share - shares[piece])).clamp(min=1e-6)  # a root's derivative
+
+
+def line_fields(some: Sequence[SensorStage], light: Tensor, seeds: Sequence[int]) -> dict[str, Tensor]:
+    """The fields of :class:`Frames` for the noise of rows, columns and black level among some stages."""
+    one = light[:, :1, :1, :1]
+    likes = (
+        (ROW_NOISE, "rows", light[..., :1]),
+        (COLUMN_NOISE, "columns", light[..., :1, :]),
+        (DRIFT, "drift", one),
+    )
+    return {
+        name: rng.standard_normal(seeds, like, stage.name) for stage, name, like in likes if stage in some
+    }
+
+
+def offsets_e(at: Frames) -> Tensor | None:
+    """The offsets of pixels, rows, columns and frames behind the full well together, electrons, or None."""
+    camera = at.camera
+    drift_e = camera.black_level_drift_dn / camera.system_gain_dn_per_e
+    lines = (camera.row_noise_e, at.rows), (camera.column_noise_e, at.columns), (drift_e, at.drift)
+    every = [at.offset_e, *(None if field is None else size * field for size, field in lines)]
+    given = [each for each in every if each is not None]
+    return sum(given[1:], start=given[0]) if given else None
+
+
 def nearly_full_e(camera: Camera) -> float:
     """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
-    well_e = camera.well_limit_e
-    return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e)
+    well_e, most = camera.well_limit_e, max((factor for _, factor in camera.photon_transfer), default=1.0)
+    return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e * most)
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -90,7 +91,9 @@ def _scaled_to_electrons(before: Moments, at: Point) -> Moments:
 
 
 def _prnu(before: Moments, at: Point) -> Moments:
-    return before._replace(pattern_variance=before.pattern_variance + (at.camera.prnu * before.mean) ** 2)
+    return before._replace(
+        pattern_variance=before.pattern_variance + (at.camera.prnu_total * before.mean) ** 2
+    )
 
 
 def _dark_current(before: Moments, at: Point) -> Moments:
@@ -99,7 +102,9 @@ def _dark_current(before: Moments, at: Point) -> Moments:
 
 
 def _shot_noise(before: Moments, at: Point) -> Moments:
-    return before._replace(variance=before.variance + before.mean)
+    points = np.array(at.camera.photon_transfer or [(0.0, 1.0)]).T
+    factor = np.interp(before.mean.numpy() / at.camera.saturation_e, *points)
+    return before._replace(variance=before.variance + torch.from_numpy(np.asarray(factor)) * before.mean)
 
 
 def _full_well(before: Moments, at: Point) -> Moments:
@@ -118,8 +123,24 @@ def _read_noise(before: Moments, at: Point) -> Moments:
     return before._replace(variance=before.variance + at.camera.read_noise_e**2)
 
 
+def _row_noise(before: Moments, at: Point) -> Moments:
+    return before._replace(variance=before.variance + at.camera.row_noise_e**2)
+
+
+def _column_noise(before: Moments, at: Point) -> Moments:
+    return before._replace(variance=before.variance + at.camera.column_noise_e**2)
+
+
+def _drift(before: Moments, at: Point) -> Moments:
+    return before._replace(variance=before.variance + at.camera.black_level_drift_dn**2)
+
+
+def _unchanged(before: Moments, at: Point) -> Moments:
+    return before
+
+
 def _dsnu(before: Moments, at: Point) -> Moments:
-    return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_e**2)
+    return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_total_e**2)
 
 
 def _gain(before: Moments, at: Point) -> Moments:
@@ -163,11 +184,15 @@ _AFTER: dict[str, Callable[[Moments, Point], Moments]] = {
     stages.SPECTRAL_INTEGRATION.name: _scaled_to_electrons,
     stages.PRNU.name: _prnu,
     stages.DARK_CURRENT.name: _dark_current,
+    stages.PHOTON_TRANSFER.name: _unchanged,  # in the draw of shot noise
     stages.SHOT_NOISE.name: _shot_noise,
     stages.FULL_WELL.name: _full_well,
     stages.READ_NOISE.name: _read_noise,
+    stages.ROW_NOISE.name: _row_noise,
+    stages.COLUMN_NOISE.name: _column_noise,
     stages.DSNU.name: _dsnu,
     stages.GAIN.name: _gain,
+    stages.DRIFT.name: _drift,
     stages.QUANTISATION.name: _quantisation,
     stages.LIMITS.name: _limits,
 }
