@@ -84,12 +84,8 @@ def _moments(stack: Stack) -> Floats:
     """Per block: mean square, mean fourth power, and mean product of neighbours along rows and along columns."""
     noise = _blocks(stack.noise)
     squares = noise * noise
-    means = (
-        squares,
-        squares * squares,
-        noise[..., 1:] * noise[..., :-1],
-        noise[..., 1:, :] * noise[..., :-1, :],
-    )
+    along, across = noise[..., 1:] * noise[..., :-1], noise[..., 1:, :] * noise[..., :-1, :]
+    means = (squares, squares * squares, along, across)
     return np.stack([each.mean((0, 2, 3)) for each in means], 1)
 
 
@@ -184,7 +180,7 @@ MEASURES: tuple[Measure, ...] = (
     *_of_octaves("pattern", "pattern", _pattern_octaves),
 )
 """All that is measured of a level; a new measure is a line here."""
-SCATTER = Measure("scatter", "frame means, DN RMS", _level, _column(0))
+SCATTER = Measure("scatter", "frame means, DN", _level, _column(0))
 EVERY = (*MEASURES, SCATTER)
 
 
@@ -223,6 +219,7 @@ class Comparison:
         return {**about, **numbers, "verdict": self.verdict}
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # frames without noise
 def compare(
     level: str, kind: str, real: Stack, simulated: Stack, errors: dict[str, float] | None = None
 ) -> list[Comparison]:

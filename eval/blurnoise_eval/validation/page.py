@@ -58,15 +58,16 @@ def summary(found: Validation, kind: str) -> list[tuple[list[str], str]]:
 
 def cells(each: Comparison) -> tuple[str, str, str]:
     """The difference with its interval, real and simulated, as text."""
-    numbers = (f"{each.real:.4g}", f"{each.simulated:.4g}")
+    digits = ".4g" if each.measure.scale != "absolute" else ".4f"
+    numbers = (f"{each.real:{digits}}", f"{each.simulated:{digits}}")
     if not np.isfinite(each.difference):
         return ("-", *numbers)
     ends = (each.difference, each.low, each.high)
     if each.measure.scale != "relative":
-        return ("{:+.3f} ({:+.3f} to {:+.3f})".format(*ends), *numbers)
+        return ("{:+.3f} ({:+.3f}, {:+.3f})".format(*ends), *numbers)
     if each.difference > 1:
-        return ("x {:.3g} ({:.2g} to {:.2g})".format(*(1 + share for share in ends)), *numbers)
-    return ("{} ({} to {}) %".format(*map(_percent, ends)), *numbers)
+        return ("x {:.3g} ({:.3g}, {:.3g})".format(*(1 + share for share in ends)), *numbers)
+    return ("{} ({}, {}) %".format(*map(_percent, ends)), *numbers)
 
 
 def _percent(share: float) -> str:
