@@ -1,12 +1,11 @@
-"""The bend: where the variance of photo noise leaves the straight line of photon transfer, as it does before a well fills.
+"""The bend: where the variance of photo noise leaves the line of photon transfer, as it does before a well fills.
 
-Points (signal_share, variance_factor) are the camera's ``photon_transfer``: mean signal above black as a share of that
-at which frames clip, and variance over the line's there. The first has the factor 1 and ends the straight part.
+Points (signal_share, variance_factor) are the camera's ``photon_transfer``: mean signal above black as a share of
+that at which frames clip, and variance over the line's there. The first has the factor 1 and ends the straight part.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,7 +15,8 @@ from scipy.stats import f as fisher
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats
 from blurnoise_eval.calibration.levels import Level, columns
-from blurnoise_eval.calibration.transfer import Transfer, Z, normal
+from blurnoise_eval.calibration.structure import Z
+from blurnoise_eval.calibration.transfer import Transfer, normal
 
 _CHANCE = 1e-3  # of a bend where there is none
 _LEAST = 0.02  # of the variance
@@ -26,10 +26,14 @@ _MOST_POINTS = 3  # beyond the straight part
 
 @dataclass(frozen=True)
 class Bend:
-    """shares, factors: of the points; straight_dn: the mean up to which levels lie on the line."""
+    """shares, factors: of the points; top_dn: signal of which the shares are.
+
+    straight_dn: mean of the last level on the line.
+    """
 
     shares: tuple[float, ...]
     factors: tuple[Estimate, ...]
+    top_dn: float
     straight_dn: float
 
 
@@ -48,8 +52,9 @@ class _Levels:
     def by(self, design: Floats) -> tuple[float, Floats, Floats]:
         """Chi-square, values and covariance of a fit of the columns of ``design`` (N, k)."""
         scaled, gain = design / self.error[:, None], self.gain / self.error
-        values, *_ = np.linalg.lstsq(scaled, gain)
-        return float(((scaled @ values - gain) ** 2).sum()), values, np.linalg.inv(scaled.T @ scaled)
+        covariance = np.linalg.inv(scaled.T @ scaled).astype(np.float64)
+        values = covariance @ (scaled.T @ gain)
+        return float(((scaled @ values - gain) ** 2).sum()), values, covariance
 
     def bent(self, straight: int, beyond: int) -> tuple[Floats, Floats]:
         """Shares of points, and the design of straight lines between them; before the first one its value holds.
@@ -85,10 +90,14 @@ def bend_of(flat: Sequence[Level], fit: Transfer, top_dn: float, *, tone: bool) 
     nodes, design = levels.bent(straight, beyond)
     chi_square, values, covariance = levels.by(design)
     widened = max(1.0, chi_square / (count - len(nodes)))
-    factors = values[1:] / fit.gain
-    errors = np.hypot(np.sqrt(widened * np.diag(covariance))[1:] / fit.gain, factors * fit.error(1) / fit.gain)
+    factors = values[1:] / values[0]
+    along = np.hstack([-factors[:, None], np.eye(beyond)]) / values[0]
+    errors = np.sqrt(widened * np.diag(along @ covariance @ along.T))
     away = np.abs(factors - 1)
     if not (away > np.maximum(_LEAST, Z * errors)).any():
         return None
-    points = [Estimate(1.0, 1.0, 1.0), *(normal(*each, least=0.0) for each in zip(factors.tolist(), errors.tolist()))]
-    return Bend(tuple(nodes.tolist()), tuple(points), float(levels.mean_dn[straight - 1]))
+    points = [
+        Estimate(1.0, 1.0, 1.0),
+        *(normal(*each, least=0.0) for each in zip(factors.tolist(), errors.tolist(), strict=True)),
+    ]
+    return Bend(tuple(nodes.tolist()), tuple(points), top_dn, float(levels.mean_dn[straight - 1]))

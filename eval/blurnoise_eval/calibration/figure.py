@@ -31,8 +31,13 @@ def draw_fit(found: Measurement, name: str) -> Figure:
     gain, read = (found.estimates[each] for each in ("system_gain_dn_per_e", "read_noise_e"))
     text = f"K {gain.value:.4g} DN/e⁻, read noise {read.value:.3g} e⁻"
     signal = np.geomspace(0.1, max(1.0, *(level.mean_dn - fit.dark.offset for level in found.flat)), 200)
-    line = fit.read_dn2 + 1 / 12 + fit.gain * signal
+    line = fit.at(signal + fit.dark.offset)
     transfer.plot(signal, line, label=text, **_MODEL)
+    if found.bend:
+        shares, factors = np.array(found.bend.shares), np.array([each.value for each in found.bend.factors])
+        bent = np.linspace(shares[0], shares[-1], 100)
+        photo = fit.gain * bent * found.bend.top_dn * np.interp(bent, shares, factors)
+        transfer.plot(bent * found.bend.top_dn, line[0] + photo, label="bend", **_MODEL | {"ls": "--"})
     transfer.set_xscale("symlog", linthresh=1.0)
     transfer.set(yscale="log", ylim=(line[0] / 3, 5 * line[-1]))
     tidy(transfer, x="Mean above the black level / DN", y="Temporal variance / DN²")

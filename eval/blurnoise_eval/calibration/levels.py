@@ -17,7 +17,9 @@ from scipy.ndimage import uniform_filter
 
 from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
 
-_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+_PLACES = tuple((slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1))
+_INNER = (slice(SMOOTH_PX - 1, 1 - SMOOTH_PX),) * 2  # what has whole squares of its place around it
 _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 
 
@@ -157,43 +159,55 @@ class Pattern:
     outlying_dn2: float
 
 
+def frame_scatter(levels: Sequence[Level]) -> float:
+    """By how much the means of frames of one level scatter, DN rms, pooled over the levels."""
+    squares = sum(level.frames * float(np.var(level.means_dn)) for level in levels)
+    return math.sqrt(squares / sum(level.frames - 1 for level in levels))
+
+
+def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
+    """Which pixels of ``mean`` (H, W), of dark levels, lie far from the others of their place in a mosaic."""
+    hot = np.zeros(mean.shape, bool)
+    for place in _PLACES:
+        # a mean of whole numbers that is one off may not lie out
+        hot[place] = outlying(mean[place] - np.median(mean[place]), 1.0)
+    return hot
+
+
 def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
     """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
-    planes = [(plane - np.median(plane)).ravel() for plane in _planes(mean)]
-    # a mean of whole numbers that is one off may not lie out
-    inside = [values[~outlying(values, 1.0)] for values in planes]
-    inside = [values - values.mean() for values in inside]
-    return _pattern(np.concatenate(planes), np.concatenate(inside), noise_of_mean(levels), means=4)
-
-
-def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
-    """Of ``mean`` (H, W), flat frames' less dark ones': each plane of a mosaic without its smooth part.
-
-    The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure.
-    """
-    values = without_shading(mean)
-    return _pattern(values, values[~outlying(values, 1.0)], noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
-
-
-def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, kept: float = 1.0) -> Pattern:
-    """inside: values about 0 without outliers, less ``means`` means. kept: share of the variance that they have."""
-    squares, freedom = inside**2 / kept, inside.size - means
+    hot = hot_pixels(mean)
+    planes = [(mean[place] - np.median(mean[place])).ravel() for place in _PLACES]
+    inside = [mean[place][~hot[place]] for place in _PLACES]
+    squares = np.concatenate([(values - values.mean()) ** 2 for values in inside])
+    freedom = squares.size - len(_PLACES)
     variance = float(squares.sum()) / freedom
     return Pattern(
         variance_dn2=variance,
-        fixed_dn2=variance - noise_dn2,
+        fixed_dn2=variance - noise_of_mean(levels),
         error_dn2=float(squares.std()) / math.sqrt(freedom),
-        pixels=every.size,
-        outliers=every.size - inside.size,
-        outlying_dn2=max(0.0, float((every**2).mean()) / kept - variance),
+        pixels=hot.size,
+        outliers=int(hot.sum()),
+        outlying_dn2=max(0.0, float((np.concatenate(planes) ** 2).mean()) - variance),
     )
 
 
 def without_shading(mean: Floats) -> Floats:
-    """The values (N,) of the four planes of ``mean`` (H, W), less the mean of the 7 x 7 around each."""
-    inner = slice(_SMOOTH_PX // 2, -(_SMOOTH_PX // 2))
-    smooth = [plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect") for plane in _planes(mean)]
-    return np.concatenate([plane[inner, inner].ravel() for plane in smooth])
+    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic."""
+    return (mean - smooth(mean, np.zeros(mean.shape, bool)))[_INNER]
+
+
+def smooth(mean: Floats, left_out: NDArray[np.bool_]) -> Floats:
+    """Of ``mean`` (H, W) the mean of the 7 x 7 around each pixel of its place in a mosaic, without those left out."""
+    found = np.empty_like(mean)
+    for place in _PLACES:
+        kept, level = (~left_out[place]).astype(np.float64), np.median(mean[place])
+        total, share = (
+            uniform_filter(values, SMOOTH_PX, mode="reflect")
+            for values in (kept * (mean[place] - level), kept)
+        )
+        found[place] = level + total / np.maximum(share, 0.5 / SMOOTH_PX**2)
+    return found
 
 
 def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
@@ -205,7 +219,3 @@ def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
 def noise_of_mean(levels: Sequence[Level]) -> float:
     """Temporal variance of the mean of the levels' mean frames."""
     return sum(level.variance_dn2 / level.frames for level in levels) / len(levels) ** 2
-
-
-def _planes(mean: Floats) -> list[Floats]:
-    return [mean[row::2, column::2] for row in (0, 1) for column in (0, 1)]

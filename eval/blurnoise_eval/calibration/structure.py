@@ -10,20 +10,23 @@ is in neither product, either.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.stats import chi2
 
+from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats, Plane
-from blurnoise_eval.calibration.levels import outlying
+from blurnoise_eval.calibration.levels import SMOOTH_PX, Level, outlying, smooth
 
-_SMOOTH_PX = 7  # the mean of this square is taken off for PRNU
-_ALIKE = 1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
+_ALIKE = (
+    1.29  # sum of the squared correlations of values less the mean of 7: by it their variance is less certain
+)
+Z = 1.959964  # of a normal number, two-sided 95 %
 Uncertain = tuple[float, float]
 """A value and its standard deviation."""
 Halves = tuple[Floats, Floats]
@@ -37,9 +40,15 @@ class Split:
     column: Uncertain
     pixel: Uncertain
 
+    @property
+    def lines(self) -> Uncertain:
+        """Rows and columns together; one whose interval includes 0 counts as 0."""
+        sure = [(value, error) for value, error in (self.row, self.column) if value > Z * error]
+        return sum(value for value, _ in sure), math.hypot(*(error for _, error in sure))
+
 
 class Stack:
-    """All frames of one kind and gain, level by level: two means, of every other frame, and means of rows and columns.
+    """All frames of one kind and gain, by level: two means, of every other frame, and means of rows and columns.
 
     levels: of each level the means of its frames' rows (L, H) and columns (L, W).
     """
@@ -78,8 +87,9 @@ class Stack:
         """Frames less levels."""
         return sum(len(rows) - 1 for rows, _ in self.levels)
 
-    def temporal(self, variance_dn2: float) -> Split:
-        """Of the noise in time, whose variance without that of whole frames is ``variance_dn2``."""
+    def temporal(self, levels: Sequence[Level]) -> Split:
+        """Of the noise in time of these, its levels."""
+        variance_dn2 = sum(level.variance_dn2 * (level.frames - 1) for level in levels) / self.freedom
         found: list[Uncertain] = []
         for axis, size in enumerate(self.shape):
             freedom = self.freedom * (size - 1)
@@ -87,10 +97,26 @@ class Stack:
             found.append((square, square * math.sqrt(2 / freedom)))
         return _split(found[0], found[1], variance_dn2, 0.0, self.shape)
 
-    @property
-    def frame_variance_dn2(self) -> float:
-        """Of the frames' means within a level."""
-        return sum(float(rows.mean(1).var()) * len(rows) for rows, _ in self.levels) / self.freedom
+    def drift(self, levels: Sequence[Level], noise: Split) -> tuple[Estimate, float]:
+        """RMS of the offset of whole frames beyond what pixels, rows and columns give, and the means' variance.
+
+        About the straight line of the means over the exposure, by which dark current shifts them.
+        """
+        (height, width), means = self.shape, np.concatenate([level.means_dn for level in levels])
+        exposure_s = np.repeat([level.exposure_s for level in levels], [level.frames for level in levels])
+        design = np.stack([np.ones(len(means)), exposure_s], 1)[:, : len(np.unique(exposure_s))]
+        line, *_ = np.linalg.lstsq(design, means)
+        freedom = len(means) - design.shape[1]
+        variance = float(((means - design @ line) ** 2).sum()) / freedom
+        every = (
+            noise.pixel[0] / (height * width)
+            + max(0.0, noise.row[0]) / height
+            + max(0.0, noise.column[0]) / width
+        )
+        chances = chi2.ppf([0.975, 0.025], freedom) / freedom
+        low, high = (math.sqrt(max(0.0, variance / each - every)) for each in chances)
+        value = math.sqrt(max(0.0, variance - every)) if low else 0.0
+        return Estimate(value, low, high), variance
 
 
 def _squares(means: Floats) -> float:
@@ -122,18 +148,18 @@ def dark_pattern(dark: Halves) -> Split:
     return fixed(one, other, outlying((one + other) / 2, 1.0))
 
 
-def light_pattern(light: Halves, dark: Halves) -> Split:
+def light_pattern(light: Halves, dark: Halves, hot: NDArray[np.bool_]) -> Split:
     """Of the response, relative: what both halves of flat frames less dark ones share beside their smooth part.
 
     The standard leaves that in, which makes rows of a lamp's and a lens's shading. Each plane of a mosaic is taken
-    relative to its own means of 7 x 7.
+    relative to its own means of 7 x 7; ``hot`` pixels (H, W) are in neither.
     """
-    edge = slice(2 * (_SMOOTH_PX // 2), -2 * (_SMOOTH_PX // 2))  # means there are of fewer
+    edge = slice(SMOOTH_PX - 1, 1 - SMOOTH_PX)  # means there are of fewer
     signals = [lit - unlit for lit, unlit in zip(light, dark, strict=True)]
-    smooth = [_by_plane(signal, _box) for signal in signals]
-    level = sum(smooth) / 2
-    one, other = (((a - b) / level)[edge, edge] for a, b in zip(signals, smooth, strict=True))
-    return fixed(one, other, outlying((one + other) / 2), 1 - 1 / _SMOOTH_PX)
+    means = [smooth(signal, hot) for signal in signals]
+    level = sum(means) / 2
+    one, other = (((a - b) / level)[edge, edge] for a, b in zip(signals, means, strict=True))
+    return fixed(one, other, hot[edge, edge] | outlying((one + other) / 2), 1 - 1 / SMOOTH_PX)
 
 
 def fixed(one: Floats, other: Floats, out: NDArray[np.bool_] | bool = False, kept: float = 1.0) -> Split:
@@ -157,7 +183,3 @@ def _by_plane(values: Floats, mean: Callable[[Floats], Any]) -> Floats:
     for row, column in product((0, 1), (0, 1)):
         found[row::2, column::2] = mean(values[row::2, column::2])
     return found
-
-
-def _box(plane: Floats) -> Floats:
-    return np.asarray(uniform_filter(plane, _SMOOTH_PX, mode="reflect"))

@@ -21,7 +21,7 @@ from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics.camera import PRESETS, Camera
+from blurnoise.optics.camera import PRESETS, Camera, MeasuredGain
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.frames import refuse
 from blurnoise_eval.system.files import check_regular
@@ -57,9 +57,16 @@ def camera_of(
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
         if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
             source += "; the converter clips there, the well may hold more"
+        source += "; 0 is within" if estimate.low <= 0 == estimate.value else ""
         doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
         known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
     known.pop("linearity_error", None)
+    if found.bend:
+        factors = [f"{point.value:.3g} ({'-'.join(ends(point))})" for point in found.bend.factors[1:]]
+        text = f"measured: variance over the line's, 95 %, {', '.join(factors)}; K is of the straight part"
+        points = zip(found.bend.shares, found.bend.factors, strict=True)
+        known["photon_transfer"] = (tuple((share, point.value) for share, point in points), text)
+    known |= _gains(found, PRESETS[one_of("base", base, sorted(PRESETS))])
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
         limit = "assumed: the converter's limit; no frame clips"
@@ -70,6 +77,31 @@ def camera_of(
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
     return on_base(name, known, base)
+
+
+def _gains(found: Measurement, preset: Camera) -> Known:
+    """What was measured at gains, or that nothing was."""
+    lowest = f"; counted from {found.lowest_db:g} dB, the lowest measured" if found.lowest_db else ""
+    if not found.gains:
+        law = f"assumed: frames of one gain do not show it, so the law of the preset {preset.name} holds{lowest}"
+        return {"read_noise_post_share": (preset.read_noise_post_share, law)}
+    rows = [
+        MeasuredGain(gain_db, **{name: estimate.value for name, estimate in figures.items()})
+        for gain_db, figures in found.gains.items()
+    ]
+    intervals = [
+        f"{gain_db:g} dB: " + ", ".join(f"{name} {'-'.join(ends(each))}" for name, each in figures.items())
+        for gain_db, figures in found.gains.items()
+    ]
+    known: Known = {
+        "gains": (tuple(rows), f"measured: photon transfer at each, 95 % at {'; '.join(intervals)}{lowest}"),
+        "read_noise_post_share": (0.0, "not used: read noise was measured at gains"),
+        "conversion_gains": ((), "not used: read noise was measured at gains"),
+    }
+    for limit in ("analogue_gain_max_db", "gain_max_db"):
+        if getattr(preset, limit) < max(found.gains):
+            known[limit] = (max(found.gains), "measured: the highest gain of the frames")
+    return known
 
 
 def on_base(name: str, known: Known, base: str) -> Camera:

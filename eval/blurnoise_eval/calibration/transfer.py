@@ -24,9 +24,9 @@ from scipy.stats import chi2
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration.frames import Floats
 from blurnoise_eval.calibration.levels import Level, Pattern, columns
+from blurnoise_eval.calibration.structure import Uncertain, Z
 
 F = TypeVar("F", float, Floats)
-Z = 1.959964  # of a normal number, two-sided 95 %
 SURELY = 5.0  # standard deviations from which on something is there
 SUSPICIOUS = 0.01  # probability of the scatter about a line below which its errors are widened to the scatter
 PLAIN_DN2 = 0.7**2
@@ -71,6 +71,12 @@ def root(square: float, error: float) -> Estimate:
     return Estimate(value, low, high)
 
 
+def term(square: float, error: float) -> Estimate:
+    """As ``root``; 0 where its interval includes 0, as of a term that a camera need not have."""
+    found = root(square, error)
+    return found if found.low > 0 else replace(found, value=0.0)
+
+
 @dataclass(frozen=True)
 class Transfer:
     """The fit, in DN and DN^2. covariance: of (gain, read_dn2, spread_dn2). rounding: it rules in the dark.
@@ -98,22 +104,39 @@ class Transfer:
         """Noise in the dark before rounding."""
         return math.sqrt(self.read_dn2)
 
+    def at(self, mean_dn: F) -> F:
+        """Temporal variance of a level of this mean, on the line."""
+        return self.read_dn2 + 1 / 12 + self.gain * (mean_dn - self.dark.offset)
+
     def electrons(self, dn: float, error_dn: float) -> Estimate:
         """Of a signal in DN."""
         value = dn / self.gain
         return normal(value, math.hypot(error_dn, value * self.error(1)) / self.gain)
 
-    def estimates(self, pixels: int) -> dict[str, Estimate]:
-        """The camera's figures by the names of its fields. pixels: of a frame."""
+    def rms_e(self, square_dn2: float, error_dn2: float) -> Estimate:
+        """Of a term's variance in DN^2."""
+        square = square_dn2 / self.gain**2
+        return term(square, math.hypot(error_dn2 / self.gain**2, 2 * square * self.error(1) / self.gain))
+
+    def estimates(
+        self, pixels: int, own: Uncertain = (1.0, 0.0), pattern_dn2: Uncertain = (0.0, 0.0)
+    ) -> dict[str, Estimate]:
+        """The camera's figures by the names of its fields. pixels: of a frame.
+
+        own: share of the noise in the dark that is not of whole rows or columns; pattern_dn2: variance of those of
+        the fixed pattern.
+        """
         gain, black = self.gain, self.dark
         # these pixels are a sample: their mean is the camera's to within the pattern's spread over its root
         black_error = math.hypot(black.offset_error, math.sqrt(self.spread_dn2 / pixels))
-        read, spread = self.read_dn2 / gain**2, self.spread_dn2 / gain**2
+        read, spread = self.read_dn2 / gain**2, (self.spread_dn2 - pattern_dn2[0]) / gain**2
+        read_error = math.hypot(own[0] * self.error(-2 * read / gain, 1 / gain**2), own[1] * read)
+        spread_error = math.hypot(self.error(-2 * spread / gain, 0, 1 / gain**2), pattern_dn2[1] / gain**2)
         found = {
             "system_gain_dn_per_e": normal(gain, self.error(1), 0.0),
-            "read_noise_e": root(read, self.error(-2 * read / gain, 1 / gain**2)),
+            "read_noise_e": root(own[0] * read, read_error),
             "black_level_dn": normal(black.offset, black_error),
-            "dsnu_e": root(spread, self.error(-2 * spread / gain, 0, 1 / gain**2)),
+            "dsnu_e": term(spread, spread_error),
         }
         if math.isfinite(black.slope):
             current = self.electrons(black.slope, black.slope_error)
@@ -311,12 +334,13 @@ def spatial_variance(pixel_dn: Floats) -> float:
 class Linearity:
     """Signal against light: slope in DN per second, or per photon; x in that unit, deviation a fraction.
 
-    error: largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
+    responsivity: slope of the line through the origin, which a camera without an offset of its own has. error:
+    largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
     """
 
     slope: float
-    slope_error: float
     offset: float
+    responsivity: Uncertain
     x: Floats
     deviation: Floats
     worst: int
@@ -342,6 +366,8 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
     worst = int(np.argmax(np.where(inside, np.abs(deviation), -1)))
     error = mean_error[inside] / signal[inside]
     scatter = math.hypot(float(deviation[inside].std(ddof=1)), float(np.sqrt((error**2).mean())))
-    slope_error = abs(float(slope)) * scatter / math.sqrt(count)
+    through_0 = x[inside] / signal[inside]
+    rate = float(through_0.sum() / (through_0 @ through_0))
+    rate_error = rate * math.hypot(float(rate * through_0.std(ddof=1)), scatter) / math.sqrt(count)
     off = normal(abs(float(deviation[worst])), float(error.max()), least=0.0)
-    return Linearity(float(slope), slope_error, float(offset), x, deviation, worst, off, by_photons)
+    return Linearity(float(slope), float(offset), (rate, rate_error), x, deviation, worst, off, by_photons)

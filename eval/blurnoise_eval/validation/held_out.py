@@ -23,7 +23,9 @@ from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
 from blurnoise_eval.calibration.fit import Measurement
-from blurnoise_eval.calibration.frames import Folder, Frame, Size, refuse
+from blurnoise_eval.calibration.formats import RawLayout, refuse
+from blurnoise_eval.calibration.frames import Folder
+from blurnoise_eval.calibration.listing import Frame
 from blurnoise_eval.calibration.transfer import Z
 from blurnoise_eval.validation import classifier
 from blurnoise_eval.validation.measures import (
@@ -113,14 +115,14 @@ class Validation:
 
 
 def validate(
-    folder: Path, camera: Camera | None = None, *, base: str = "imx250", raw_size_px: Size | None = None,
-    seed: int = 0,
+    folder: Path, camera: Camera | None = None, *, base: str = "imx250", layout: RawLayout | None = None,
+    cfa: str | None = None, seed: int = 0,
 ) -> Validation:  # fmt: skip
     """Compare the frames of ``folder`` with simulated ones; without a camera one is fitted on every other level.
 
     Raises ``ValueError`` for frames that cannot be used, as :func:`.fit.measure` does.
     """
-    every = Folder(folder, raw_size_px)
+    every = Folder(folder, layout, cfa)
     files, fitted, notes = every.at_gain(every.gains_db[0]), None, list[str]()
     if len(every.gains_db) > 1:
         notes.append(f"several gains: compared at {every.gains_db[0]:g} dB")
