@@ -26,7 +26,7 @@ from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.formats import RawLayout, refuse
 from blurnoise_eval.calibration.frames import Folder
 from blurnoise_eval.calibration.listing import Frame
-from blurnoise_eval.calibration.transfer import Z
+from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.validation import classifier
 from blurnoise_eval.validation.measures import (
     DIFFERS,
@@ -39,7 +39,7 @@ from blurnoise_eval.validation.measures import (
 )
 
 MOST_PX = 2048  # along a side: of larger frames their middle
-FEWEST_DARK = 4  # levels, from which on half of them are held out, too
+FEWEST_DARK = 6  # levels, from which on half of them are held out, too
 CLOSE = {"mean": 0.02, "variance": 0.05}
 """Differences up to which simulated frames behave like the real ones."""
 
@@ -145,6 +145,9 @@ def validate(
         notes.append("the light is taken from each level's own mean, which is not compared for that")
     pairs, found = [], list[Comparison]()
     stacks: dict[str, list[tuple[Stack, Stack]]] = {"dark": [], "flat": []}
+    means = [[float(plane.mean()) for plane in files.planes(frames)] for frames in files.dark]
+    freedom = sum(len(level) - 1 for level in means)
+    wandering = math.sqrt(sum(float(np.var(level)) * len(level) for level in means) / freedom)
     for frames in (*dark, *flat):
         first, planes = frames[0], _frames(files, frames)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
@@ -156,7 +159,7 @@ def validate(
         simulated = Stack(taken)
         pairs.append(Pair(name, first.kind, planes, taken))
         stacks[first.kind].append((real, simulated))
-        errors = _errors(camera, first, simulated, light, fitted)
+        errors = _errors(camera, first, simulated, light, fitted, wandering)
         level = compare(name, first.kind, real, simulated, errors)
         found += level if light.told or first.kind == "dark" else level[1:]
     refuse(not stacks["flat"], "frames: every flat level clips; must be one or more below saturation")
@@ -243,16 +246,24 @@ def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: i
 
 
 def _errors(
-    camera: Camera, frame: Frame, simulated: Stack, light: _Light, fitted: Measurement | None
+    camera: Camera,
+    frame: Frame,
+    simulated: Stack,
+    light: _Light,
+    fitted: Measurement | None,
+    wandering_dn: float,
 ) -> dict[str, float]:
-    """Relative standard errors of what a camera predicts: of its fit, the lamp and a wandering black level."""
-    mean_dn, count = simulated.mean_dn, len(simulated.frame_means)
-    wandering = camera.black_level_drift_dn * math.sqrt(2 / count) / mean_dn if mean_dn else 0.0
+    """Relative standard errors of what a camera predicts: of its fit, the lamp and a wandering black level.
+
+    wandering_dn: standard deviation of the real dark frames' means within their levels.
+    """
+    mean_dn, count = max(simulated.mean_dn, 1e-9), len(simulated.frame_means)
+    wandering = math.hypot(wandering_dn, camera.black_level_drift_dn) / math.sqrt(count) / mean_dn
     errors = {"mean": math.hypot(wandering, light.scatter * (frame.kind == "flat"))}
     if fitted is None:
         return errors
     black = fitted.estimates["black_level_dn"]
-    own = (black.high - black.low) / 2 / Z / mean_dn if mean_dn else 0.0
+    own = (black.high - black.low) / 2 / Z / mean_dn
     errors["mean"] = math.hypot(errors["mean"], own)
     signal = max(0.0, mean_dn - camera.black_level_dn)
     variance = float((simulated.noise**2).mean())

@@ -77,7 +77,7 @@ def _blocks(planes: Floats) -> Floats:
 
 
 def _level(stack: Stack) -> Floats:
-    return _blocks(stack.mean[None]).mean((0, 2, 3))[:, None]
+    return np.asarray(_blocks(stack.mean[None]).mean((0, 2, 3))[:, None])
 
 
 def _moments(stack: Stack) -> Floats:
