@@ -54,6 +54,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"deciding"},
         {"program"},
         {"quality", "calibration", "simulation"},
+        {"validation"},
         {"explorer"},
         {"cli"},
         {"bench", "maps", "paper"},

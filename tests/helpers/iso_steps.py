@@ -42,7 +42,7 @@ def iso_steps(region: Array, *, by_rows: bool = False) -> tuple[Array, Array]:
     shift = bins // 2 - int(np.argmax(derivative))
     centred = np.zeros(bins)
     centred[max(shift, 0) : bins + min(shift, 0)] = derivative[max(-shift, 0) : bins - max(shift, 0)]
-    modulus = np.abs(np.fft.rfft(centred * _bell(bins, np.full(1, bins // 2))[0]))
+    modulus = np.abs(np.fft.rfft(centred * _bell(bins, np.full(1, bins // 2), 0.0)[0]))
     index = np.arange(1, len(modulus))
     angle = np.pi * (index + 1) / (len(modulus) + 1)
     with np.errstate(divide="ignore"):
@@ -61,10 +61,12 @@ def mtf50(frequencies: Array, response: Array) -> float:
     return float(frequencies[k - 1] + share * (frequencies[k] - frequencies[k - 1]))
 
 
-def _bell(count: int, middle: Array) -> Array:
-    """Raised cosines on a pedestal, (len(middle), count), each falling to its lowest at the farther end."""
+def _bell(count: int, middle: Array, pedestal: float = 0.05) -> Array:
+    """Raised cosines, (len(middle), count), each falling to its lowest at the farther end; on a pedestal where the
+    edge is looked for."""
     half = np.maximum(middle, count - 1 - middle)[:, None]
-    return np.asarray(0.95 * (0.5 + 0.5 * np.cos(np.pi * (np.arange(count) - middle[:, None]) / half)) + 0.05)
+    bell = 0.5 + 0.5 * np.cos(np.pi * (np.arange(count) - middle[:, None]) / half)
+    return np.asarray((1 - pedestal) * bell + pedestal)
 
 
 def _centroids(slope: Array, middle: Array) -> Array:

@@ -151,7 +151,8 @@ def slanted_edge(
     from ``seed``, the same for every region.
 
     ``mode="exact"`` puts a spline through every pixel at its own distance from the edge, within the blur's reach.
-    ``mode="iso"`` takes the steps of ISO 12233 as sfrmat5 does, with their errors, to compare with such numbers.
+    ``mode="iso"`` takes the steps of ISO 12233:2023 (4th edition: an edge of 5th order, Tukey's window) as sfrmat5
+    does, with their errors, to compare with such numbers.
     A region without a usable edge raises nothing: its numbers are NaN and its flags say why.
 
     Raises ``TypeError`` or ``ValueError`` for another type, shape or mode, values above ``full_scale``, a region

@@ -80,7 +80,7 @@ class Measurement:
 
 
 def measure(
-    folder: Path,
+    folder: Path | Folder,
     *,
     bit_depth: int | None = None,
     layout: RawLayout | None = None,
@@ -93,7 +93,7 @@ def measure(
     """
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
-    files = Folder(folder, layout, cfa)
+    files = folder if isinstance(folder, Folder) else Folder(folder, layout, cfa)
     bit_depth = bit_depth or files.bit_depth
     taken, *others = [_Taken(files.at_gain(gain_db)) for gain_db in files.gains_db]
     highest_dn = max(level.highest_dn for each in (taken, *others) for level in (*each.dark, *each.flat))

@@ -28,6 +28,7 @@ COMMANDS: dict[str, str] = {
     "quality": "charts -> every image-quality metric, over exposure and blur",
     "measure": "slanted edges of a picture -> sharpness, noise, information",
     "compare": "a simulated picture beside a real one of the same chart",
+    "validate": "simulated frames beside your camera's: what agrees, what differs",
     "chart": "render a test target",
     "motion": "road speed -> px/s and blur",
     "cameras": "the cameras there are, their figures and where these come from",

@@ -29,7 +29,9 @@ def measure(
     ] = None,
     mode: Annotated[
         Literal["exact", "iso"],
-        Option(help="exact: a spline through every pixel; iso: the steps of ISO 12233, with their errors"),
+        Option(
+            help="exact: a spline through every pixel; iso: the steps of ISO 12233:2023, with their errors"
+        ),
     ] = "exact",
     linear: Linear = False,
     srgb: Srgb = False,
@@ -76,6 +78,7 @@ def measure(
     """
     if linear and srgb:
         raise ValueError("linear, srgb: must be one of them")
+    from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import linear as linearising
     from blurnoise_eval.quality import picture as measuring
@@ -92,6 +95,7 @@ def measure(
         full_scale=full_scale,
         oecf=linearising.read_oecf(oecf) if oecf else None,
     )
+    notes = [*light.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
     measured = measuring.measure(light, roi or measuring.found_regions(light), mode=mode, target=target)
     rows = [region.row() for region in measured]
     if table:
@@ -102,10 +106,10 @@ def measure(
         write_figure(plot, draw_regions(light, measured), dpi=110)
     if as_json:
         facts = {"image": str(image), "mode": mode, "unit": light.unit, "target": vars(target)}
-        say_json({**facts, "notes": list(light.notes), "regions": rows})
+        say_json({**facts, "notes": notes, "regions": rows})
         return
     _print(measured, f"of {target.size_px} px, {100 * target.contrast:g} %")
-    say(*light.notes, error=True)
+    say(*notes, error=True)
     say(*filter(None, (table, plot)))
 
 

@@ -31,19 +31,23 @@ SMALLEST_PX = 64
 _CELL_PX = 4  # mean of so many squared: structure keeps its variance there, noise loses it
 _EVEN = 2.5  # times the variance of cells that noise alone explains
 _COARSEST = 4.0  # what demosaicing leaves at low frequencies; beyond it is texture
+_MISPLACED_PX = 2  # by which texture that both pictures show may lie apart
+_LEAST_NOISE = 0.8  # of a square's variance, that must be noise for it to agree
 _Z = 1.96
 
 
 @dataclass(frozen=True)
 class Quantity:
     """One number of both pictures. chance: the relative difference that noise makes, 95 % of them
-    or, of several quantities, of their largest; NaN: unknown."""
+    or, of several quantities, of their largest; NaN: unknown. noise_share: of what is compared, noise: the rest is
+    texture, which both pictures show."""
 
     name: str
     unit: str
     simulated: float
     real: float
     chance: float
+    noise_share: float = 1.0
 
     @property
     def difference(self) -> float:
@@ -57,7 +61,7 @@ class Quantity:
             return "cannot tell"
         least = max(-self.chance, (1 + self.chance) ** -2 - 1)  # no chance makes any loss agree
         if least <= self.difference <= self.chance:
-            return "agree"
+            return "agree" if self.noise_share >= _LEAST_NOISE else "cannot tell"
         digits = ".0f" if abs(self.difference) >= 0.995 else ".2g"
         return f"differs by {100 * self.difference:+{digits}} %"
 
@@ -70,9 +74,8 @@ class Quantity:
 
     def row(self) -> dict[str, Any]:
         """Plain values, None for what is unknown."""
-        numbers = {
-            name: finite(getattr(self, name)) for name in ("simulated", "real", "difference", "chance")
-        }
+        names = ("simulated", "real", "difference", "chance", "noise_share")
+        numbers = {name: finite(getattr(self, name)) for name in names}
         return {"quantity": self.name, "unit": self.unit, **numbers, "verdict": self.verdict}
 
 
@@ -96,6 +99,14 @@ def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
     noise = _noise(shares)
     if not noise:
         notes.append("no squares that are even in both pictures: noise is not compared")
+    for each in noise:
+        if each.noise_share < _LEAST_NOISE:
+            share = (
+                f"{100 * (1 - each.noise_share):.0f} % of what is compared is texture that both pictures show"
+            )
+            notes.append(
+                f"{each.name}: {share}: compare an even surface, or flat frames with 'blurnoise validate'"
+            )
     sharpness = _sharpness(pair)
     if not sharpness:
         notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
@@ -112,7 +123,7 @@ def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
 def _noise(shares: Floats) -> list[Quantity]:
     """Noise of the squares that are even in both pictures, by level: squares of like level are parted at the widest
     gaps of the ordered levels, as a chart's patches lie."""
-    levels, variances, even = zip(*(_squares(each) for each in shares), strict=True)
+    levels, variances, even, rests = zip(*(_squares(each) for each in shares), strict=True)
     used = np.logical_and(*even) & (np.minimum(*variances) > 0)
     level, variance = np.mean(levels, 0)[used], np.stack(variances, 1)[used]
     order = np.argsort(level, kind="stable")
@@ -128,13 +139,25 @@ def _noise(shares: Floats) -> list[Quantity]:
         scatter = variance[members].std(0, ddof=1) / variance[members].mean(0) / math.sqrt(count)
         error = np.maximum(scatter, math.sqrt(2 / (count * (BLOCK_PX**2 - 3)))) / 2
         chance = _Z * math.hypot(*error.tolist())
-        quantities.append(Quantity(f"noise at {100 * at:.3g} %", "of full scale", simulated, real, chance))
+        texture = _common(*(rest[used][members] for rest in rests)) / (simulated * real)
+        name = f"noise at {100 * at:.3g} %"
+        quantities.append(Quantity(name, "of full scale", simulated, real, chance, 1 - min(1.0, texture)))
     return quantities
 
 
-def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Of each square: mean, variance about its plane, and whether its cells vary by no more than noise explains,
-    which may itself be coarse: then as in most even squares."""
+def _common(one: Floats, other: Floats) -> float:
+    """Variance that squares (n, side, side) of both pictures have in common, beyond chance, at the best of a few
+    displacements: that of texture, as the noise of one is not in the other."""
+    product = np.fft.rfft2(one) * np.conj(np.fft.rfft2(other))
+    along = np.fft.irfft2(product.mean(0), s=one.shape[1:]) / one[0].size
+    near = np.r_[-_MISPLACED_PX : _MISPLACED_PX + 1]
+    chance = 3 * math.sqrt(float((one**2).mean() * (other**2).mean()) / one.size)
+    return max(0.0, float(along[np.ix_(near, near)].max()) - chance)
+
+
+def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
+    """Of each square: mean, variance about its plane, whether its cells vary by no more than noise explains, which
+    may itself be coarse: then as in most even squares; and what is off its plane."""
     rows, columns = (side // BLOCK_PX for side in picture.shape)
     cut = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].reshape(rows, BLOCK_PX, columns, BLOCK_PX)
     squares = cut.swapaxes(1, 2).reshape(-1, BLOCK_PX, BLOCK_PX)
@@ -151,7 +174,7 @@ def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     seen = (means * means).sum((1, 2)) / (cells**2 - 3)
     structure = seen * _CELL_PX**2 / np.maximum(variance, np.finfo(float).tiny)
     usual = min(max(1.0, float(np.percentile(structure, 25))), _COARSEST)
-    return level, variance, structure < _EVEN * usual
+    return level, variance, structure < _EVEN * usual, rest
 
 
 def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:

@@ -48,7 +48,7 @@ def params(name: str) -> list[Any]:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_options_are_few_and_each_is_explained(name: str) -> None:
-    assert len(COMMANDS) <= 16
+    assert len(COMMANDS) <= 17
     assert len(params(name)) <= MOST.get(name, 14)
     assert all(param.help for param in params(name))
 

@@ -57,6 +57,24 @@ def test_draws_of_one_camera_agree() -> None:
         assert sum(name.startswith(kind) for name in names) == count
 
 
+def test_texture_rules_no_verdict() -> None:
+    """Texture of the noise's own variance in both pictures, one pixel apart: half of what is compared is noise, and
+    read noise of 5 % more shows as half of that. A picture without texture tells."""
+    random = np.random.default_rng(1)
+    texture = 32 * random.standard_normal(SIZE)
+    for of_texture, verdict, share in ((1.0, "cannot tell", 0.5), (0.0, "agree", 1.0)):
+        pictures = [
+            1000 + of_texture * np.roll(texture, place, 1) + 32 * random.standard_normal(SIZE)
+            for place in (0, 1)
+        ]
+        pair = pair_of(*(np.round(each).astype(np.uint16) for each in pictures), "linear", full_scale=4095.0)
+        found, notes = compare(pair)
+        noise = next(each for each in found if each.name.startswith("noise"))
+        assert noise.noise_share == pytest.approx(share, abs=0.06)  # a shift loses 1 of 16 columns
+        assert noise.verdict == verdict
+        assert any("texture" in note for note in notes) == (verdict == "cannot tell")
+
+
 def test_noise_is_the_cameras() -> None:
     """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the edge's own squares are left out."""
     noise = [each for each in compared(picture(0), picture(1)) if each.name.startswith("noise at")]

@@ -1,0 +1,69 @@
+"""``blurnoise validate``: do simulated frames behave like mine?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from blurnoise_eval.cli._options import Json, NewFolder
+from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lines
+
+
+def validate(
+    frames: Annotated[Path, Argument(metavar="FRAMES", help="a folder of dark and flat frames")],
+    *,
+    output: NewFolder,
+    camera: Annotated[
+        str | None,
+        Option(metavar="NAME|FILE", help="to compare them with (default: fitted on every other level)"),
+    ] = None,
+    seed: Annotated[int, Option(metavar="N", help="of the simulated noise")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Simulate the dark and flat frames of a camera and compare them with the real ones: mean, variance, kurtosis,
+    correlation, rows, columns and spectrum of noise and of the fixed pattern, level by level; and how well a
+    classifier tells them apart.
+
+      blurnoise validate frames/ -o validation                      a camera fitted on half of the levels
+      blurnoise validate frames/ --camera mine.yaml -o validation   the camera of a file
+
+    FRAMES is what 'blurnoise cameras fit' takes. Writes DIR/validation.html, .csv and .json, and without --camera the
+    camera that was fitted, DIR/camera.yaml.
+    """
+    from blurnoise_eval import cameras
+    from blurnoise_eval.system.files import write_records
+    from blurnoise_eval.validation import page
+    from blurnoise_eval.validation.held_out import validate as compared
+
+    found = compared(frames, cameras.find(camera) if camera else None, seed=seed)
+    output.mkdir(parents=True, exist_ok=True)
+    rows = [each.row() for each in found.comparisons]
+    names = ("real from simulated", "real from real")
+    scores = {
+        kind: {
+            name: [auc.value, auc.low, auc.high] for name, auc in zip(names, pair, strict=True) if auc.told
+        }
+        for kind, pair in found.apart.items()
+    }
+    facts = {
+        "answer": found.answer,
+        "camera": found.camera.name,
+        "classifier": scores,
+        "notes": [*found.notes],
+    }
+    document = {**facts, "rows": rows}
+    write_records("validation", rows, document, output)
+    written = page.write(found, output)
+    if found.fitted:
+        found.camera.save(output / "camera.yaml")
+    if as_json:
+        say_json({"output": str(output), **document})
+        return
+    say_wrapped(found.answer)
+    for kind in found.apart:
+        heads = (f"{kind} frames", *page.HEADS[1:])
+        rows_shown = [cells for cells, _ in page.summary(found, kind)]
+        say("", *table_lines(heads, rows_shown, [place > 1 for place in range(len(heads))]))
+    say("", *found.notes, f"open {written}")

@@ -1,0 +1,143 @@
+"""How well a linear classifier tells real from simulated patches by their statistics: 0.5, not at all; 1, always.
+
+Domain: frames of levels (N, H, W), DN. It learns on one half of the picture and every other frame, and is scored on
+the other half of both (AUC, mean of all ways). Real frames against real ones are the floor that no simulation beats.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from blurnoise.metrics.values import Estimate
+
+Floats = NDArray[np.float64]
+PATCH_PX = 64
+FEWEST_PATCHES = 16  # of a frame
+RESAMPLES = 200
+_COARSE_PX = 8
+_RIDGE = 1e-6  # of the features' covariance, whose diagonal is about 1
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Statistics (n, 7) of patches, and of each its level, frame, place in the picture and half of the picture."""
+
+    features: Floats
+    level: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    place: NDArray[np.int64]
+    half: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, levels: Sequence[Floats]) -> Patches:
+        """Of the frames of each level."""
+        rows = []
+        for number, frames in enumerate(levels):
+            down, across = (side // PATCH_PX for side in frames.shape[1:])
+            cut = frames[:, : down * PATCH_PX, : across * PATCH_PX]
+            split = cut.reshape(-1, down, PATCH_PX, across, PATCH_PX).swapaxes(2, 3)
+            frame, y, x = np.indices((len(frames), down, across)).reshape(3, -1)
+            place, half = y * across + x, (2 * x >= across).astype(int)
+            about = np.stack([np.full_like(frame, number), frame, place, half], 1)
+            rows.append(np.hstack([statistics(split.reshape(-1, PATCH_PX, PATCH_PX)), about]))
+        every = np.concatenate(rows)
+        return cls(every[:, :-4], *every[:, -4:].T.astype(int))
+
+    def where(self, chosen: NDArray[np.bool_]) -> Patches:
+        """Some of them."""
+        return Patches(*(each[chosen] for each in vars(self).values()))
+
+
+def statistics(patches: Floats) -> Floats:
+    """Of patches (n, H, W): log variance, variance of row, column and coarse means over white, correlations of
+    neighbours along x and y, and kurtosis."""
+    sites = [patches[:, y::2, x::2].mean((1, 2)) for y in (0, 1) for x in (0, 1)]  # of a mosaic
+    values = patches.copy()
+    for number, mean in enumerate(sites):
+        values[:, number // 2 :: 2, number % 2 :: 2] -= mean[:, None, None]
+    squares = values * values
+    variance = np.maximum(squares.mean((1, 2)), 1e-12)
+    side = values.shape[1]
+    cells = side // _COARSE_PX
+    coarse = values.reshape(-1, cells, _COARSE_PX, cells, _COARSE_PX).mean((2, 4))
+    columns = (
+        np.log(variance),
+        np.log(1e-6 + values.mean(2).var(1) * side / variance),
+        np.log(1e-6 + values.mean(1).var(1) * side / variance),
+        (values[:, :, 1:] * values[:, :, :-1]).mean((1, 2)) / variance,
+        (values[:, 1:] * values[:, :-1]).mean((1, 2)) / variance,
+        (squares * squares).mean((1, 2)) / variance**2,
+        np.log(1e-6 + coarse.var((1, 2)) * _COARSE_PX**2 / variance),
+    )
+    return np.stack(columns, 1)
+
+
+def told_apart(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 0) -> Estimate:
+    """AUC with which real frames of levels are told from simulated ones; NaN where the frames are too small."""
+    patches = Patches.of([*real, *simulated])
+    patches.level[:] %= len(real)
+    is_real = np.repeat([True, False], len(patches.level) // 2)
+    return _score(patches, is_real, patches.frame % 2, seed)
+
+
+def real_apart(real: Sequence[Floats], seed: int = 0) -> Estimate:
+    """AUC with which the first half of each level's real frames is told from the second half."""
+    patches = Patches.of(real)
+    count = np.array([len(frames) for frames in real])[patches.level]
+    first = patches.frame < count // 2
+    within = np.where(first, patches.frame, patches.frame - count // 2) % 2
+    kept = patches.frame < count // 2 * 2
+    return _score(patches.where(kept), first[kept], within[kept], seed)
+
+
+def _score(patches: Patches, label: NDArray[np.bool_], parity: NDArray[np.int64], seed: int) -> Estimate:
+    """The interval resamples the places of the scored patches."""
+    if len(np.unique(patches.place)) < FEWEST_PATCHES or len(np.unique(label)) < 2:
+        return Estimate(math.nan)
+    features = patches.features.copy()
+    for level in np.unique(patches.level):
+        of_level = patches.level == level
+        spread = features[of_level].std(0)
+        features[of_level] -= features[of_level].mean(0)
+        features[of_level] /= np.where(spread > 0, spread, 1.0)
+    folds = []
+    single = len(np.unique(parity)) < 2  # two frames of each kind at least, else by place alone
+    for half in (0, 1):
+        for odd in (0,) if single else (0, 1):
+            learnt = (patches.half == half) & (single | (parity == odd))
+            scored = (patches.half != half) & (single | (parity != odd))
+            folds.append((features[scored] @ _direction(features[learnt], label[learnt]), scored))
+    random = np.random.default_rng(seed)
+    count = int(patches.place.max()) + 1
+    resampled = []
+    for draw in range(RESAMPLES + 1):
+        drawn = (
+            np.bincount(random.integers(count, size=count), minlength=count) if draw else np.ones(count, int)
+        )
+        weight = drawn[patches.place]
+        resampled.append(np.mean([_auc(score, label[of], weight[of]) for score, of in folds]))
+    low, high = np.quantile(resampled[1:], (0.025, 0.975))
+    return Estimate(float(resampled[0]), float(low), float(high))
+
+
+def _direction(features: Floats, label: NDArray[np.bool_]) -> Floats:
+    """Of Fisher's linear discriminant, towards the labelled."""
+    groups = features[label], features[~label]
+    within = sum(np.cov(group.T) for group in groups) / 2 + _RIDGE * np.eye(features.shape[1])
+    return np.asarray(np.linalg.solve(within, groups[0].mean(0) - groups[1].mean(0)))
+
+
+def _auc(score: Floats, label: NDArray[np.bool_], weight: NDArray[np.int64]) -> float:
+    """Probability that a labelled one scores more than another, each as often as its weight says."""
+    score, label = np.repeat(score, weight), np.repeat(label, weight)
+    ones = int(label.sum())
+    others = len(label) - ones
+    if not ones or not others:
+        return 0.5
+    return float((rankdata(score)[label].sum() - ones * (ones + 1) / 2) / (ones * others))

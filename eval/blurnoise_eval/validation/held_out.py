@@ -1,0 +1,271 @@
+"""Real frames of levels that a camera was not fitted on beside frames that are simulated at the same light.
+
+Simulated is the sensor alone (:func:`blurnoise.sensor.readout.read_out`): its light has the smooth shading of the
+real mean frame, and the mean that a straight line through the other levels predicts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from blurnoise._core import rng
+from blurnoise.metrics.values import Estimate
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.radiometry import dark_electrons
+from blurnoise.sensor.readout import read_out
+from blurnoise_eval.calibration import fit, to_camera
+from blurnoise_eval.calibration.checks import CLIPPED
+from blurnoise_eval.calibration.fit import Measurement
+from blurnoise_eval.calibration.formats import RawLayout, refuse
+from blurnoise_eval.calibration.frames import Folder
+from blurnoise_eval.calibration.listing import Frame
+from blurnoise_eval.calibration.structure import Z
+from blurnoise_eval.validation import classifier
+from blurnoise_eval.validation.measures import (
+    DIFFERS,
+    Comparison,
+    Floats,
+    Stack,
+    compare,
+    compare_scatter,
+    corrected,
+)
+
+MOST_PX = 2048  # along a side: of larger frames their middle
+FEWEST_DARK = 6  # levels, from which on half of them are held out, too
+CLOSE = {"mean": 0.02, "variance": 0.05}
+"""Differences up to which simulated frames behave like the real ones."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The frames of one level, real and simulated, (N, H, W), DN."""
+
+    name: str
+    kind: str
+    real: Floats
+    simulated: Floats
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What was compared with what. apart: by kind the AUC of real against simulated, and of real against real.
+
+    fitted: of the camera that was fitted on the other levels, None where it was given. pairs: of the darkest and of
+    some flat levels, to look at.
+    """
+
+    camera: Camera
+    fitted: Measurement | None
+    comparisons: Sequence[Comparison]
+    apart: dict[str, tuple[Estimate, Estimate]]
+    pairs: Sequence[Pair]
+    notes: Sequence[str]
+
+    def of(self, measure: str, kind: str) -> list[Comparison]:
+        """The comparisons of a measure, level by level."""
+        return [each for each in self.comparisons if (each.measure.name, each.kind) == (measure, kind)]
+
+    def largest(self, measure: str, kind: str = "flat") -> float:
+        """Largest difference of a measure, as it is, or NaN."""
+        apart = [each.difference for each in self.of(measure, kind) if math.isfinite(each.difference)]
+        return max(apart, key=abs, default=math.nan)
+
+    @property
+    def answer(self) -> str:
+        """The first sentences: how close, what differs, and how well a classifier tells them apart."""
+        count = len(self.of("mean", "flat"))
+        mean, variance = (abs(self.largest(name)) for name in CLOSE)
+        like = mean <= CLOSE["mean"] and variance <= CLOSE["variance"]
+        verb = "behave like" if like else "differ from"
+        held = "levels" if self.fitted is None else "held-out levels"
+        near = f"mean within {100 * mean:.2g} %, variance within {100 * variance:.2g} % at {count} {held}"
+        rest = [self._differing(kind) for kind in ("flat", "dark")]
+        rest = [text for text in rest if text]
+        beyond = f"Beyond chance differ {'; '.join(rest)}" if rest else "Nothing else differs beyond chance"
+        scores = [
+            f"{tell.value:.2f} on {kind} frames (real from real {floor.value:.2f})"
+            for kind, (tell, floor) in self.apart.items()
+            if tell.told
+        ]
+        told = (
+            f" A classifier tells them apart with AUC {' and '.join(scores)}; 0.5 is not at all."
+            if scores
+            else ""
+        )
+        return f"Simulated frames {verb} these: {near}. {beyond}.{told}"
+
+    def _differing(self, kind: str) -> str:
+        """What differs beside mean and variance, and at how many levels; the octaves of spectra together."""
+        found = [each for each in self.comparisons if each.kind == kind and each.measure.name not in CLOSE]
+        names = dict.fromkeys("octaves of spectra" if x.measure.octave else x.measure.title for x in found)
+        counts = []
+        for name in names:
+            of = [x for x in found if name == ("octaves of spectra" if x.measure.octave else x.measure.title)]
+            differing = sum(each.verdict == DIFFERS for each in of)
+            counts += [f"{name} ({differing} of {len(of)})"] * (differing > 0)
+        return f"on {kind} frames {', '.join(counts)}" if counts else ""
+
+
+def validate(
+    folder: Path, camera: Camera | None = None, *, base: str = "imx250", layout: RawLayout | None = None,
+    cfa: str | None = None, seed: int = 0,
+) -> Validation:  # fmt: skip
+    """Compare the frames of ``folder`` with simulated ones; without a camera one is fitted on every other level.
+
+    Raises ``ValueError`` for frames that cannot be used, as :func:`.fit.measure` does.
+    """
+    every = Folder(folder, layout, cfa)
+    files, fitted, notes = every.at_gain(every.gains_db[0]), None, list[str]()
+    if len(every.gains_db) > 1:
+        notes.append(f"several gains: compared at {every.gains_db[0]:g} dB")
+    dark, flat = files.dark, files.flat
+    lit = flat
+    if camera is None:
+        half = copy(files)
+        half.flat, flat = flat[::2], flat[1::2]
+        if len(dark) >= FEWEST_DARK:
+            half.dark, dark = dark[::2], dark[1::2]
+        else:
+            notes.append("dark levels: the camera was fitted on them, too")
+        fitted = fit.measure(half)
+        camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
+        lit = half.flat
+    else:
+        camera = camera.at_gain(every.gains_db[0]).camera
+    light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
+    if not light.told:
+        notes.append("the light is taken from each level's own mean, which is not compared for that")
+    pairs, found = [], list[Comparison]()
+    stacks: dict[str, list[tuple[Stack, Stack]]] = {"dark": [], "flat": []}
+    means = [[float(plane.mean()) for plane in files.planes(frames)] for frames in files.dark]
+    freedom = sum(len(level) - 1 for level in means)
+    wandering = math.sqrt(sum(float(np.var(level)) * len(level) for level in means) / freedom)
+    for frames in (*dark, *flat):
+        first, planes = frames[0], _frames(files, frames)
+        name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
+        if (planes >= camera.clip_dn).mean() > CLIPPED:
+            notes.append(f"{name}: clips, not compared")
+            continue
+        real = Stack(planes)
+        taken = _simulated(camera, first, real, light, seed)
+        simulated = Stack(taken)
+        pairs.append(Pair(name, first.kind, planes, taken))
+        stacks[first.kind].append((real, simulated))
+        errors = _errors(camera, first, simulated, light, fitted, wandering)
+        level = compare(name, first.kind, real, simulated, errors)
+        found += level if light.told or first.kind == "dark" else level[1:]
+    refuse(not stacks["flat"], "frames: every flat level clips; must be one or more below saturation")
+    if stacks["dark"]:
+        found.append(compare_scatter("dark", *zip(*stacks["dark"], strict=True)))
+    apart = {}
+    for kind in stacks:
+        both = [(pair.real, pair.simulated) for pair in pairs if pair.kind == kind]
+        if both:
+            real_frames, simulated_frames = zip(*both, strict=True)
+            tell = classifier.told_apart(real_frames, simulated_frames, seed)
+            apart[kind] = (tell, classifier.real_apart(real_frames, seed))
+    return Validation(camera, fitted, corrected(found), apart, pairs, notes)
+
+
+def _frames(files: Folder, frames: Sequence[Frame]) -> Floats:
+    """The frames of a level, or their middle; (N, H, W)."""
+    planes = np.stack([*files.planes(frames)]).astype(np.float64)
+    top, left = (max(0, side - MOST_PX) // 4 * 2 for side in planes.shape[1:])  # even: a mosaic stays
+    return planes[:, top : top + MOST_PX, left : left + MOST_PX]
+
+
+class _Light:
+    """Mean electrons over photons per pixel, or exposure, as a straight line through levels; each counts equally."""
+
+    def __init__(self, camera: Camera, levels: Sequence[tuple[Frame, Floats]]) -> None:
+        self._camera = camera
+        self._photons = all(frame.photons_per_px is not None for frame, _ in levels)
+        known = [
+            (self._x(frame), self.seen(frame, float(planes.mean())))
+            for frame, planes in levels
+            if (planes >= camera.clip_dn).mean() <= CLIPPED
+        ]
+        x, seen = np.array(known).T if known else np.empty((2, 0))
+        used = seen > 0
+        self.told = len(np.unique(x[used])) >= 3
+        self.scatter = 0.0
+        if self.told:
+            x, seen = x[used], seen[used]
+            self._slope, self._offset = np.polyfit(x, seen, 1, w=1 / seen)
+            freedom = len(x) - 2
+            off = seen / (self._slope * x + self._offset) - 1
+            self.scatter = math.sqrt(float((off * off).sum()) / freedom)
+
+    def _x(self, frame: Frame) -> float:
+        return float(frame.photons_per_px or 0.0) if self._photons else frame.exposure_s
+
+    def seen(self, frame: Frame, mean_dn: float) -> float:
+        """Electrons of the light behind a mean, dark charge removed."""
+        camera = self._camera
+        charge = (mean_dn - camera.black_level_dn) / camera.system_gain_dn_per_e
+        return charge - dark_electrons(camera, frame.exposure_s, camera.dark_reference_c)
+
+    def electrons(self, frame: Frame, mean_dn: float) -> float:
+        """Mean electrons of a level."""
+        if frame.kind == "dark":
+            return 0.0
+        line = self._slope * self._x(frame) + self._offset if self.told else self.seen(frame, mean_dn)
+        return max(0.0, float(line))
+
+
+def _simulated(camera: Camera, frame: Frame, real: Stack, light: _Light, seed: int) -> Floats:
+    """As many frames as there are real ones."""
+    electrons = light.electrons(frame, real.mean_dn)
+    shading = np.ones_like(real.mean)
+    if electrons:
+        dark = camera.black_level_dn + camera.system_gain_dn_per_e * dark_electrons(
+            camera, frame.exposure_s, camera.dark_reference_c
+        )
+        shading = np.maximum(real.surface - dark, 0.0)
+        shading = shading / shading.mean()
+    scene = torch.from_numpy(electrons * shading).float().expand(len(real.frame_means), 1, -1, -1)
+    stream = rng.derived(seed, f"validate {frame.kind} {frame.exposure_s} {electrons}")
+    dn = read_out(
+        scene,
+        camera,
+        exposure_s=frame.exposure_s,
+        temperature_c=camera.dark_reference_c,
+        fixed_pattern=camera.fixed_pattern((1, *real.mean.shape), seed),
+        generator=torch.Generator().manual_seed(stream),
+        fidelity="full",
+    )
+    return dn[:, 0].numpy().astype(np.float64)
+
+
+def _errors(
+    camera: Camera,
+    frame: Frame,
+    simulated: Stack,
+    light: _Light,
+    fitted: Measurement | None,
+    wandering_dn: float,
+) -> dict[str, float]:
+    """Relative standard errors of what a camera predicts: of its fit, the lamp and a wandering black level.
+
+    wandering_dn: standard deviation of the real dark frames' means within their levels.
+    """
+    mean_dn, count = max(simulated.mean_dn, 1e-9), len(simulated.frame_means)
+    wandering = math.hypot(wandering_dn, camera.black_level_drift_dn) / math.sqrt(count) / mean_dn
+    errors = {"mean": math.hypot(wandering, light.scatter * (frame.kind == "flat"))}
+    if fitted is None:
+        return errors
+    black = fitted.estimates["black_level_dn"]
+    own = (black.high - black.low) / 2 / Z / mean_dn
+    errors["mean"] = math.hypot(errors["mean"], own)
+    signal = max(0.0, mean_dn - camera.black_level_dn)
+    variance = float((simulated.noise**2).mean())
+    errors["variance"] = fitted.fit.error(signal, 1.0) / variance if variance else 0.0
+    return errors
