@@ -92,9 +92,9 @@ COMMANDS = {
         ("file", "file: not an 8- or 16-bit picture"),
         ("no_pictures", "directory"),
         ("light.tiff", "not an 8- or 16-bit picture"),
-        ("no.exr --encoding linear", "no.exr: No such file"),
-        ("dark.tiff --encoding linear", "holds light that is negative or not finite"),
-        ("text.exr --encoding linear", "text.exr: "),
+        ("no.exr --picture-tone linear", "no.exr: No such file"),
+        ("dark.tiff --picture-tone linear", "holds light that is negative or not finite"),
+        ("text.exr --picture-tone linear", "text.exr: "),
     ],
     "inspect": [
         ("missing.onnx", "missing.onnx: no such file"),
