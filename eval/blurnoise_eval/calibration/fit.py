@@ -56,6 +56,7 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
     files = Folder(folder, raw_size_px)
+    files = files.at_gain(files.gains_db[0])
     dark, dark_mean = [], np.zeros(())
     for frames in files.dark:
         level, mean = level_of(files.planes(frames), frames[0])

@@ -1,7 +1,7 @@
 """Frames of a folder: which one is dark or flat, how long it was exposed, and the statistics of each level.
 
-``frames.csv`` in the folder lists them (columns file, kind, exposure_s, and photons_per_px where the light is known);
-without it the files' names do: ``dark_10ms_0.png``, ``flat_2.5ms_1.tif``, ``flat_500us_a.npy``, ``dark_1s.dng``.
+``frames.csv`` in the folder lists them (the columns are the fields of ``Frame``); without it the files' names do:
+``dark_10ms_0.png``, ``flat_2.5ms_1.tif``, ``flat_500us_a.npy``, ``dark_1s.dng``.
 
 Files: PNG, TIFF and PGM of one channel, NPY, headerless little-endian 16-bit planes (.raw, .bin) of a given size,
 and whatever LibRaw reads (DNG and cameras' raw files) where the package rawpy is installed. A further format is an
@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -41,25 +43,36 @@ _JPEG = b"\xff\xd8\xff"
 
 
 class Frame(BaseModel, frozen=True, extra="forbid"):
-    """A file and how it was taken; each field is a column of frames.csv.
+    """A frame of a file and how it was taken; each field is a column of frames.csv.
 
-    photons_per_px: of flat frames, mean during the exposure; None where unknown.
+    photons_per_px, illuminance_lux, wavelength_nm: of the light of flat frames; photons are the mean during the
+    exposure. gain_db: of the camera; temperature_c: of its sensor.
     """
 
     file: Path
     kind: Kind
     exposure_s: Annotated[float, within("exposure_s")]
     photons_per_px: Annotated[float, Interval(ge=0.0, le=1e12)] | None = None
+    gain_db: Annotated[float, Interval(ge=-60.0, le=120.0)] = 0.0
+    illuminance_lux: Annotated[float, Interval(ge=0.0, le=1e7)] | None = None
+    wavelength_nm: Annotated[float, Interval(ge=100.0, le=20_000.0)] | None = None
+    temperature_c: Annotated[float, Interval(ge=-273.15, le=200.0)] | None = None
 
     @property
-    def level(self) -> tuple[float, float, bool]:
+    def level(self) -> tuple[float, ...]:
         """What frames of one level have in common, in the order of levels."""
-        light = -1.0 if self.photons_per_px is None else self.photons_per_px
-        return self.exposure_s, light, self.kind == "flat"
+        lit = self.kind == "flat"
+        light = (self.photons_per_px, self.illuminance_lux, self.wavelength_nm)
+        return (
+            self.gain_db,
+            self.exposure_s,
+            *(-1.0 if each is None or not lit else each for each in light),
+            lit,
+        )
 
 
 class Folder:
-    """Dark and flat levels of a folder: the frames of one exposure and light, by rising exposure.
+    """Dark and flat levels of a folder: the frames of one gain, exposure and light, by rising gain and exposure.
 
     Raises ``ValueError`` unless there are dark levels and three flat ones, of two frames each, and for frames of
     several sizes or depths. step_dn: of which all numbers are multiples, 16 for 12 bits at the top of 16; the planes
@@ -75,6 +88,8 @@ class Folder:
         refuse(not self.dark, "frames: no dark ones; must be two or more, with the lens covered")
         few = f"frames: {len(self.flat)} flat exposures; must be 3, better 8 or more"
         refuse(len(self.flat) < FEWEST_FLAT, few)
+        none = f"frames: dark levels and {FEWEST_FLAT} flat ones must be of one gain_db; they are of none"
+        refuse(not self.gains_db, none)
         for frame, *others in levels:
             refuse(not others, f"{frame.file}: alone; must be two of each level, to tell noise from pattern")
         before = ""
@@ -88,6 +103,21 @@ class Folder:
             mixed = f"{frame.file}: mixed frames, this is {here}; those before it {before}"
             refuse(here != before, mixed)
         self.size_px, self.step_dn = (width, height), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
+
+    @property
+    def gains_db(self) -> list[float]:
+        """Gains with dark levels and ``FEWEST_FLAT`` flat ones, rising."""
+        flat = Counter(frames[0].gain_db for frames in self.flat)
+        dark = {frames[0].gain_db for frames in self.dark}
+        return sorted(gain for gain, count in flat.items() if gain in dark and count >= FEWEST_FLAT)
+
+    def at_gain(self, gain_db: float) -> Folder:
+        """The levels of one gain."""
+        one = copy(self)
+        one.dark, one.flat = (
+            [frames for frames in levels if frames[0].gain_db == gain_db] for levels in (self.dark, self.flat)
+        )
+        return one
 
     def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
         """The frames' numbers in steps of the converter, one after the other."""

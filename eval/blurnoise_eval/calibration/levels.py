@@ -25,8 +25,8 @@ _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 class Level:
     """Statistics of the frames of one exposure and light; ``*_error`` are standard deviations.
 
-    pixels: of a frame. drift_dn: mean of the last frame less that of the first. lamp_spread: largest less least of
-    the frames' means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
+    pixels: of a frame. means_dn: of each frame, in the order taken. lamp_spread: largest less least of the frames'
+    means, over the signal (0 in the dark). row_share: part of the temporal variance that whole rows have
     in common. correlation: of the temporal noise of neighbours, along rows or columns, whichever is more. counts
     (65536,): how many pixels hold each number.
     """
@@ -40,16 +40,34 @@ class Level:
     mean_error_dn: float
     variance_dn2: float
     variance_error_dn2: float
-    drift_dn: float
+    means_dn: tuple[float, ...]
     lamp_spread: float
     row_share: float
     correlation: float
     counts: NDArray[np.int64]
+    gain_db: float = 0.0
+    illuminance_lux: float | None = None
+    wavelength_nm: float | None = None
+    temperature_c: float | None = None
 
     def __str__(self) -> str:
         """As messages name it."""
-        light = "" if self.photons_per_px is None else f", {self.photons_per_px:g} photons/px"
-        return f"{self.kind} {self.exposure_s * 1e3:g} ms{light}"
+        parts = [
+            f"{value:g} {unit}"
+            for value, unit in (
+                (self.photons_per_px, "photons/px"),
+                (self.illuminance_lux, "lx"),
+                (self.wavelength_nm, "nm"),
+                (self.gain_db or None, "dB"),
+            )
+            if value is not None
+        ]
+        return ", ".join([f"{self.kind} {self.exposure_s * 1e3:g} ms", *parts])
+
+    @property
+    def drift_dn(self) -> float:
+        """Mean of the last frame less that of the first."""
+        return self.means_dn[-1] - self.means_dn[0]
 
     @property
     def highest_dn(self) -> int:
@@ -106,11 +124,15 @@ def level_of(planes: Iterable[Plane], first: Frame, dark_dn: float = 0.0) -> tup
         mean_error_dn=math.sqrt(variance / (frames * pixels)),
         variance_dn2=variance,
         variance_error_dn2=float(each.std()) / math.sqrt(pixels),
-        drift_dn=means[-1] - means[0],
+        means_dn=tuple(means),
         lamp_spread=(max(means) - min(means)) / signal if lit and signal > 0 else 0.0,
         row_share=rows / variance if variance else 0.0,
         correlation=neighbours / power if power else 0.0,
         counts=counts,
+        gain_db=first.gain_db,
+        illuminance_lux=first.illuminance_lux,
+        wavelength_nm=first.wavelength_nm,
+        temperature_c=first.temperature_c,
     )
     return level, start + total / frames
 
