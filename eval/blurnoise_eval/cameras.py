@@ -68,7 +68,7 @@ def overview(cameras: list[Camera]) -> Table:
             f"{camera.pixel_pitch_um:g}",
             f"{camera.full_well_e:.0f}",
             f"{camera.read_noise_e:.2f}",
-            f"{camera.system_gain_dn_per_e:.4g}",
+            f"{round(camera.system_gain_dn_per_e, 4):.4g}",
             f"{camera.bit_depth}",
             f"{camera.width_px}x{camera.height_px}",
             f"{camera.saturation_e:.0f}",
