@@ -27,13 +27,32 @@ def cameras_fit(
     dng: Annotated[
         Path | None, Option(metavar="PHOTO.dng", help="a photograph's noise profile, instead of frames")
     ] = None,
+    libcamera: Annotated[
+        Path | None, Option(metavar="MODULE.json", help="a tuning file of libcamera for Raspberry Pi, instead")
+    ] = None,
+    tone: Annotated[
+        Path | None,
+        Option(
+            metavar="FOLDER|SCALE.csv",
+            help="the tone curve, too: of pictures of one scene at several exposures, or a grey scale "
+            "(number, light)",
+        ),
+    ] = None,
+    grey_card: Annotated[
+        str | None,
+        Option(metavar="LUX,REFLECTANCE", help="flat frames are of a grey card in that light, for lux"),
+    ] = None,
     bit_depth: Annotated[
         int | None, Option(metavar="N", help="of the converter (default: the fewest that fit)")
     ] = None,
     base: Annotated[
         str,
-        Option(metavar="PRESET", help="for figures that no frame has: lens, pixel pitch, quantum efficiency"),
-    ] = "imx250",
+        Option(
+            metavar="PRESET|FILE",
+            help="for figures that none of these has: lens, pixel pitch, quantum efficiency (default: imx250, or the "
+            "preset that has a tuning file's name)",
+        ),
+    ] = "",
     temperature_c: Annotated[
         float | None, Option(metavar="C", help="of the sensor meanwhile, for its dark current")
     ] = None,
@@ -43,12 +62,17 @@ def cameras_fit(
 
       blurnoise cameras fit frames/ -o mine.yaml --bit-depth 12      writes mine.yaml and mine.png
       blurnoise cameras fit --dng photo.dng -o phone.yaml            by the file's noise profile
+      blurnoise cameras fit --libcamera imx219.json -o pi.yaml       by a module's tuning file
+      blurnoise cameras fit frames/ --grey-card 500,0.18 -o mine.yaml     with lux of your own camera
+      blurnoise cameras fit --tone bracket/ --base mine.yaml -o mine.yaml with its tone curve
 
     Frames are the sensor's own numbers: PNG, TIFF, PGM or NPY of one plane, or DNG and other raw files
     (pip install 'blurnoise[raw]'). Dark: lens covered. Flat: an even, steady light, no part clipped. Eight exposures
     of two frames each are good; a few that saturate show the full well. FOLDER/frames.csv lists them (columns
-    file, kind = dark or flat, exposure_s, and photons_per_px where known, for the quantum efficiency), or
-    their names do: dark_10ms_0.png, flat_2.5ms_1.png, flat_500us_a.npy.
+    file, kind = dark or flat, exposure_s, and photons_per_px where known, for the quantum efficiency, or
+    illuminance_lux on a grey card), or their names do: dark_10ms_0.png, flat_2.5ms_1.png, flat_500us_a.npy.
+    A bracket is of pictures as the camera delivers them, JPEG too, from a tripod; exposures are those of EXIF, or of
+    frames.csv (file, exposure_s).
     """
     from blurnoise._core import checks
     from blurnoise.optics.camera import PRESETS
