@@ -98,3 +98,17 @@ def write_dng(path: Path, plane: np.ndarray, tags: dict[int, tuple[int, object]]
         directory[number] = value
     # Pillow adds the directory's end to the strip's place
     path.write_bytes(b"II*\0\x08\0\0\0" + directory.tobytes(8) + plane.astype("<u2").tobytes())
+
+
+def write_fits(path: Path, numbers: np.ndarray, **header: object) -> None:
+    """A FITS file of (H, W) or (N, H, W) uint16 as BZERO shifts them; header: more keywords, or others."""
+    sides = {f"NAXIS{axis}": side for axis, side in enumerate(numbers.shape[::-1], 1)}
+    cards = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": numbers.ndim, **sides, "BZERO": 32768, "BSCALE": 1}
+    lines = [f"{name:8}= {value!s:>20} / made up" for name, value in {**cards, **header}.items()] + ["END"]
+    text = "".join(line.ljust(80) for line in lines).encode()
+    data = (numbers.astype(np.int32) - 32768).astype(">i2").tobytes()
+    path.write_bytes(
+        b"".join(
+            part + b"\0" * (-len(part) % 2880) for part in (text.ljust(-(-len(text) // 2880) * 2880), data)
+        )
+    )

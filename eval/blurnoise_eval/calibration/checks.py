@@ -18,6 +18,8 @@ from blurnoise_eval.calibration.levels import Level, Pattern, columns
 from blurnoise_eval.calibration.transfer import SURELY, Linearity, Transfer, drift, straight
 
 MOST_FLICKER = 0.02  # spread of the means of a level's frames, of the signal
+LEAST_LAMP = 0.005  # of it
+CHANCE = 4.0  # standard deviations that two frames' means may differ by
 MOST_ROWS = 0.02  # of the temporal variance, that rows of a flat frame may share beyond those of a dark one
 MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
@@ -30,6 +32,39 @@ LEAST_CURVE = 0.03  # exponent of the signal in the gain: a gamma of 0.97
 LEAST_STRAY = 0.1  # light in dark frames, of the dark current
 LEAST_UNEVEN = 0.2  # spread of the dark current over the picture, of itself
 _BLOCKS = 8  # along each side
+
+
+def too_dim(dark: Sequence[Level], flat: Sequence[Level]) -> list[int]:
+    """Places of flat levels whose frames differ by more than a lamp's may, but no more than dark ones do."""
+    scatter = levels.frame_scatter(dark)
+
+    def chance(level: Level) -> float:
+        return CHANCE * math.sqrt(2) * math.hypot(scatter, math.sqrt(level.variance_dn2 / level.pixels))
+
+    return [
+        place
+        for place, level in enumerate(flat)
+        if level.lamp_spread > MOST_FLICKER and np.ptp(level.means_dn) <= chance(level)
+    ]
+
+
+def remarks(dark: Sequence[Level], flat: Sequence[Level], dim: Sequence[int]) -> list[str]:
+    """What else to know of the levels; dim: places of those that are too dim."""
+    wander = levels.black_wander(dark)
+    lamp = max(level.lamp_spread for place, level in enumerate(flat) if place not in dim)
+    names = "; ".join(str(flat[place]) for place in dim)
+    every = (
+        (
+            dim,
+            f"left out: {len(dim)} flat levels too dim to tell a steady lamp from the dark frames' scatter: {names}",
+        ),
+        (wander, f"the black level wanders by {wander:.2g} DN from frame to frame: intervals hold that"),
+        (
+            lamp > LEAST_LAMP,
+            f"the lamp's light differs by up to {lamp:.1%} within a level: taken off the noise",
+        ),
+    )
+    return [text for applies, text in every if applies]
 
 
 def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
@@ -119,6 +154,8 @@ def warming(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     Over n levels dark current changes by n times what it changes within one, at least; a straight line through their
     means takes n + 1 times that for dark current.
     """
+    if math.isnan(fit.dark.slope):
+        return _settling(dark)
     rate, error = drift(dark)
     change = abs(fit.dark.change) or abs(rate) * len(dark)
     if abs(rate) < SURELY * error or not change >= LEAST_DRIFT * abs(fit.dark.slope):  # nor where it is NaN
@@ -132,6 +169,26 @@ def warming(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     )
 
 
+def _settling(dark: Sequence[Level]) -> Doubt | None:
+    """Dark frames of one exposure that get brighter or darker one after the other, beyond their scatter."""
+    for level in dark:
+        place = np.arange(level.frames) - (level.frames - 1) / 2
+        slope = float(place @ level.means_dn / (place @ place))
+        rest = np.array(level.means_dn) - level.mean_dn - slope * place
+        freedom = level.frames - 2
+        if freedom < 3 or abs(slope) < SURELY * math.sqrt(
+            float(rest @ rest) / freedom / float(place @ place)
+        ):
+            continue
+        does, get = ("warms", "brighter") if slope > 0 else ("cools", "darker")
+        change = abs(slope) * (level.frames - 1)
+        text = (
+            f"the sensor {does}: frames of {level} get {get} one after the other, by {change:.2g} DN in all"
+        )
+        return Doubt(("black_level_dn",), f"{text}; take them once the camera has settled", change / 2)
+    return None
+
+
 def hot_pixels(pattern: Pattern, fit: Transfer) -> Doubt | None:
     """Pixels far outside the fixed pattern of the others, which make a DSNU that describes neither."""
     with_them = math.sqrt(fit.spread_dn2 + pattern.outlying_dn2)
@@ -140,8 +197,8 @@ def hot_pixels(pattern: Pattern, fit: Transfer) -> Doubt | None:
     share = 100 * pattern.outliers / pattern.pixels
     return Doubt(
         ("dsnu_e", "dark_current_e_s"),
-        f"hot pixels: {pattern.outliers} ({share:.2g} %) are far outside the dark pattern; DSNU is that of the "
-        f"others ({with_them / fit.gain:.3g} e- with them), dark current is the mean with them",
+        f"hot pixels: {pattern.outliers} ({share:.2g} %) are far outside the dark pattern; DSNU and PRNU are "
+        f"those of the others (DSNU {with_them / fit.gain:.3g} e- with them), dark current is the mean with them",
     )
 
 

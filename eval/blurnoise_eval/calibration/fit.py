@@ -12,7 +12,8 @@ from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import checks, levels, transfer
 from blurnoise_eval.calibration.checks import Doubt
-from blurnoise_eval.calibration.frames import Floats, Folder, Size, refuse
+from blurnoise_eval.calibration.formats import RawLayout
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, Size, refuse
 from blurnoise_eval.calibration.levels import Level, columns, level_of
 from blurnoise_eval.calibration.transfer import Linearity, Transfer
 
@@ -48,20 +49,28 @@ class Measurement:
         return f"{flat} flat and {dark} dark frames"
 
 
-def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | None = None) -> Measurement:
+def measure(
+    folder: Path,
+    *,
+    bit_depth: int | None = None,
+    layout: RawLayout | None = None,
+    cfa: str | None = None,
+) -> Measurement:
     """The camera whose frames lie in ``folder``. bit_depth: of the converter; None takes the fewest bits that fit.
+    layout, cfa: as :class:`Folder` takes them.
 
     Raises ``ValueError`` naming the file or level that cannot be used, and why.
     """
     if bit_depth is not None:
         integer("bit_depth", bit_depth, 1, 16)
-    files = Folder(folder, raw_size_px)
+    files = Folder(folder, layout, cfa)
     files = files.at_gain(files.gains_db[0])
     dark, dark_mean = [], np.zeros(())
     for frames in files.dark:
         level, mean = level_of(files.planes(frames), frames[0])
         dark.append(level)
         dark_mean = dark_mean + (mean - level.mean_dn) / len(files.dark)
+    dark = levels.with_wander(dark)
     line = transfer.dark_line(dark)
 
     def lit(place: int) -> tuple[Level, Floats]:
@@ -70,12 +79,17 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
 
     flat = [lit(place)[0] for place in range(len(files.flat))]
     highest_dn = max(level.highest_dn for level in [*dark, *flat])
+    bit_depth = bit_depth or files.bit_depth
     bits = bit_depth or next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
     refuse(
         highest_dn >= 2**bits, f"bit_depth = {bits}: frames hold {highest_dn}; must be at most {2**bits - 1}"
     )
-    checks.check_levels(dark, flat)
+    dim = checks.too_dim(dark, flat)
+    checks.check_levels(dark, [level for place, level in enumerate(flat) if place not in dim])
     clip_dn, usable = checks.clipping(flat, line.offset, 2.0**bits - 1)
+    usable = [place for place in usable if place not in dim]
+    few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; must be {FEWEST_FLAT} or more that are not"
+    refuse(len(usable) < FEWEST_FLAT, few)
     used = [flat[place] for place in usable]
     checks.check_noise(used)
 
@@ -98,15 +112,19 @@ def measure(folder: Path, *, bit_depth: int | None = None, raw_size_px: Size | N
     bright = [flat[place] for place in chosen]
     light = sum((lit(place)[1] for place in chosen), np.zeros(())) / len(chosen)
     noise = levels.noise_of_mean(bright) + levels.noise_of_mean(dark)
-    response = levels.response_pattern(light - dark_mean, noise)
+    response = levels.response_pattern(light - dark_mean, noise, levels.hot_pixels(dark_mean))
     power = float(signal[chosen].mean()) ** 2
     estimates["prnu"] = transfer.root(response.fixed_dn2 / power, response.error_dn2 / power)
     first = checks.warming(dark, found) or checks.tone_curve(dark, used, found)
+    if files.place is not None:  # the filters show light in the dark
+        files = files.whole()
+        means = [np.mean([*files.planes(files.flat[place])], axis=0) for place in chosen]
+        light = np.mean(means, axis=0)
     stray = None if first else checks.stray_light(files, dark, bright, light, found)
     doubts = [doubt for doubt in (first, checks.hot_pixels(pattern, found), stray) if doubt]
     for doubt in doubts:
         doubt.widen(estimates)
-    notes = _notes(found, files.step_dn)
+    notes = [*files.notes, *checks.remarks(dark, flat, dim), *_notes(found, files.step_dn)]
     return Measurement(
         estimates=estimates, dark=dark, flat=flat, used=usable, fit=found, linearity=linear, size_px=files.size_px,
         bit_depth=bits, bits_given=bit_depth is not None, clip_dn=clip_dn, notes=notes, doubts=doubts,

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
+from scipy.stats import chi2
 
 from blurnoise_eval.calibration.frames import Floats, Frame, Kind, Plane
 
 _SMOOTH_PX = 7  # the mean of this square is taken off for PRNU, as in EMVA 1288 release 4
+_PLACES = tuple((slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1))
+_INNER = (slice(_SMOOTH_PX - 1, 1 - _SMOOTH_PX),) * 2  # what has whole squares of its place around it
 _OUTLYING = 6.0  # deviations: of a normal pattern one pixel in 5 10^8 is
 
 
@@ -157,22 +160,62 @@ class Pattern:
     outlying_dn2: float
 
 
+def frame_scatter(levels: Sequence[Level]) -> float:
+    """By how much the means of frames of one level scatter, DN rms, pooled over the levels."""
+    freedom = sum(level.frames - 1 for level in levels)
+    return math.sqrt(
+        sum((level.frames - 1) * float(np.var(level.means_dn, ddof=1)) for level in levels) / freedom
+    )
+
+
+def black_wander(dark: Sequence[Level]) -> float:
+    """By how much the black level differs from frame to frame, DN rms, beyond noise; 0 where it may be chance."""
+    freedom = sum(level.frames - 1 for level in dark)
+    scatter, noise = (
+        frame_scatter(dark) ** 2,
+        float(np.mean([level.variance_dn2 / level.pixels for level in dark])),
+    )
+    return math.sqrt(scatter - noise) if scatter * freedom > chi2.ppf(0.999, freedom) * noise else 0.0
+
+
+def with_wander(dark: Sequence[Level]) -> list[Level]:
+    """The dark levels, the errors of whose means hold that the black level wanders."""
+    wander = black_wander(dark)
+    return [
+        replace(level, mean_error_dn=math.hypot(level.mean_error_dn, wander / math.sqrt(level.frames)))
+        for level in dark
+    ]
+
+
+def hot_pixels(mean: Floats) -> NDArray[np.bool_]:
+    """Which pixels of ``mean`` (H, W), of dark levels, lie far from the others of their place in a mosaic."""
+    hot = np.zeros(mean.shape, bool)
+    for place in _PLACES:
+        # a mean of whole numbers that is one off may not lie out
+        hot[place] = outlying(mean[place] - np.median(mean[place]), 1.0)
+    return hot
+
+
 def dark_pattern(mean: Floats, levels: Sequence[Level]) -> Pattern:
     """Of ``mean`` (H, W), the mean of the dark levels' mean frames: each of the four planes of a mosaic apart."""
-    planes = [(plane - np.median(plane)).ravel() for plane in _planes(mean)]
-    # a mean of whole numbers that is one off may not lie out
-    inside = [values[~outlying(values, 1.0)] for values in planes]
+    hot = hot_pixels(mean)
+    planes = [(mean[place] - np.median(mean[place])).ravel() for place in _PLACES]
+    inside = [mean[place][~hot[place]] for place in _PLACES]
     inside = [values - values.mean() for values in inside]
     return _pattern(np.concatenate(planes), np.concatenate(inside), noise_of_mean(levels), means=4)
 
 
-def response_pattern(mean: Floats, noise_dn2: float) -> Pattern:
+def response_pattern(mean: Floats, noise_dn2: float, hot: NDArray[np.bool_]) -> Pattern:
     """Of ``mean`` (H, W), flat frames' less dark ones': each plane of a mosaic without its smooth part.
 
-    The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure.
+    The mean of 7 x 7 pixels is taken off, which takes 1/49 of the variance of a pattern without structure; ``hot``
+    (H, W) and outlying pixels are in neither.
     """
-    values = without_shading(mean)
-    return _pattern(values, values[~outlying(values, 1.0)], noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
+    left_out = hot.copy()
+    left_out[_INNER] |= outlying(without_shading(mean, left_out), 1.0)
+    values = without_shading(mean, left_out)
+    inside = values[~(left_out[_INNER] | outlying(values, 1.0))]
+    return _pattern(values.ravel(), inside, noise_dn2, kept=1 - 1 / _SMOOTH_PX**2)
 
 
 def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, kept: float = 1.0) -> Pattern:
@@ -189,11 +232,24 @@ def _pattern(every: Floats, inside: Floats, noise_dn2: float, means: int = 0, ke
     )
 
 
-def without_shading(mean: Floats) -> Floats:
-    """The values (N,) of the four planes of ``mean`` (H, W), less the mean of the 7 x 7 around each."""
-    inner = slice(_SMOOTH_PX // 2, -(_SMOOTH_PX // 2))
-    smooth = [plane - uniform_filter(plane, _SMOOTH_PX, mode="reflect") for plane in _planes(mean)]
-    return np.concatenate([plane[inner, inner].ravel() for plane in smooth])
+def without_shading(mean: Floats, left_out: NDArray[np.bool_] | None = None) -> Floats:
+    """``mean`` (H, W) without its rim, less the mean of the 7 x 7 around each pixel of its place in a mosaic.
+
+    left_out (H, W): pixels that those means do without.
+    """
+    rest = np.empty_like(mean)
+    for place in _PLACES:
+        plane = mean[place]
+        if left_out is None:
+            smooth = uniform_filter(plane, _SMOOTH_PX, mode="reflect")
+        else:
+            counted = (~left_out[place]).astype(np.float64)
+            share = uniform_filter(counted, _SMOOTH_PX, mode="reflect")
+            level = np.median(plane)
+            smooth = uniform_filter((plane - level) * counted, _SMOOTH_PX, mode="reflect")
+            smooth = level + smooth / np.maximum(share, 0.5 / _SMOOTH_PX**2)
+        rest[place] = plane - smooth
+    return rest[_INNER]
 
 
 def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
@@ -205,7 +261,3 @@ def outlying(values: Floats, least: float = 0.0) -> NDArray[np.bool_]:
 def noise_of_mean(levels: Sequence[Level]) -> float:
     """Temporal variance of the mean of the levels' mean frames."""
     return sum(level.variance_dn2 / level.frames for level in levels) / len(levels) ** 2
-
-
-def _planes(mean: Floats) -> list[Floats]:
-    return [mean[row::2, column::2] for row in (0, 1) for column in (0, 1)]

@@ -18,7 +18,7 @@ _UNITS = {
 
 def cameras_fit(
     folder: Annotated[
-        Path | None, Argument(metavar="FOLDER", help="of dark and flat frames, two or more of each exposure")
+        Path | None, Argument(metavar="FOLDER", help="dark and flat frames, two or more of each exposure")
     ] = None,
     *,
     output: Annotated[
@@ -45,6 +45,13 @@ def cameras_fit(
     bit_depth: Annotated[
         int | None, Option(metavar="N", help="of the converter (default: the fewest that fit)")
     ] = None,
+    raw_layout: Annotated[
+        str | None,
+        Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
+    ] = None,
+    cfa: Annotated[
+        str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
+    ] = None,
     base: Annotated[
         str,
         Option(
@@ -54,7 +61,7 @@ def cameras_fit(
         ),
     ] = "",
     temperature_c: Annotated[
-        float | None, Option(metavar="C", help="of the sensor meanwhile, for its dark current")
+        float | None, Option(metavar="C", help="of the sensor (default: the frames')")
     ] = None,
 ) -> None:
     """Measure your own camera: gain, read noise, dark current, black level, saturation, PRNU, DSNU and linearity,
@@ -66,13 +73,22 @@ def cameras_fit(
       blurnoise cameras fit frames/ --grey-card 500,0.18 -o mine.yaml     with lux of your own camera
       blurnoise cameras fit --tone bracket/ --base mine.yaml -o mine.yaml with its tone curve
 
-    Frames are the sensor's own numbers: PNG, TIFF, PGM or NPY of one plane, or DNG and other raw files
-    (pip install 'blurnoise[raw]'). Dark: lens covered. Flat: an even, steady light, no part clipped. Eight exposures
-    of two frames each are good; a few that saturate show the full well. FOLDER/frames.csv lists them (columns
-    file, kind = dark or flat, exposure_s, and photons_per_px where known, for the quantum efficiency, or
-    illuminance_lux on a grey card), or their names do: dark_10ms_0.png, flat_2.5ms_1.png, flat_500us_a.npy.
-    A bracket is of pictures as the camera delivers them, JPEG too, from a tripod; exposures are those of EXIF, or of
-    frames.csv (file, exposure_s).
+    Frames are the sensor's own numbers. Dark: lens covered. Flat: an even, steady light, no part clipped. Eight
+    exposures of two frames each are good; a few that saturate show the full well.
+
+    Files: PNG, TIFF and PGM of one plane, FITS, NPY (pages of a TIFF, and N of (N, H, W), are frames), DNG and other
+    raw files (pip install 'blurnoise[raw]'), and .raw or .bin without a header: --raw-layout u8, u16, mipi10, mipi12
+    (MIPI CSI-2), mono10p or mono12p (GenICam), with the size.
+
+    What they are, by the first that is there:
+
+      FOLDER/frames.csv          columns file, kind (dark or flat), exposure_s; where known photons_per_px,
+                                 illuminance_lux, wavelength_nm, gain_db, temperature_c, cfa, page
+      FOLDER/*.txt               the descriptor of an EMVA 1288 data set
+      names, folders, headers    dark_10ms_0.png, flat/2.5ms_1.tif; raw and FITS files state exposure and ISO
+
+    Of a colour sensor the green pixels are measured. A bracket (--tone) is of pictures as the camera delivers them,
+    JPEG too, from a tripod, with exposures in EXIF or frames.csv (file, exposure_s).
     """
     from blurnoise._core import checks
     from blurnoise.optics.camera import PRESETS
@@ -86,8 +102,8 @@ def cameras_fit(
             "folder, dng: must be one of them, as in 'blurnoise cameras fit FOLDER -o mine.yaml'"
         )
     if folder is None:
-        if bit_depth is not None or temperature_c is not None:
-            raise ValueError("bit_depth, temperature_c: go with a folder of frames, not with dng")
+        if any(each is not None for each in (bit_depth, temperature_c, raw_layout, cfa)):
+            raise ValueError("bit_depth, temperature_c, raw_layout, cfa: go with a folder, not with dng")
         camera = to_camera.camera_of_dng(Path(str(dng)), base=base)
         camera.save(output)
         show(figures(camera))
@@ -97,9 +113,14 @@ def cameras_fit(
 
     from blurnoise_eval.calibration import figure
     from blurnoise_eval.calibration.fit import measure
+    from blurnoise_eval.calibration.formats import RawLayout
     from blurnoise_eval.system.files import write_figure
 
-    found = measure(folder, bit_depth=bit_depth)
+    layout = RawLayout.parse(raw_layout) if raw_layout else None
+    found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
+    stated_c = [level.temperature_c for level in found.dark if level.temperature_c is not None]
+    if temperature_c is None and stated_c:
+        temperature_c = sum(stated_c) / len(stated_c)
     camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
     camera.save(output)
     plot = output.with_suffix(".png")

@@ -92,8 +92,10 @@ def test_a_dng(tmp_path: Path, capsys: Output) -> None:
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: frames hold"),
         (
             ["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"],
-            "--bit-depth, --temperature-c: go with a folder",
+            "--bit-depth, --temperature-c, --raw-layout, --cfa: go with a folder",
         ),
+        (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
+        (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),
         (["missing", "-o", "x.yaml"], "folder = 'missing'"),
         (["--dng", "missing.dng", "-o", "x.yaml"], "missing.dng"),
     ],

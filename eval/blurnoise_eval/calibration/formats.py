@@ -1,0 +1,294 @@
+"""Files of frames: the numbers of their planes, and what their headers say of how they were taken.
+
+PNG, TIFF (each page a frame) and PGM of one channel; NPY, (H, W) or (N, H, W); FITS, the primary array, two or three
+axes; files without a header (.raw, .bin), packed as a ``RawLayout`` says; and what LibRaw reads (DNG and cameras' raw
+files) where the package rawpy is installed. A further format is an entry of ``FORMATS``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise._core.checks import integer, one_of
+from blurnoise_eval.datasets import decode
+from blurnoise_eval.system.files import check_regular
+
+Plane = NDArray[np.uint8] | NDArray[np.uint16]
+"""Digital numbers of a frame as the converter gave them, (H, W)."""
+SMALLEST_PX = 32
+RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw")
+_JPEG = b"\xff\xd8\xff"
+_FITS_BLOCK, _FITS_CARD = 2880, 80
+_FITS_NUMBERS = {8: "u1", 16: ">i2", 32: ">i4", -32: ">f4", -64: ">f8"}
+
+
+def refuse(applies: object, text: str) -> None:
+    """Raise ``ValueError`` of this text where it applies."""
+    if applies:
+        raise ValueError(text)
+
+
+class _Packing(NamedTuple):
+    """``pixels`` of ``bits`` in ``octets`` bytes. mipi: high bytes first, then the low bits; else from bit 0 on."""
+
+    bits: int
+    pixels: int
+    octets: int
+    mipi: bool = False
+
+    def row_bytes(self, width: int) -> int:
+        """Of ``width`` pixels; MIPI's groups are whole."""
+        return math.ceil(width / self.pixels) * self.octets if self.mipi else math.ceil(width * self.bits / 8)
+
+
+PACKINGS = {
+    "u8": _Packing(8, 1, 1), "u16": _Packing(16, 1, 2),
+    "mipi10": _Packing(10, 4, 5, mipi=True), "mipi12": _Packing(12, 2, 3, mipi=True),
+    "mono10p": _Packing(10, 4, 5), "mono12p": _Packing(12, 2, 3),
+}  # fmt: skip
+"""By name: little-endian 8 and 16 bits, MIPI CSI-2's RAW10 and RAW12, GenICam's (PFNC) Mono10p and Mono12p."""
+
+
+@dataclass(frozen=True)
+class RawLayout:
+    """Pixels of files without a header. stride: bytes of a row, those at its end that hold no pixels included."""
+
+    packing: str
+    width: int
+    height: int
+    stride: int
+
+    @classmethod
+    def parse(cls, text: str) -> RawLayout:
+        """``PACKING,WIDTHxHEIGHT`` or ``PACKING,WIDTHxHEIGHT,STRIDE``, as in mipi10,4056x3040,5072.
+
+        Raises ``ValueError``.
+        """
+        try:
+            name, size, *stride = text.lower().split(",")
+            width, height = (int(side) for side in size.split("x"))
+            (row,) = [int(each) for each in stride] or [0]
+        except ValueError:
+            must = "must be PACKING,WIDTHxHEIGHT or PACKING,WIDTHxHEIGHT,STRIDE, as in mipi10,4056x3040,5072"
+            raise ValueError(f"raw_layout = {text!r}: {must}") from None
+        packing = PACKINGS[one_of("raw_layout", name, PACKINGS)]
+        for side, pixels in (("width", width), ("height", height)):
+            integer(f"raw_layout, {side}", pixels, 1, 100_000)
+        least = packing.row_bytes(width)
+        refuse(
+            0 < row < least,
+            f"raw_layout, stride = {row}: must be {least} or more, the bytes of {width} pixels",
+        )
+        return cls(name, width, height, row or least)
+
+    @property
+    def frame_bytes(self) -> int:
+        """Of a frame."""
+        return self.stride * self.height
+
+    def unpack(self, octets: NDArray[np.uint8]) -> NDArray[np.uint16]:
+        """The numbers (H, W) of a frame's bytes."""
+        packing = PACKINGS[self.packing]
+        bits, pixels, group, mipi = packing
+        rows = octets.reshape(self.height, self.stride)[:, : packing.row_bytes(self.width)]
+        groups = np.pad(rows, ((0, 0), (0, -rows.shape[1] % group))).reshape(self.height, -1, group)
+        if mipi:
+            low = bits - 8
+            last = groups[..., pixels:] >> low * np.arange(pixels, dtype=np.uint8) & (1 << low) - 1
+            numbers = groups[..., :pixels].astype(np.uint16) << low | last
+        else:
+            word = (groups.astype(np.int64) << 8 * np.arange(group)).sum(-1, keepdims=True)
+            numbers = (word >> bits * np.arange(pixels) & (1 << bits) - 1).astype(np.uint16)
+        return np.asarray(numbers.reshape(self.height, -1)[:, : self.width], np.uint16)
+
+
+class Format(NamedTuple):
+    """How files of a kind are read.
+
+    read: the numbers (H, W) of one page. pages: how many there are. taken: fields of ``Frame`` that the header
+    states, and ``iso`` or ``gain_setting``.
+    """
+
+    read: Callable[[Path, RawLayout | None, int], NDArray[Any]]
+    pages: Callable[[Path, RawLayout | None], int] = lambda *_: 1
+    taken: Callable[[Path], dict[str, Any]] = lambda _: {}
+
+
+def format_of(path: Path) -> Format:
+    """By the suffix; what has no entry goes to LibRaw."""
+    return FORMATS.get(path.suffix.lower(), _LIBRAW)
+
+
+def read_plane(path: Path, layout: RawLayout | None = None, page: int = 0) -> Plane:
+    """The numbers of one page of a file. layout: of files without a header.
+
+    Raises ``ValueError`` for a lossy format, more than one channel, numbers that are not whole or do not fit into
+    16 bits, and files that cannot be read; ``OSError`` where the file is missing.
+    """
+    with naming(path):
+        with path.open("rb") as file:
+            lossy = "JPEG is lossy, which alters noise; must be PNG, TIFF, NPY, FITS or raw"
+            refuse(file.read(3) == _JPEG, lossy)
+        plane = format_of(path).read(path, layout, page)
+        colours = f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
+        refuse(plane.ndim != 2, colours)
+        size = "{1} x {0}".format(*plane.shape)
+        refuse(min(plane.shape) < SMALLEST_PX, f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
+    return plane if plane.dtype == np.uint8 else plane.astype(np.uint16)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Errors name the file. Raises ``ValueError`` and ``OSError`` where it is no regular file."""
+    check_regular(path)
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
+def _picture(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
+    if page == 0:
+        return decode(path)
+    read, planes = cv2.imreadmulti(str(path), start=page, count=1, flags=cv2.IMREAD_UNCHANGED)
+    refuse(not read, f"page {page + 1} cannot be read")
+    return np.asarray(planes[0])
+
+
+def _array(path: Path) -> NDArray[Any]:
+    try:
+        values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise ValueError(f"is no NPY file: {error}") from None
+    refuse(values.ndim not in (2, 3), f"shape {values.shape}: must be (H, W), or (N, H, W) of N frames")
+    return values if values.ndim == 3 else values[None]
+
+
+def _whole(plane: NDArray[Any]) -> NDArray[Any]:
+    number = plane.dtype.kind in "uif"
+    whole = number and ((plane >= 0) & (plane <= 65535) & (plane == np.round(plane))).all()
+    refuse(not whole, "must hold whole numbers from 0 to 65535, as the converter gives them, not averages")
+    return plane
+
+
+def _bytes(path: Path, layout: RawLayout | None) -> NDArray[np.uint8]:
+    if layout is None:
+        names = ", ".join(PACKINGS)
+        raise ValueError(
+            f"a file without a header: state --raw-layout PACKING,WIDTHxHEIGHT (packing: {names})"
+        )
+    held, of = path.stat().st_size, layout.frame_bytes
+    rows = f"{layout.height} rows of {layout.stride} bytes"
+    refuse(not held or held % of, f"{held} bytes: must be {of}, {rows}, or a multiple of it")
+    return np.memmap(path, np.uint8, "r").reshape(-1, of)
+
+
+def _headerless(path: Path, layout: RawLayout | None, page: int) -> NDArray[Any]:
+    octets = _bytes(path, layout)[page]
+    return layout.unpack(octets) if layout else octets
+
+
+def _fits_header(path: Path) -> tuple[dict[str, Any], int]:
+    """Keywords of the primary header, and where the array begins (FITS standard 4.0, sections 3 and 4)."""
+    header: dict[str, Any] = {}
+    with path.open("rb") as file:
+        while len(block := file.read(_FITS_BLOCK).decode("ascii", "replace")) == _FITS_BLOCK:
+            for start in range(0, _FITS_BLOCK, _FITS_CARD):
+                card = block[start : start + _FITS_CARD]
+                name, value = card[:8].strip(), card[10:].strip()
+                if name == "END":
+                    return header, file.tell()
+                if value.startswith("'"):
+                    header[name] = value[1:].split("'")[0].strip()
+                elif card[8:10] == "= ":
+                    text = value.split("/")[0].strip().replace("D", "E")
+                    header[name] = float(text) if text[-1:].isdigit() or text[-1:] == "." else text
+            refuse("SIMPLE" not in header, "is no FITS file: it does not begin with SIMPLE")
+    raise ValueError("is no FITS file: its header has no END")
+
+
+def _fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
+    """The primary array (N, H, W) as it is stored, and the header."""
+    header, start = _fits_header(path)
+    axes = [int(header.get(f"NAXIS{axis}", 0)) for axis in range(int(header.get("NAXIS", 0)), 0, -1)]
+    two = len(axes) in (2, 3) and min(axes) > 0
+    refuse(not two, f"axes {axes}: must be 2 or 3 in the primary array (no compressed or tabular extension)")
+    kind = _FITS_NUMBERS.get(int(header.get("BITPIX", 0)), "")
+    refuse(
+        not kind, f"BITPIX = {header.get('BITPIX', 0):g}: must be one of {', '.join(map(str, _FITS_NUMBERS))}"
+    )
+    needed = start + np.dtype(kind).itemsize * math.prod(axes)
+    held = path.stat().st_size
+    refuse(held < needed, f"{held} bytes: must be {needed}, by its header")
+    values: NDArray[Any] = np.memmap(path, kind, "r", start, tuple(axes))
+    return values.reshape(-1, *axes[-2:]), header
+
+
+def _fits_plane(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
+    values, header = _fits(path)
+    return _whole(header.get("BSCALE", 1.0) * values[page].astype(np.float64) + header.get("BZERO", 0.0))
+
+
+def _fits_taken(path: Path) -> dict[str, Any]:
+    _, header = _fits(path)
+    names = {
+        "exposure_s": ("EXPTIME", "EXPOSURE"), "gain_setting": ("GAIN",), "temperature_c": ("CCD-TEMP",),
+        "cfa": ("BAYERPAT",),
+    }  # fmt: skip
+    found = {field: header[key] for field, keys in names.items() for key in keys[::-1] if key in header}
+    kind = str(header.get("IMAGETYP", "")).lower()
+    if "flat" in kind:
+        found["kind"] = "flat"
+    elif "dark" in kind or "bias" in kind:
+        found["kind"] = "dark"
+    return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        import rawpy
+    except ImportError:
+        raise ValueError("needs the package rawpy: pip install 'blurnoise[raw]'") from None
+    try:
+        with rawpy.imread(str(path)) as raw:
+            yield raw
+    except rawpy.LibRawError as error:
+        raise ValueError(f"is no picture that OpenCV or LibRaw reads ({error})") from None
+
+
+def _raw(path: Path, *_: object) -> NDArray[Any]:
+    with _opened(path) as raw:
+        return np.array(raw.raw_image_visible, np.uint16)
+
+
+def _raw_taken(path: Path) -> dict[str, Any]:
+    with _opened(path) as raw:
+        found: dict[str, Any] = {"iso": raw.other.iso_speed} if raw.other.iso_speed > 0 else {}
+        if raw.other.shutter_speed > 0:
+            found["exposure_s"] = float(f"{raw.other.shutter_speed:.6g}")
+        if raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
+            places = raw.raw_colors_visible[:2, :2].ravel()
+            found["cfa"] = "".join(chr(raw.color_desc[place]) for place in places)
+    return found
+
+
+_LIBRAW = Format(_raw, taken=_raw_taken)
+FORMATS: Mapping[str, Format] = {
+    **dict.fromkeys((".png", ".pgm"), Format(_picture)),
+    **dict.fromkeys((".tif", ".tiff"), Format(_picture, lambda path, _: max(1, cv2.imcount(str(path))))),
+    **dict.fromkeys((".raw", ".bin"), Format(_headerless, lambda path, layout: len(_bytes(path, layout)))),
+    **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(_fits(path)[0]), _fits_taken)),
+    ".npy": Format(lambda path, _, page: _whole(_array(path)[page]), lambda path, _: len(_array(path))),
+    **dict.fromkeys(RAW_SUFFIXES, _LIBRAW),
+}  # fmt: skip
+"""By suffix."""
