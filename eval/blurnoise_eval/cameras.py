@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+_MOST_ROWS = 8  # that are shown of a curve
+
+
 def find(name_or_file: str) -> Camera:
     """The preset of that name, or the camera of that file.
 
@@ -96,6 +99,8 @@ def figures(camera: Camera) -> Table:
 def _shown(value: object) -> str:
     if isinstance(value, FilterCurves):
         return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
+    if isinstance(value, tuple) and len(value) > _MOST_ROWS:
+        return f"{len(value)} points"
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
         return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
     if isinstance(value, Lens):

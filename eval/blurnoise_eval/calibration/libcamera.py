@@ -20,7 +20,7 @@ from blurnoise.optics.colour import FilterCurves
 from blurnoise.optics.lens import Lens, RelativeIllumination
 from blurnoise.optics.radiometry import filter_electrons
 from blurnoise_eval.calibration.frames import Floats, refuse
-from blurnoise_eval.calibration.light import over_filters, scaled, tied
+from blurnoise_eval.calibration.light import scaled, tied
 from blurnoise_eval.calibration.to_camera import Known, changed, on_base
 
 KELVIN = 5000.0
@@ -39,7 +39,7 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
     """
     try:
         document = read_document(path)
-        listed = document.get("algorithms") if isinstance(document, Mapping) else None
+        listed: Any = document.get("algorithms") if isinstance(document, Mapping) else None
         refuse(
             not isinstance(listed, list), "is no tuning file of libcamera for Raspberry Pi: has no algorithms"
         )
@@ -112,15 +112,11 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
     lux_s, gain = lit["reference_lux"] * lit["reference_shutter_speed"] / 1e6, float(lit["reference_gain"])
     per_dn = 2.0 ** (16 - camera.bit_depth) * camera.system_gain_dn_per_e * gain
     mean_e = (lit["reference_Y"] - of["rpi.black_level"]["black_level"]) / per_dn
-    by_filter = filter_electrons(camera, _LIT_BY)
-    of_all = over_filters(camera, _LIT_BY) / max(
-        by_filter.values()
-    )  # the mean is balanced to green, which has most
     source = (
         f"derived: rpi.lux of {file}, a ColorChecker of mean reflectance {_CHART:g} (assumed; the picture's is not "
         "stated, by a third either way)"
     )
-    return found | tied(camera, mean_e / (lux_s * _CHART) * of_all, source, _LIT_BY)
+    return found | tied(camera, mean_e / (lux_s * _CHART), source, _LIT_BY)
 
 
 def _radial(light: Floats, camera: Camera) -> tuple[RelativeIllumination, float]:

@@ -1,6 +1,7 @@
 """Light: the electrons that a camera makes of a lux second, measured, and the figures of it that follow.
 
-Domain: mean photo-electrons per pixel, over all filters and the whole field, for one lux second on a white surface.
+Domain: mean photo-electrons per pixel behind the strongest filter (green, clear), over the whole field, for one lux
+second on a white surface.
 What is measured is a product of lens, pixel and filters: f-number and pitch stay, transmission follows, or, where
 the lens is known or transmits all, quantum efficiency.
 """
@@ -14,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from blurnoise.metrics.values import Estimate
-from blurnoise.optics import lens
+from blurnoise.optics import lens, radiometry
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves
-from blurnoise.optics.radiometry import filter_electrons
 from blurnoise.optics.spectra import Curve
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.levels import columns
@@ -32,18 +32,11 @@ _COARSE = 64  # pixels along the shorter side on which the lens's light is avera
 
 
 def electrons_per_lux_s(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """Over the filters of the mosaic and the field of the lens."""
+    """Behind the strongest filter, over the field of the lens."""
     height, width = camera.field.size
     step = max(1, min(height, width) // _COARSE)
-    field = float(lens.light(camera.field, (max(1, height // step), max(1, width // step))).mean())
-    return field * over_filters(camera, illuminant)
-
-
-def over_filters(camera: Camera, illuminant: str | Curve = "D55") -> float:
-    """The same on the axis of the lens."""
-    by_filter = filter_electrons(camera, illuminant)
-    sites = camera.cfa if isinstance(camera.quantum_efficiency, FilterCurves) else ("",)
-    return float(np.mean([by_filter[site] for site in sites]))
+    field = lens.light(camera.field, (max(1, height // step), max(1, width // step)))
+    return float(field.mean()) * radiometry.electrons_per_lux_s(camera, illuminant)
 
 
 def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve = "D55") -> Known:
@@ -55,7 +48,7 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
     lens_known = "assum" not in of_lens and _TIED not in of_lens
     whole = camera if lens_known else replace(camera, transmission=1.0)
     share = measured / electrons_per_lux_s(whole, illuminant)
-    by = f"{source}: {measured:.4g} {_TIED}, mean of filters and field"
+    by = f"{source}: {measured:.4g} {_TIED}, mean over the field"
     own = camera.sources.get("quantum_efficiency", "")
     found: Known = {}
     if not lens_known:

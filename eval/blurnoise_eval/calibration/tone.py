@@ -36,6 +36,7 @@ _EXIF, _EXPOSURE, _F_NUMBER, _ISO = 0x8769, 33434, 33437, 34855
 _DARKEST, _BRIGHTEST = 3, 254  # values that are not clipped
 _MOST = 200_000  # pixels, evenly chosen
 _SMOOTH = 12.0  # values over which the curve may bend
+_DARK = 16  # values at both ends that a bracket need not show
 _LEAST_SEEN = 128  # values of 256 that two pictures must share
 _OFF = 0.05  # of a picture's light, from which its exposure time is doubtful
 _VALUES = np.arange(256.0)
@@ -66,14 +67,16 @@ def of(path: Path) -> Tone:
 
 
 def _of_scale(path: Path) -> Tone:
-    """Through the fields, in the logarithm of light over sRGB's; beyond them as at the last."""
+    """Through the fields, in the logarithm of light over sRGB's; beyond them straight."""
     numbers, light = (np.array(each) for each in read_oecf(path))
     full = 255.0 if numbers[-1] < 256 else 65535.0
     values, seen = 255 * numbers / full, light > 0
     over = np.log(light[seen]) - np.interp(values[seen], _VALUES, _SRGB)
     at = np.clip(_VALUES, values[seen][0], values[seen][-1])
     black = float(values[~seen][-1]) if not seen.all() else 0.0
-    logs = np.where(_VALUES > black, PchipInterpolator(values[seen], over)(at) + _SRGB, -np.inf)
+    smooth = PchipInterpolator(values[seen], over)
+    logs = smooth(at) + smooth.derivative()(at) * (_VALUES - at) + _SRGB
+    logs[_VALUES <= black] = -np.inf
     return Tone(
         _points(logs), f"measured: {len(numbers)} fields of the grey scale {path.name}, smooth between them"
     )
@@ -105,12 +108,13 @@ def _of_bracket(folder: Path) -> Tone:
         spread = np.std(np.array(others)[:, held], axis=0) * math.sqrt(len(files) - 1)  # jackknife
         slope = np.gradient(logs)[held]
         text += f", 95 % within {Z * float((spread / slope).max()) / 255:.2g} of white by leaving each out"
-    doubts = [
-        f"{file.name} is {math.expm1(each):+.0%} off the light of its exposure time"
-        for file, each in zip(files, offsets, strict=True)
-        if abs(each) > _OFF
-    ]
-    if held[0] > 2 * _DARKEST or held[-1] < _BRIGHTEST - _DARKEST:
+    worst, doubts = int(np.abs(offsets).argmax()), list[str]()
+    if abs(offsets[worst]) > _OFF:
+        off_by = f"{math.expm1(offsets[worst]):+.0%}"
+        doubts.append(
+            f"{files[worst].name} is {off_by} off the light of its exposure time, as the curve has it"
+        )
+    if held[0] > _DARK or held[-1] < 255 - _DARK:
         doubts.append(f"values below {held[0]} and above {held[-1]} are extrapolated")
     return Tone(_points(logs), text, tuple(doubts))
 

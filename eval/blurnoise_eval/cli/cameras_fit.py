@@ -28,7 +28,8 @@ def cameras_fit(
         Path | None, Option(metavar="PHOTO.dng", help="a photograph's noise profile, instead of frames")
     ] = None,
     libcamera: Annotated[
-        Path | None, Option(metavar="MODULE.json", help="a tuning file of libcamera for Raspberry Pi, instead")
+        Path | None,
+        Option(metavar="MODULE.json", help="a tuning file of libcamera for Raspberry Pi, instead"),
     ] = None,
     tone: Annotated[
         Path | None,
@@ -96,41 +97,66 @@ def cameras_fit(
     from blurnoise_eval.cameras import figures
 
     checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))  # before any work
-    checks.one_of("base", base, PRESETS)
-    if (folder is None) == (dng is None):
-        raise ValueError(
-            "folder, dng: must be one of them, as in 'blurnoise cameras fit FOLDER -o mine.yaml'"
-        )
-    if folder is None:
-        if any(each is not None for each in (bit_depth, temperature_c, raw_layout, cfa)):
-            raise ValueError("bit_depth, temperature_c, raw_layout, cfa: go with a folder, not with dng")
-        camera = to_camera.camera_of_dng(Path(str(dng)), base=base)
-        camera.save(output)
-        show(figures(camera))
-        say(output)
-        return
-    from rich.table import Table
+    given = {"folder": folder, "dng": dng, "libcamera": libcamera}
+    given = {name: path for name, path in given.items() if path is not None}
+    if len(given) > 1 or not (given or tone):
+        must = "must be one of them, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or tone alone"
+        raise ValueError(f"folder, dng, libcamera: {must}")
+    of_frames = {"temperature_c": temperature_c, "raw_layout": raw_layout, "cfa": cfa, "grey_card": grey_card}
+    of_frames |= {"bit_depth": bit_depth} if libcamera is None else {}
+    if folder is None and (lone := [name for name, value in of_frames.items() if value is not None]):
+        raise ValueError(f"{', '.join(lone)}: goes with a folder of frames")
+    named = (
+        libcamera.stem
+        if libcamera and libcamera.stem in PRESETS
+        else "imx250"
+        if folder or dng
+        else "imx250c"
+    )
+    base = base or named
+    camera = to_camera.on_base(output.stem, {}, base)  # before any work
+    curve = None
+    if tone is not None:
+        from blurnoise_eval.calibration import tone as of_tone
 
-    from blurnoise_eval.calibration import figure
-    from blurnoise_eval.calibration.fit import measure
-    from blurnoise_eval.calibration.formats import RawLayout
-    from blurnoise_eval.system.files import write_figure
+        curve = of_tone.of(tone)
+    if dng is not None:
+        camera = to_camera.camera_of_dng(dng, base=base)
+    elif libcamera is not None:
+        from blurnoise_eval.calibration.libcamera import camera_of_libcamera
 
-    layout = RawLayout.parse(raw_layout) if raw_layout else None
-    found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
-    stated_c = [level.temperature_c for level in found.dark if level.temperature_c is not None]
-    if temperature_c is None and stated_c:
-        temperature_c = sum(stated_c) / len(stated_c)
-    camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
+        camera = camera_of_libcamera(libcamera, base=base, bit_depth=bit_depth)
+    table, notes = None, list[object]()
+    if folder is not None:
+        from rich.table import Table
+
+        from blurnoise_eval.calibration import figure, light
+        from blurnoise_eval.calibration.fit import measure
+        from blurnoise_eval.calibration.formats import RawLayout
+        from blurnoise_eval.system.files import write_figure
+
+        layout = RawLayout.parse(raw_layout) if raw_layout else None
+        found = measure(folder, bit_depth=bit_depth, layout=layout, cfa=cfa)
+        stated_c = [level.temperature_c for level in found.dark if level.temperature_c is not None]
+        if temperature_c is None and stated_c:
+            temperature_c = sum(stated_c) / len(stated_c)
+        camera = to_camera.camera_of(found, output.stem, base=base, temperature_c=temperature_c)
+        lux = light.of_grey_card(found, camera, grey_card)
+        camera = to_camera.changed(camera, lux)
+        plot = output.with_suffix(".png")
+        write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
+        table = Table("figure", "value", "95 %", "unit", title=f"photon transfer of {found.frames}")
+        for name, unit in _UNITS.items():
+            each = found.estimates.get(name)
+            if each is None:
+                table.add_row(name, "not available", "", unit)
+            else:
+                table.add_row(name, f"{each.value:.4g}", " to ".join(to_camera.ends(each)), unit)
+        notes = [*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes]
+        notes += [f"{name}: {source}" for name, (_, source) in lux.items()]
+    if curve is not None:
+        camera = to_camera.changed(camera, curve.known)
+        notes += [f"tone: {curve.text}", *(f"warning: {doubt}" for doubt in curve.doubts)]
     camera.save(output)
-    plot = output.with_suffix(".png")
-    write_figure(plot, figure.draw_fit(found, camera.name), dpi=150)
-    table = Table("figure", "value", "95 %", "unit", title=f"photon transfer of {found.frames}")
-    for name, unit in _UNITS.items():
-        each = found.estimates.get(name)
-        if each is None:
-            table.add_row(name, "not available", "", unit)
-        else:
-            table.add_row(name, f"{each.value:.4g}", " to ".join(to_camera.ends(each)), unit)
-    show(table)
-    say(*(f"warning: {doubt.text}" for doubt in found.doubts), *found.notes, output, plot)
+    show(table or figures(camera))
+    say(*notes, output, *([] if folder is None else [plot]))

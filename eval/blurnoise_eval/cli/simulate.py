@@ -65,7 +65,9 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
     print_facts(facts, as_json)
-    if about := camera_text(taken.camera, colour=colour):
+    for about in filter(
+        None, [camera_text(taken.camera, colour=colour), given_by.about_lux(given, taken.camera)]
+    ):
         say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:
         print_stages(taken.plan, given.fidelity)
