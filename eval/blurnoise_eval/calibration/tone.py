@@ -76,7 +76,7 @@ def _of_scale(path: Path) -> Tone:
     black = float(values[~seen][-1]) if not seen.all() else 0.0
     smooth = PchipInterpolator(values[seen], over)
     logs = smooth(at) + smooth.derivative()(at) * (_VALUES - at) + _SRGB
-    logs[_VALUES <= black] = -np.inf
+    logs[black >= _VALUES] = -np.inf
     return Tone(
         _points(logs), f"measured: {len(numbers)} fields of the grey scale {path.name}, smooth between them"
     )
