@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ NAMES = ("imx219", "imx296", "imx477", "imx500", "imx708", "ov5647")
 def test_simulate_gives_the_measured_mean_of_a_grey_card(
     tmp_path: Path, capsys: Output, column: bool
 ) -> None:
-    """Made at 60 % of saturation in 100 ms, said to be 100 lux on 18 %: such a card in such light has that mean again."""
+    """Made at 60 % of saturation in 100 ms, said to be 100 lux on 18 %: a card in such light has that mean again."""
     planes = made_frames.exposed(CAMERA, 3, size=(96, 121), levels=6, top=0.6)
     folder = made_frames.save(tmp_path / "frames", planes)
     words: list[Any] = [
@@ -58,8 +57,9 @@ def test_simulate_gives_the_measured_mean_of_a_grey_card(
     mean_dn = float(np.mean(planes["flat", made_frames.LONGEST_S]))
     write_picture(tmp_path / "card.png", np.full((64, 80), round(0.18 * 65535), np.uint16))
     capsys.readouterr()
-    seen = told(capsys, "simulate", tmp_path / "card.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "mine.yaml",
-                "--picture-tone", "linear", "--lux", 100, "--exposure-ms", 100, "--bit-depth", "native")  # fmt: skip
+    at = ("--picture-tone", "linear", "--lux", 100, "--exposure-ms", 100, "--bit-depth", "native")
+    files = (tmp_path / "card.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "mine.yaml")
+    seen = told(capsys, "simulate", *files, *at)
     assert seen["mean_dn"] - 20 == pytest.approx(mean_dn - 20, rel=0.01)
 
 
@@ -70,9 +70,7 @@ def test_of_a_known_lens_quantum_efficiency_follows() -> None:
     found = tied(lens, 2 * once, "measured: a card")
     assert set(found) == {"quantum_efficiency"}
     assert found["quantum_efficiency"][0] == pytest.approx(0.6)
-    with pytest.raises(
-        ValueError, match=r"needs? 4 times the quantum efficiency, above 1: f_number = 1.4, pixel_pitch"
-    ):
+    with pytest.raises(ValueError, match=r"need 4 times the quantum efficiency, above 1: f_number = 1.4"):
         tied(lens, 4 * once, "measured: a card")
     unknown = Camera.preset("imx250")
     assert tied(unknown, made_electrons(unknown) / 4, "x")["transmission"][0] == pytest.approx(0.25, rel=1e-4)
@@ -85,32 +83,13 @@ def made_electrons(camera: Camera) -> float:
     return 6906.0 if not isinstance(curve, float) else 24421.8 / 1.5 * curve * camera.transmission
 
 
-def tuning(path: Path, **changes: Any) -> Path:
-    """A module whose picture has 400 electrons of green on average, at 1000 lux, 10 ms and gain 2; K 0.25 at 10 bits."""
-    slope, black = 4.0, 4096
-    algorithms = {
-        "rpi.black_level": {"black_level": black},
-        "rpi.lux": {"reference_shutter_speed": 10000, "reference_gain": 2.0, "reference_aperture": 1.0,
-                    "reference_lux": 1000, "reference_Y": black + 2 * slope**2 * 400},
-        "rpi.noise": {"reference_constant": 0, "reference_slope": slope},
-        "rpi.awb": {"ct_curve": [4000.0, 0.7, 0.5, 6000.0, 0.5, 0.7]},
-        "rpi.ccm": {"ccms": [{"ct": 3000, "ccm": [3, -1, -1, -1, 3, -1, -1, -1, 3]},
-                             {"ct": 4700, "ccm": [1.8, -0.5, -0.3, -0.4, 1.7, -0.3, -0.1, -0.6, 1.7]}]},
-        "rpi.alsc": {"luminance_lut": [1.25] * 192},
-        "rpi.contrast": {"gamma_curve": [0, 0, 32768, 49152, 65535, 65535]},
-    }  # fmt: skip
-    listed = [{name: of} for name, of in (algorithms | changes).items() if of is not None]
-    path.write_text(json.dumps({"version": 2.0, "algorithms": listed}))
-    return path
-
-
 def test_a_tuning_file_is_a_camera(tmp_path: Path, capsys: Output) -> None:
     """A flat picture of its reflectance, 0.22, in its light, has its mean again; grey has its red and blue."""
     words: list[Any] = [
         "cameras",
         "fit",
         "--libcamera",
-        tuning(tmp_path / "module.json"),
+        made_frames.write_tuning(tmp_path / "module.json"),
         "-o",
         tmp_path / "pi.yaml",
     ]
@@ -124,9 +103,10 @@ def test_a_tuning_file_is_a_camera(tmp_path: Path, capsys: Output) -> None:
     write_picture(tmp_path / "chart.png", np.full((64, 80), round(0.22 * 65535), np.uint16))
     (tmp_path / "lit.yaml").write_text("illuminant: planck:5000\n")
     capsys.readouterr()
-    seen = told(capsys, "simulate", tmp_path / "chart.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "pi.yaml",
-                "--picture-tone", "linear", "--lux", 1000, "--exposure-ms", 10, "--scene", tmp_path / "lit.yaml")  # fmt: skip
-    assert seen["white_electrons_G"] * 0.22 == pytest.approx(400, rel=1e-3)
+    at = ("--picture-tone", "linear", "--lux", 1000, "--exposure-ms", 10, "--scene", tmp_path / "lit.yaml")
+    files = (tmp_path / "chart.png", "-o", tmp_path / "seen.png", "--camera", tmp_path / "pi.yaml")
+    seen = told(capsys, "simulate", *files, *at)
+    assert seen["white_electrons_G"] * 0.22 == pytest.approx(200, rel=1e-3)
     assert seen["white_electrons_R"] / seen["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
     assert seen["white_electrons_B"] / seen["white_electrons_G"] == pytest.approx(0.6, rel=1e-3)
 
@@ -141,7 +121,7 @@ def test_a_tuning_file_is_a_camera(tmp_path: Path, capsys: Output) -> None:
 )
 def test_what_is_no_tuning_file_is_named(tmp_path: Path, changes: dict[str, Any], why: str) -> None:
     with pytest.raises(ValueError, match=rf"module\.json: .*{why}"):
-        camera_of_libcamera(tuning(tmp_path / "module.json", **changes), base="imx250c")
+        camera_of_libcamera(made_frames.write_tuning(tmp_path / "module.json", **changes), base="imx250c")
     (tmp_path / "other.json").write_text("[1]")
     with pytest.raises(ValueError, match="no tuning file"):
         camera_of_libcamera(tmp_path / "other.json", base="imx250c")
@@ -161,7 +141,7 @@ def test_presets_are_what_their_tuning_files_say(name: str) -> None:
 
 
 def test_modules_agree_with_each_other_and_with_who_measured_one() -> None:
-    """strollswithmydog.com: an IMX477 has K = 0.47 DN/e- and 8180 e-; green peaks of three modules lie within 10 %."""
+    """strollswithmydog.com: an IMX477 has K = 0.47 DN/e-, 8180 e-; green peaks of three modules are within 10 %."""
     assert PRESETS["imx477"].system_gain_dn_per_e == pytest.approx(0.47, rel=0.03)
     assert PRESETS["imx477"].full_well_e == pytest.approx(8180, rel=0.03)
     peaks = [max(PRESETS[name].quantum_efficiency.of("G").values) for name in ("ov5647", "imx219", "imx500")]  # type: ignore[union-attr]
