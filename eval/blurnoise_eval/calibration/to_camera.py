@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
+from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.calibration.fit import Measurement
@@ -77,6 +78,8 @@ def on_base(name: str, known: Known, base: str) -> Camera:
 
     Raises ``ValueError`` for a name that is neither.
     """
+    if not Path(base).is_file():
+        one_of("base", base, sorted(PRESETS))
     camera = find(base)
     names = [entry.name for entry in fields(Camera) if entry.name not in ("name", "sources")]
     sources = dict.fromkeys(names, f"assumed, as of the preset {base}") if base in PRESETS else camera.sources

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @settings(
-    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "picture_tone", "keep",
+    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep",
     "score", "engine", "threads", "part",
 )  # fmt: skip
 def sweep(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:

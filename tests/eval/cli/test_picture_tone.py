@@ -82,5 +82,5 @@ def test_a_run_has_one_and_goes_on_with_no_other(
     assert main(words) == 2
     assert "another plan.picture_tone" in capsys.readouterr().err
     assert main(["sweep", "--picture-tone", "filmic", "--limit", 1, "-o", "signs"]) == 2
-    assert "--picture-tone: goes with pictures of your own" in capsys.readouterr().err
+    assert "picture_tone: goes with pictures of your own" in capsys.readouterr().err
     assert not (tmp_path / "signs").exists()
