@@ -1,9 +1,4 @@
-"""The camera: its figures, what follows from them, presets and files; the captures of one HDR picture.
-
-Gain is in dB, 20 log10 of the factor on the signal, counted from the system gain K at 0 dB: K(g) = K g whatever the
-pixel does; another conversion gain changes the full well and the read noise, not the brightness. Read noise is
-referred to the input: sigma^2(g) = sigma^2 (1 - share + share / g^2). Measured gains replace both laws.
-"""
+"""The camera: its figures, what follows from them, presets and files; the captures of one HDR picture."""
 
 from __future__ import annotations
 
@@ -16,14 +11,17 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 import torch
 from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, Figure, Text, check_fields, in_range, known, shown, within
-from blurnoise.optics import camera_files, colour
+from blurnoise.optics import camera_files, colour, gain
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
+from blurnoise.optics.gain import ConversionGain as ConversionGain
+from blurnoise.optics.gain import MeasuredGain as MeasuredGain
 from blurnoise.optics.lens import SAME_EVERYWHERE, Field, Lens, farthest_px
 from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
@@ -32,43 +30,12 @@ _Side = Annotated[int, Ge(1), Le(1 << 20)]
 _Share = Annotated[float, Ge(0), Le(1)]
 _VarianceFactor = Annotated[float, Ge(0), Le(100)]
 PhotonTransfer = tuple[tuple[_Share, _VarianceFactor], ...]
-DARK_NOISE = ("read_noise_e",)
+DARK_NOISE = ("read_noise_e", "row_noise_e", "column_noise_e")
 """Figures of temporal noise that every pixel has whatever its charge, e- rms: what threshold and range rest on."""
+PRNU = ("prnu", "prnu_row", "prnu_column")
+DSNU = ("dsnu_e", "dsnu_row_e", "dsnu_column_e")
+"""Figures of the fixed pattern, of single pixels, whole rows and whole columns."""
 _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
-
-
-@dataclass(frozen=True)
-class ConversionGain:
-    """A pixel's figures from the gain on at which it switches to a smaller capacitance.
-
-    from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at ``from_db``;
-    read_noise_post_share: of its variance, what arises behind the amplifier. Raises ``TypeError`` or ``ValueError``.
-    """
-
-    from_db: Annotated[Figure, within("from_db")]
-    full_well_e: Annotated[Figure, within("full_well_e")]
-    read_noise_e: Annotated[Figure, within("read_noise_e")]
-    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-
-
-@dataclass(frozen=True)
-class MeasuredGain:
-    """A camera's figures as measured at a gain.
-
-    gain_db: above 0 dB, at which the camera's own figures are. system_gain_dn_per_e: K there. read_noise_e: rms,
-    referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
-    """
-
-    gain_db: Annotated[Figure, within("from_db")]
-    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
-    read_noise_e: Annotated[Figure, within("read_noise_e")]
-    black_level_dn: Annotated[Figure, within("black_level_dn")]
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -103,9 +70,9 @@ class Camera:
     signal above black over clip_dn - black_level_dn, and the temporal variance of photo noise there over the straight
     line's; held beyond the first and the last point. row_noise_e, column_noise_e: rms, temporal, at 0 dB, one value
     for each row (column) and frame, beside read_noise_e of each pixel. black_level_drift_dn: rms, one offset for each
-    frame. dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu, prnu_row, prnu_column: fractions,
-    of single pixels, whole rows and whole columns; dsnu_e, dsnu_row_e, dsnu_column_e: rms, likewise. black_level_dn:
-    offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
+    frame. dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu, prnu_row, prnu_column:
+    fractions, of single pixels, whole rows and whole columns; dsnu_e, dsnu_row_e, dsnu_column_e: rms, likewise.
+    black_level_dn: offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
     disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only.
     diffraction_wavelength_um: of the light whose diffraction the lens adds, at the f-number; 0: none. cfa: the
     mosaic. "none": a sensor for each colour of a picture, all with the same quantum efficiency; "mono": one plane
@@ -169,33 +136,19 @@ class Camera:
     def __post_init__(self) -> None:
         check_fields(self)
         colour.check(self.cfa, self.quantum_efficiency, self.ccm, self.white_balance, self.tone)
-        in_range("black_level_dn", self.black_level_dn, 0.0, self.full_scale_dn - 1)
+        for level_dn in (self.black_level_dn, *(row.black_level_dn for row in self.gains)):
+            in_range("black_level_dn", level_dn, 0.0, self.full_scale_dn - 1)
         for name in sorted(self.sources.keys() - vars(self).keys()):
             known("sources: field", name, [entry.name for entry in fields(self)])
         _ = self.optics  # whose figures have limits of their own
-        starts = [row.from_db for row in self.conversion_gains]
-        gains_db, shares = [row.gain_db for row in self.gains], [share for share, _ in self.photon_transfer]
-        own = self.system_gain_dn_per_e, self.read_noise_e, self.black_level_dn
+        shares, rows = [share for share, _ in self.photon_transfer], (self.gains, self.conversion_gains)
         last_db, lens = self.analogue_gain_max_db, self.lens
         pinhole = lens.falloff_power or (
             lens.displaces and not (lens.distortion and lens.distortion.focal_px)
         )
-        fault = ""
+        fault = gain.fault(self.at_0_db, *rows, last_db)
         if last_db > self.gain_max_db:
             fault = f"analogue_gain_max_db = {last_db!r}: must be <= gain_max_db, {self.gain_max_db:g}"
-        elif sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
-            must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
-            fault = f"conversion_gains: from_db are {shown(starts)}; {must}"
-        elif self.gains and self.conversion_gains:
-            fault = "gains: are measured at every gain; conversion_gains must be empty beside them"
-        elif sorted({*gains_db}) != gains_db or any(gain_db > last_db for gain_db in gains_db):
-            must = f"must increase, up to analogue_gain_max_db, {last_db:g}"
-            fault = f"gains: gain_db are {shown(gains_db)}; {must}"
-        elif self.gains and gains_db[0] == 0 and self.gains[0] != MeasuredGain(0.0, *own):
-            must = "must repeat the camera's system_gain_dn_per_e, read_noise_e and black_level_dn"
-            fault = f"gains: the row at 0 dB is {shown(self.gains[0])}; {must}, {shown(own)}"
-        elif any(row.black_level_dn >= self.full_scale_dn for row in self.gains):
-            fault = f"gains: black_level_dn must be <= {self.full_scale_dn - 1}"
         elif sorted({*shares}) != shares:
             fault = f"photon_transfer: signal_share are {shown(shares)}; must increase"
         elif lens.mtf and (self.defocus_radius_px or self.diffraction_wavelength_um):
@@ -240,7 +193,7 @@ class Camera:
         """From here on a pixel counts as saturated: full scale, or a lower well less three deviations of noise."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
-        noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_e)
+        noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_total_e)
         least_e = max(self.full_well_e - noise_e, self.full_well_e / 2)
         return float(math.floor(least_e * self.system_gain_dn_per_e + self.black_level_dn))
 
@@ -261,11 +214,30 @@ class Camera:
     def at_gain(self, gain_db: float) -> Amplified:
         """The camera at an analogue gain up to ``analogue_gain_max_db``, and the remaining digital gain.
 
-        K g, read noise and well are those of its row of ``conversion_gains``. Raises ``ValueError`` beyond
-        ``gain_max_db``.
+        By :mod:`.gain`: measured where ``gains`` are stated, else by law. Row and column noise follow read noise, the
+        bend stays with the charge, ``black_level_drift_dn`` stays. Raises ``ValueError`` beyond ``gain_max_db``.
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
         return _at_gain(self, float(gain_db))
+
+    @property
+    def at_0_db(self) -> MeasuredGain:
+        """The camera's own figures that gain changes."""
+        return MeasuredGain(0.0, self.system_gain_dn_per_e, self.read_noise_e, self.black_level_dn)
+
+    @property
+    def gain_law(self) -> str:
+        """How K and read noise follow the gain, in a few words."""
+        if self.gains:
+            return f"measured at {', '.join(f'{row.gain_db:g}' for row in self.gains)} dB, interpolated"
+        return "K times 10^(dB/20), read noise of two terms" + " for each conversion gain" * bool(
+            self.conversion_gains
+        )
+
+    def variance_factor(self, charge_e: float) -> float:
+        """Variance of shot noise over the mean charge, electrons, by ``photon_transfer``."""
+        shares, factors = zip(*self.photon_transfer or [(0.0, 1.0)], strict=True)
+        return float(np.interp(charge_e / self.saturation_e, shares, factors))
 
     @property
     def field(self) -> Field:
@@ -275,14 +247,29 @@ class Camera:
     def fixed_pattern(self, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
         """The camera's fixed pattern: (gain, offset_e), float32 on the CPU, both of ``shape`` (C, H, W).
 
-        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1).
+        gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). Values of whole rows
+        and columns of each plane of C are added likewise.
         """
-        return _fixed_pattern(self.prnu, self.dsnu_e, tuple(shape), *rng.item_seeds(seed, 1))
+        figures = tuple(getattr(self, name) for name in (*PRNU, *DSNU))
+        return _fixed_pattern(figures, tuple(shape), *rng.item_seeds(seed, 1))
 
     @property
     def dark_noise_e(self) -> float:
-        """Temporal noise without light or dark current, e- rms: of all ``DARK_NOISE``."""
-        return math.hypot(*(getattr(self, name) for name in DARK_NOISE))
+        """A pixel's temporal noise without light or dark current, e- rms: of all ``DARK_NOISE``."""
+        return self._total(DARK_NOISE)
+
+    @property
+    def prnu_total(self) -> float:
+        """PRNU of pixels, rows and columns together, a fraction."""
+        return self._total(PRNU)
+
+    @property
+    def dsnu_total_e(self) -> float:
+        """DSNU of pixels, rows and columns together, e- rms."""
+        return self._total(DSNU)
+
+    def _total(self, figures: Sequence[str]) -> float:
+        return math.hypot(*(getattr(self, name) for name in figures))
 
     def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
         """Temporal variance without light, DN^2: K^2 (dark_noise_e^2 + dark_e) + 1/12 (rounding)."""
@@ -356,29 +343,47 @@ def _at_gain(camera: Camera, gain_db: float) -> Amplified:
     analogue_db = min(max(gain_db, 0.0), camera.analogue_gain_max_db)
     if analogue_db == 0:
         return Amplified(camera, gain_db)
-    own = ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
-    rows = (own, *camera.conversion_gains)
-    row = next(row for row in reversed(rows) if row.from_db <= analogue_db)
-    share, over_row_db = row.read_noise_post_share, analogue_db - row.from_db
+    own = camera.at_0_db
+    base = ConversionGain(0.0, camera.full_well_e, camera.read_noise_e, camera.read_noise_post_share)
+    switched = [row for row in (base, *camera.conversion_gains) if row.from_db <= analogue_db][-1]
+    found = gain.by_law(own, switched, analogue_db)
+    if camera.gains:
+        found = gain.measured(own, camera.gains, analogue_db)
+    quieter = found.read_noise_e / own.read_noise_e if own.read_noise_e else 1.0
     amplified = replace(
         camera,
-        system_gain_dn_per_e=camera.system_gain_dn_per_e * 10 ** (analogue_db / 20),
-        full_well_e=row.full_well_e,
-        read_noise_e=row.read_noise_e * math.sqrt(1 - share + share / (10 ** (over_row_db / 20)) ** 2),
+        system_gain_dn_per_e=found.system_gain_dn_per_e,
+        full_well_e=switched.full_well_e,
+        read_noise_e=found.read_noise_e,
+        black_level_dn=found.black_level_dn,
+        row_noise_e=camera.row_noise_e * quieter,
+        column_noise_e=camera.column_noise_e * quieter,
         read_noise_post_share=0.0,
         analogue_gain_max_db=0.0,
         conversion_gains=(),
+        gains=(replace(found, gain_db=0.0),) if camera.gains else (),
     )
+    if camera.photon_transfer:  # the bend is the pixel's: it stays with the charge
+        more = camera.saturation_e / amplified.saturation_e
+        inside = [(share * more, factor) for share, factor in camera.photon_transfer if share * more < 1]
+        last = (1.0, camera.variance_factor(amplified.saturation_e))
+        amplified = replace(amplified, photon_transfer=(*inside, last))
     return Amplified(amplified, gain_db - analogue_db)
 
 
 @lru_cache(maxsize=4)
 @torch.inference_mode(False)  # it is kept, and must serve derivatives whoever asked first
-def _fixed_pattern(prnu: float, dsnu_e: float, shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
+def _fixed_pattern(figures: tuple[float, ...], shape: tuple[int, ...], seed: int) -> tuple[Tensor, Tensor]:
     like = torch.empty(1, *shape, dtype=torch.float32, device="cpu")
-    gain = 1.0 + prnu * rng.standard_normal([seed], like, "prnu")[0]
-    offset_e = dsnu_e * rng.standard_normal([seed], like, "dsnu")[0]
-    return gain, offset_e
+    of_parts = (("", like), (" of rows", like[..., :1]), (" of columns", like[..., :1, :]))
+    fields = []
+    for mean, name, sizes in ((1.0, "prnu", figures[:3]), (0.0, "dsnu", figures[3:])):
+        field = torch.full_like(like, mean)
+        for size, (part, of_part) in zip(sizes, of_parts, strict=True):
+            if size:
+                field += size * rng.standard_normal([seed], of_part, name + part)
+        fields.append(field[0])
+    return fields[0], fields[1]
 
 
 PRESETS: dict[str, Camera] = {}

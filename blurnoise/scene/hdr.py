@@ -149,7 +149,7 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
     in_range("electrons", electrons, 0.0, LIMITS["white_e"].high)
     in_range("dark_e", dark_e, 0.0, LIMITS["white_e"].high)
     remaining, rounding_e2 = 1.0, 0.0
-    shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, electrons
+    shared: dict[tuple[float, ...], list[float]] = {}  # by exposure: weight, weighted dark noise, shot noise
     each = zip(captures, _readers(camera, captures), factors(captures), windows(captures, 1.0), strict=True)
     for count, (capture, reader, factor, (start_s, taken_s)) in enumerate(each, 1):
         seen, gain = electrons / factor + dark_e * taken_s, reader.system_gain_dn_per_e
@@ -158,10 +158,13 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
         weight = remaining * share * factor
         remaining *= 1 - share
         rounding_e2 += (weight / gain) ** 2 / 12
-        sums = shared.setdefault((start_s, taken_s, capture.sensitivity), [0.0, 0.0, seen])
+        shot_e2 = seen * reader.variance_factor(seen)
+        sums = shared.setdefault((start_s, taken_s, capture.sensitivity), [0.0, 0.0, shot_e2])
         sums[0] += weight
         sums[1] += weight * reader.dark_noise_e
-    return math.sqrt(rounding_e2 + sum(light**2 * seen + dark**2 for light, dark, seen in shared.values()))
+    return math.sqrt(
+        rounding_e2 + sum(light**2 * shot_e2 + dark**2 for light, dark, shot_e2 in shared.values())
+    )
 
 
 def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **beside: Any) -> float:

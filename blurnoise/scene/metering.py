@@ -14,6 +14,7 @@ from torch import Tensor
 
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
+from blurnoise.optics import gain
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
@@ -141,9 +142,9 @@ class AutoExposure:
         if exposure_s is None:
             exposure_s = self.allowed_s(self.target / rate if rate > 0 else math.inf)
         exposure_s, gain_db = limited("exposure_s", exposure_s), min(self.gain_max_db, camera.gain_max_db)
-        if (reading := exposure_s * rate) > self.target * 10 ** (-gain_db / 20):
-            gain_db = max(0.0, 20 * math.log10(self.target / reading))
-        return Setting(exposure_s, gain_db, reading * 10 ** (gain_db / 20))
+        if (reading := exposure_s * rate) * brightness(camera, gain_db) > self.target:
+            gain_db = _gain_db(camera, max(1.0, self.target / reading), gain_db)
+        return Setting(exposure_s, gain_db, reading * brightness(camera, gain_db))
 
     def allowed_s(self, wanted_s: float) -> float:
         """The longest allowed exposure that is not longer than ``wanted_s``, at least one row where rows count.
@@ -157,6 +158,26 @@ class AutoExposure:
         if self.row_time_s:
             exposure_s = max(1, math.floor(exposure_s / self.row_time_s + _STEP)) * self.row_time_s
         return exposure_s
+
+
+def brightness(camera: Camera, gain_db: float) -> float:
+    """Factor of a gain on the signal, as a share of the converter's range above black."""
+    if not camera.gains:
+        return float(10 ** (gain_db / 20))
+    own, analogue_db = camera.at_0_db, min(gain_db, camera.analogue_gain_max_db)
+    found = gain.measured(own, camera.gains, analogue_db)
+    ranges = [camera.full_scale_dn - row.black_level_dn for row in (own, found)]
+    more = found.system_gain_dn_per_e / own.system_gain_dn_per_e * ranges[0] / ranges[1]
+    return float(more * 10 ** ((gain_db - analogue_db) / 20))
+
+
+def _gain_db(camera: Camera, factor: float, most_db: float) -> float:
+    """The gain up to ``most_db`` whose :func:`brightness` is ``factor``, 1 or more; measured gains by bisection."""
+    if not camera.gains:
+        return 20 * math.log10(factor)
+    from scipy.optimize import bisect
+
+    return float(bisect(lambda gain_db: brightness(camera, gain_db) - factor, 0.0, most_db))
 
 
 USUAL = AutoExposure()

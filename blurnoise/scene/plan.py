@@ -138,7 +138,8 @@ def _plan(
     spread_dn = math.hypot(*(bounds[name] for name in bounds if name in spreading & left_out))
     rounding_dn2 = min(rounding_dn2, _rounding_dn2(camera, spread_dn))
     figures = frozenset(figure for each in every if each.name in left_out for figure in each.figures)
-    reduced = replace(camera, **dict.fromkeys(figures, 0.0)) if figures else camera  # type: ignore[arg-type]
+    off = {figure: type(getattr(camera, figure))() for figure in figures}  # 0, or no points
+    reduced = replace(camera, **off) if off else camera
     noisy = any(stage.draws and stage.name not in left_out for stage in of_sensor)
     kept = [effect for effect in of_light if effect.name not in left_out]
     hows = {effect.name: effect.how(replace(at, camera=reduced)) for effect in kept}

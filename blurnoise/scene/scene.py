@@ -229,7 +229,7 @@ class ExposedScene:
 
     def _readout(self, needs: Plan, seeds: list[int]) -> ReadoutOptions:
         camera, pattern = needs.camera, None
-        if camera.prnu or camera.dsnu_e:
+        if camera.prnu_total or camera.dsnu_total_e:
             _, colours, *size = self.light.shape
             pattern = camera.fixed_pattern((radiometry.planes(camera, colours), *size), self.pattern_seed)
         return ReadoutOptions(seeds, pattern, self.fidelity, needs.noisy, without=needs.without)

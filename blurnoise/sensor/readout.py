@@ -118,6 +118,8 @@ def digitised(scene: Tensor, at: Conditions[Tensor], options: ReadoutOptions) ->
             drawn["normal"] = options.draw(seeds[of], light, "frame")
         if _draws_read_noise(bare, light, known):
             drawn["read"] = options.draw(seeds[of], light, "read")
+        some = [stage for stage in stages.SHARED_NOISES if stage in active]
+        drawn["shared"] = {stage.name: stage.drawn(light, seeds[of]) for stage in some}
         return replace(bare, **drawn)
 
     if not (known and options.quantised and plain(scene)) or with_gradients:
@@ -215,7 +217,8 @@ def _law(camera: Camera, options: ReadoutOptions, with_gradients: bool, active: 
 
 def supports(active: Sequence[SensorStage]) -> bool:
     """Whether :func:`write_frames` implements all of these stages, in this order."""
-    return list(active) == [stage for stage in stages.LINEAR_MODEL if stage in active or stage.essential]
+    own = [stage for stage in stages.LINEAR_MODEL if stage in active or stage.essential]
+    return list(active) == own and stages.PHOTON_TRANSFER not in active
 
 
 def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, threads: int) -> None:
@@ -225,13 +228,15 @@ def write_frames(scene: Tensor, at: Frames, out: Tensor, tones: Tensor | None, t
     "merged". Threads share the pieces: no bit changes.
     """
     if at.law == "exact":  # counts, drawn by the stages that lead to them, are light of one electron each
-        for stage in stages.LINEAR_MODEL[:4]:
+        for stage in stages.LINEAR_MODEL[: stages.LINEAR_MODEL.index(stages.FULL_WELL)]:
             scene = stage.apply(scene, at)
         at = replace(at, white_e=torch.ones_like(at.white_e), dark_e=torch.zeros_like(at.dark_e), gain=None)
     light = _flat(scene)
     colours, pixels = light.shape
     frames: Plane = out.view(len(out), colours, pixels).numpy()
-    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, at.offset_e)]
+    offset_e = stages.offsets_e(at)
+    offset_e = None if offset_e is None else offset_e.expand(scene.shape)
+    fields = [None if each is None else _flat(each) for each in (at.normal, at.read, at.gain, offset_e)]
     table, full_scale_dn = None, at.camera.full_scale_dn
     if tones is not None:  # for every code of 16 bits
         table = np.pad(tones.numpy()[: full_scale_dn + 1], (0, 65_535 - full_scale_dn), mode="edge")

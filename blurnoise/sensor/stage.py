@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 from torch import Tensor
 
@@ -25,7 +25,7 @@ class Frames:
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
     N(0, 1), of shot noise and of read noise apart from it. gain, offset_e: the fixed pattern. A field is None
-    where the law or the camera does not ask for it.
+    where the law or the camera does not ask for it. shared: N(0, 1) by stage, of size 1 along what shares a value.
     """
 
     camera: Camera
@@ -38,14 +38,19 @@ class Frames:
     read: Tensor | None = None
     gain: Tensor | None = None
     offset_e: Tensor | None = None
+    shared: Mapping[str, Tensor] = field(default_factory=dict)
 
     def part(self, item: int, rows: slice) -> Frames:
         """Some rows of one frame."""
-        of, fields = slice(item, item + 1), (self.normal, self.read, self.gain, self.offset_e)
-        own = [None if field is None else field[of, :, rows] for field in fields]
-        return Frames(
-            self.camera, self.law, self.white_e[of], self.dark_e[of], self.seeds[of], self.quantised, *own
-        )
+        of, fields = slice(item, item + 1), ("normal", "read", "gain", "offset_e")
+        own: dict[str, Any] = {
+            name: None if (each := getattr(self, name)) is None else each[of, :, rows] for name in fields
+        }
+        own["shared"] = {
+            name: each[of, :, rows] if each.shape[2] > 1 else each[of] for name, each in self.shared.items()
+        }
+        means = {"white_e": self.white_e[of], "dark_e": self.dark_e[of]}
+        return replace(self, seeds=self.seeds[of], **means, **own)
 
 
 class SensorStage(ABC):

@@ -6,14 +6,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise.light.conditions import Conditions
+from blurnoise.optics.camera import DSNU as DSNU_FIGURES
+from blurnoise.optics.camera import PRNU as PRNU_FIGURES
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s
@@ -39,18 +43,18 @@ class SpectralIntegration(SensorStage):
 
 
 class Prnu(SensorStage):
-    """Photo-response non-uniformity: a fixed factor per pixel."""
+    """Photo-response non-uniformity: a fixed factor of each pixel, with parts of its row and its column."""
 
     name = "PRNU"
     modelled = "fixed field of factors"
-    figures = ("prnu",)
+    figures = PRNU_FIGURES
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, at.camera.prnu * signal_bound_e(at))
+        return within_range_dn(at.camera, at.camera.prnu_total * signal_bound_e(at))
 
 
 class DarkCurrent(SensorStage):
@@ -68,6 +72,25 @@ class DarkCurrent(SensorStage):
         return within_range_dn(at.camera, math.hypot(at.dark_e, math.sqrt(at.dark_e)))
 
 
+class PhotonTransfer(SensorStage):
+    """The bend of the variance of shot noise over the mean, in the draw of shot noise."""
+
+    name = "photon transfer"
+    draws = True
+    figures = ("photon_transfer",)
+    modelled = "in the draw of shot noise"
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        return signal
+
+    def bound_dn(self, at: Conditions[float]) -> float:
+        most_e, camera = signal_bound_e(at) + at.dark_e, at.camera
+        places_e = [share * camera.saturation_e for share, _ in camera.photon_transfer]
+        reached = [camera.variance_factor(min(place_e, most_e)) for place_e in (*places_e, most_e)]
+        farthest = max(abs(math.sqrt(factor) - 1) for factor in reached)
+        return within_range_dn(camera, farthest * math.sqrt(most_e))
+
+
 class ShotNoise(SensorStage):
     """Poisson noise of photo-electrons and dark charge; under the law "merged" read noise is in the same draw.
 
@@ -78,20 +101,23 @@ class ShotNoise(SensorStage):
     draws = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        camera, bend = at.camera, variance_factor(signal, at.camera)
         if at.law == "exact":
-            return rng.poisson(signal, at.seeds)
-        if at.normal is None:
+            counts = rng.poisson(signal, at.seeds)
+        elif at.normal is None:
             return signal
-        if at.law == "merged":
-            drawn = noisy_electrons(signal, at.camera.read_noise_e, at.normal)
-            full = signal >= nearly_full_e(at.camera)
+        elif at.law == "merged":
+            drawn = noisy_electrons(signal, camera.read_noise_e, at.normal, bend)
+            full = signal >= nearly_full_e(camera)
             if at.read is None or not bool(full.any()):
                 return drawn
-            charge = noisy_electrons(signal, 0.0, at.normal).clamp(0.0, at.camera.well_limit_e)
-            return torch.where(full, charge + at.camera.read_noise_e * at.read, drawn)
-        if at.law == "apart":
-            return noisy_electrons(signal, 0.0, at.normal).clamp(min=0.0)
-        return rng.poisson_of_normal(signal, at.normal)
+            charge = noisy_electrons(signal, 0.0, at.normal, bend).clamp(0.0, camera.well_limit_e)
+            return torch.where(full, charge + camera.read_noise_e * at.read, drawn)
+        elif at.law == "apart":
+            return noisy_electrons(signal, 0.0, at.normal, bend).clamp(min=0.0)
+        else:
+            counts = rng.poisson_of_normal(signal, at.normal)
+        return counts if bend is None else signal + bend.sqrt() * (counts - signal)
 
     def bound_dn(self, at: Conditions[float]) -> float:
         return within_range_dn(at.camera, math.sqrt(signal_bound_e(at) + at.dark_e))
@@ -132,22 +158,57 @@ class ReadNoise(SensorStage):
 
     def how(self, camera: Camera, noisy: bool) -> str:
         merged = camera.read_noise_e >= MERGE_READ_NOISE_E and noisy
-        return "in the draw of shot noise" if merged else "a normal draw of its own"
+        drawn = "in the draw of shot noise" if merged else "a normal draw of its own"
+        return f"{drawn}; measured at gains" if camera.gains else drawn
+
+
+class SharedNoise(SensorStage):
+    """Normal noise that pixels share: those of a row, of a column or of all planes of a frame.
+
+    figure: its deviation, e- or DN rms. first: of light, one of the pixels that share a value.
+    """
+
+    draws = True
+
+    def __init__(self, name: str, figure: str, by: str, *first: slice) -> None:
+        self.name, self.figures, self.modelled, self._first = (
+            name,
+            (figure,),
+            f"a normal value per {by}",
+            first,
+        )
+
+    def drawn(self, light: Tensor, seeds: Sequence[int]) -> Tensor:
+        """N(0, 1) for frames of this size (B, C, H, W), of size 1 along what shares a value."""
+        return rng.standard_normal(seeds, light[:, *self._first], self.name)
+
+    def size_e(self, camera: Camera) -> float:
+        """Its deviation, e- rms."""
+        (figure,) = self.figures
+        unit = camera.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
+        return float(getattr(camera, figure)) / unit
+
+    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+        values = at.shared.get(self.name)
+        return signal if values is None else signal + self.size_e(at.camera) * values
+
+    def bound_dn(self, at: Conditions[float]) -> float:
+        return within_range_dn(at.camera, self.size_e(at.camera))
 
 
 class Dsnu(SensorStage):
-    """Dark-signal non-uniformity: a fixed offset per pixel."""
+    """Dark-signal non-uniformity: a fixed offset of each pixel, with parts of its row and its column."""
 
     name = "DSNU"
     modelled = "fixed field of offsets"
-    figures = ("dsnu_e",)
+    figures = DSNU_FIGURES
     spreads = True
 
     def apply(self, signal: Tensor, at: Frames) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
     def bound_dn(self, at: Conditions[float]) -> float:
-        return within_range_dn(at.camera, at.camera.dsnu_e)
+        return within_range_dn(at.camera, at.camera.dsnu_total_e)
 
 
 class Gain(SensorStage):
@@ -185,21 +246,29 @@ class Limits(SensorStage):
 
 
 SPECTRAL_INTEGRATION, PRNU, DARK_CURRENT = SpectralIntegration(), Prnu(), DarkCurrent()
-SHOT_NOISE, FULL_WELL, READ_NOISE, DSNU = ShotNoise(), FullWell(), ReadNoise(), Dsnu()
-GAIN, QUANTISATION, LIMITS = Gain(), Quantisation(), Limits()
+PHOTON_TRANSFER, SHOT_NOISE, FULL_WELL, READ_NOISE = PhotonTransfer(), ShotNoise(), FullWell(), ReadNoise()
+DSNU, GAIN, QUANTISATION, LIMITS = Dsnu(), Gain(), Quantisation(), Limits()
+_EVERY, _FIRST = slice(None), slice(1)
+SHARED_NOISES = (
+    SharedNoise("row noise", "row_noise_e", "row and frame", _EVERY, _EVERY, _FIRST),
+    SharedNoise("column noise", "column_noise_e", "column and frame", _EVERY, _FIRST, _EVERY),
+    SharedNoise("black level drift", "black_level_drift_dn", "frame", _FIRST, _FIRST, _FIRST),
+)
 LINEAR_MODEL: tuple[SensorStage, ...] = (
     SPECTRAL_INTEGRATION,
     PRNU,
     DARK_CURRENT,
+    PHOTON_TRANSFER,
     SHOT_NOISE,
     FULL_WELL,
     READ_NOISE,
+    *SHARED_NOISES,
     DSNU,
     GAIN,
     QUANTISATION,
     LIMITS,
 )
-"""The stages of EMVA 1288, which the fast route implements."""
+"""The stages of EMVA 1288 and a camera's departures from it; the fast route implements all but the bend."""
 STAGES = LINEAR_MODEL
 """All stages; those of one's own come between: ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
 
@@ -212,26 +281,52 @@ def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool
     ]
 
 
-def noisy_electrons(mean_e: Tensor, read_noise_e: float, normal: Tensor) -> Tensor:
+def noisy_electrons(
+    mean_e: Tensor, read_noise_e: float, normal: Tensor, bend: Tensor | None = None
+) -> Tensor:
     """Shot and read noise in one draw: a normal corrected to the skewness of Poisson(mean) + N(0, read^2).
 
     x = mean + s z + k (z^2 - 1) with k = mean / (6 v), s^2 = v - 2 k^2, v = mean + read^2 (the first terms of Cornish
     and Fisher): mean and variance exact. After gain and rounding the total variation distance from the exact law is
     below 0.008, and 0.0005 from 100 electrons on, for a read noise of at least 1 electron. mean_e, normal: any shape.
+    bend: :func:`variance_factor`, with whose root f the deviation of Poisson(mean) from its mean is multiplied.
     """
     # Without light and read noise there is no variance: the least of either keeps 0 / 0 and its derivative away.
-    variance = mean_e + max(read_noise_e**2, 1e-6)
-    skew = mean_e / variance / 6
+    of_light = mean_e if bend is None else mean_e * bend
+    variance = of_light + max(read_noise_e**2, 1e-6)
+    skew = (of_light if bend is None else of_light * bend.sqrt()) / variance / 6
     spread = variance - 2 * skew * skew
-    if read_noise_e**2 < 1 / 18:  # else v > 2 k^2 throughout
+    if read_noise_e**2 < 1 / 18 or bend is not None:  # else v > 2 k^2 throughout
         spread = spread.clamp(min=1e-6)
     return mean_e - skew + (torch.sqrt(spread) + skew * normal) * normal
 
 
+def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
+    """:meth:`blurnoise.Camera.variance_factor` of mean charges; None where the camera states no photon transfer."""
+    if not camera.photon_transfer:
+        return None
+    shares, factors = np.array(camera.photon_transfer).T
+    slopes = np.diff(factors) / np.diff(shares)
+    share = charge_e / camera.saturation_e
+    found = torch.full_like(share, factors[0])
+    for place, change in zip(shares.tolist(), np.diff(slopes, prepend=0.0, append=0.0).tolist(), strict=True):
+        found = found + change * (share - place).clamp(min=0.0)  # straight lines, level beyond the ends
+    return found.clamp(min=1e-6)  # for the derivative of its root
+
+
+def offsets_e(at: Frames) -> Tensor | None:
+    """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
+    shared = [
+        each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared
+    ]
+    every = shared if at.offset_e is None else [at.offset_e, *shared]
+    return sum(every[1:], start=every[0]) if every else None
+
+
 def nearly_full_e(camera: Camera) -> float:
     """Mean electrons from which on the full well may clip: below, it is six deviations of shot noise away."""
-    well_e = camera.well_limit_e
-    return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e)
+    well_e, most = camera.well_limit_e, max((factor for _, factor in camera.photon_transfer), default=1.0)
+    return well_e if math.isinf(well_e) else well_e - 6 * math.sqrt(well_e * most)
 
 
 @lru_cache(maxsize=64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -91,6 +91,7 @@ def figures(camera: Camera) -> Table:
         if name != "sources":
             table.add_row(name, _shown(getattr(camera, name)), camera.sources.get(name, ""))
     table.add_section()
+    table.add_row("gain", camera.gain_law, "follows from the above")
     for name, value in derived(camera).items():
         table.add_row(name, _shown(value), "follows from the above")
     return table
@@ -103,6 +104,9 @@ def _shown(value: object) -> str:
         return f"{len(value)} points"
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
         return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
+    if isinstance(value, tuple) and value and all(is_dataclass(row) for row in value):
+        rows = [camera_files.plain(row).items() for row in value]
+        return "\n".join(", ".join(f"{name} {_shown(each)}" for name, each in row) for row in rows)
     if isinstance(value, Lens):
         stated = {name: figure for name, figure in camera_files.plain(value).items() if figure}
         return "\n".join(f"{name}: {figure}" for name, figure in stated.items()) or "the same over the field"

@@ -8,8 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -90,7 +92,9 @@ def _scaled_to_electrons(before: Moments, at: Point) -> Moments:
 
 
 def _prnu(before: Moments, at: Point) -> Moments:
-    return before._replace(pattern_variance=before.pattern_variance + (at.camera.prnu * before.mean) ** 2)
+    return before._replace(
+        pattern_variance=before.pattern_variance + (at.camera.prnu_total * before.mean) ** 2
+    )
 
 
 def _dark_current(before: Moments, at: Point) -> Moments:
@@ -99,7 +103,9 @@ def _dark_current(before: Moments, at: Point) -> Moments:
 
 
 def _shot_noise(before: Moments, at: Point) -> Moments:
-    return before._replace(variance=before.variance + before.mean)
+    points = np.array(at.camera.photon_transfer or [(0.0, 1.0)]).T
+    factor = np.interp(before.mean.numpy() / at.camera.saturation_e, *points)
+    return before._replace(variance=before.variance + torch.from_numpy(np.asarray(factor)) * before.mean)
 
 
 def _full_well(before: Moments, at: Point) -> Moments:
@@ -118,8 +124,18 @@ def _read_noise(before: Moments, at: Point) -> Moments:
     return before._replace(variance=before.variance + at.camera.read_noise_e**2)
 
 
+def _shared(figure: str, before: Moments, at: Point) -> Moments:
+    """Of a pixel over frames, whoever shares it; those of the black level are given in DN."""
+    unit = at.camera.system_gain_dn_per_e if figure == "black_level_drift_dn" else 1.0
+    return before._replace(variance=before.variance + (getattr(at.camera, figure) / unit) ** 2)
+
+
+def _unchanged(before: Moments, at: Point) -> Moments:
+    return before
+
+
 def _dsnu(before: Moments, at: Point) -> Moments:
-    return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_e**2)
+    return before._replace(pattern_variance=before.pattern_variance + at.camera.dsnu_total_e**2)
 
 
 def _gain(before: Moments, at: Point) -> Moments:
@@ -163,9 +179,11 @@ _AFTER: dict[str, Callable[[Moments, Point], Moments]] = {
     stages.SPECTRAL_INTEGRATION.name: _scaled_to_electrons,
     stages.PRNU.name: _prnu,
     stages.DARK_CURRENT.name: _dark_current,
+    stages.PHOTON_TRANSFER.name: _unchanged,  # in the draw of shot noise
     stages.SHOT_NOISE.name: _shot_noise,
     stages.FULL_WELL.name: _full_well,
     stages.READ_NOISE.name: _read_noise,
+    **{stage.name: partial(_shared, stage.figures[0]) for stage in stages.SHARED_NOISES},
     stages.DSNU.name: _dsnu,
     stages.GAIN.name: _gain,
     stages.QUANTISATION.name: _quantisation,

@@ -16,7 +16,7 @@ from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import DARK_NOISE, DSNU, PRNU, Camera
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions
@@ -155,9 +155,16 @@ FIGURES = (
     _figure("diffraction_wavelength_um", "Diffraction at", "µm"),
     _figure("row_time_s", "Rolling shutter", "s"),
     _figure("prnu", "PRNU", ""),
+    _figure("prnu_row", "PRNU of rows", ""),
+    _figure("prnu_column", "PRNU of columns", ""),
     _figure("dark_current_e_s", "Dark current", "e-/s"),
     _figure("read_noise_e", "Read noise", "e-"),
+    _figure("row_noise_e", "Row noise", "e-"),
+    _figure("column_noise_e", "Column noise", "e-"),
     _figure("dsnu_e", "DSNU", "e-"),
+    _figure("dsnu_row_e", "DSNU of rows", "e-"),
+    _figure("dsnu_column_e", "DSNU of columns", "e-"),
+    _figure("black_level_drift_dn", "Black level drift", "DN"),
 )
 """The figures that light effects and sensor stages depend on, those that are axes apart."""
 STEPS = 200
@@ -171,9 +178,8 @@ _SPANS: Mapping[str, tuple[float, float]] = {
     "ego_speed_m_s": (0.0, 200.0),
     "row_time_s": (0.0, 100e-6),
     "diffraction_wavelength_um": (0.0, 1.0),
-    "prnu": (0.0, 0.05),
-    "dsnu_e": (0.0, 50.0),
-    "read_noise_e": (0.0, 50.0),
+    **dict.fromkeys(PRNU, (0.0, 0.05)),
+    **dict.fromkeys((*DARK_NOISE, *DSNU, "black_level_drift_dn"), (0.0, 50.0)),
     "dark_current_e_s": (0.0, 1000.0),
 }
 """From where to where a slider goes, in the option's or the figure's unit; of others around the camera's own."""

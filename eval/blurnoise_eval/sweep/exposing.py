@@ -237,7 +237,10 @@ def snr_db(exposure: Exposure, light: float) -> float | None:
     white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
     signal_e = light * white_e
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
-    noise_e = math.sqrt(signal_e + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2)
+    bend_e2 = (camera.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
+    noise_e = math.sqrt(
+        signal_e + bend_e2 + camera.dark_variance_dn2(dark_e) / camera.system_gain_dn_per_e**2
+    )
     return 20 * math.log10(signal_e / noise_e) if signal_e > 0 else None
 
 

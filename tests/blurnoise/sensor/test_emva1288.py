@@ -153,8 +153,10 @@ class Bench:
         self.longest_s = 1.5 * promised.read_noise_e**2 / dark_electrons_s(promised)
         self.photons_s = limit_e(promised) / float(promised.quantum_efficiency) / self.longest_s
 
-    def analysis(self, camera: Camera, seed: int, fidelity: sensor.Fidelity = "auto") -> dict[str, float]:
-        """What the package finds in ``camera``'s frames."""
+    def analysis(
+        self, camera: Camera, seed: int, fidelity: sensor.Fidelity = "auto", *, lines: bool = False
+    ) -> dict[str, float]:
+        """What the package finds in ``camera``'s frames; lines: also of rows and columns."""
         pattern = camera.fixed_pattern((1, ROWS, COLUMNS), seed)
         generator = torch.Generator().manual_seed(seed)
 
@@ -191,7 +193,9 @@ class Bench:
         }
         with for_numpy_2():
             results = process.Results1288(process.Data1288(reduced).data, loglevel=logging.WARNING)
-            return {
+            parts = (f"{kind}1288_{part}" for kind in ("PRNU", "DSNU") for part in ("row", "col", "pixel"))
+            found = {name: float(getattr(results, name)) for name in parts} if lines else {}
+            return found | {
                 "system gain": float(results.K),
                 "quantum efficiency": float(results.QE) / 100,
                 "read noise": float(results.sigma_d),
@@ -252,6 +256,27 @@ def test_the_camera_is_found_in_its_frames(name: str, fidelity: sensor.Fidelity)
     bench = Bench(camera)
     found, expected = bench.analysis(camera, seed, fidelity), bench.expected(camera)
     assert not disagreements(found, expected), (found, expected)
+
+
+@pytest.mark.slow
+def test_rows_and_columns_are_found_in_the_frames() -> None:
+    """The standard's read noise is that of pixels, rows and columns together: sqrt(1.6^2 + 1.2^2) = 2 e-.
+
+    The deviation of 260 rows or 321 columns is known to 1 / sqrt(2 * 260) = 4.4 %; five of them. That of the pixels,
+    as without lines, to 2 %; the read noise's row part to sqrt(2 / (77 * 260)) = 1 % of a variance of which it is a
+    third.
+    """
+    camera = replace(
+        FINE, row_noise_e=1.2, prnu_row=0.02, prnu_column=0.03, dsnu_row_e=3.0, dsnu_column_e=5.0
+    )
+    found = Bench(FINE).analysis(camera, seed=5, lines=True)
+    for part, percent, offset_e, within in (
+        ("row", 2.0, 3.0, 0.22), ("col", 3.0, 5.0, 0.22), ("pixel", 1.2, 1.5, 0.02)
+    ):  # fmt: skip
+        assert found[f"PRNU1288_{part}"] == pytest.approx(percent, rel=within), part
+        assert found[f"DSNU1288_{part}"] == pytest.approx(offset_e, rel=within), part
+    assert found["read noise"] == pytest.approx(2.0, rel=0.02)
+    assert found["system gain"] == pytest.approx(2.5, rel=0.02)
 
 
 @pytest.mark.slow

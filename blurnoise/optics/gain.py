@@ -1,0 +1,104 @@
+"""Gain: a camera's figures at an analogue gain, by a law or as measured.
+
+Gain is in dB, 20 log10 of the factor on the signal, counted from the system gain K at 0 dB: K(g) = K g whatever the
+pixel does; another conversion gain changes the full well and the read noise, not the brightness. Read noise is
+referred to the input: sigma^2(g) = sigma^2 (1 - share + share / g^2). Measured gains replace both laws.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from blurnoise._core.checks import Figure, check_fields, shown, within
+
+
+@dataclass(frozen=True)
+class ConversionGain:
+    """A pixel's figures from the gain on at which it switches to a smaller capacitance.
+
+    from_db: the gain at which it switches. full_well_e: its well from there on. read_noise_e: rms at ``from_db``;
+    read_noise_post_share: of its variance, what arises behind the amplifier. Raises ``TypeError`` or ``ValueError``.
+    """
+
+    from_db: Annotated[Figure, within("from_db")]
+    full_well_e: Annotated[Figure, within("full_well_e")]
+    read_noise_e: Annotated[Figure, within("read_noise_e")]
+    read_noise_post_share: Annotated[Figure, Ge(0), Le(1)] = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True)
+class MeasuredGain:
+    """A camera's figures as measured at a gain.
+
+    gain_db: above 0 dB, at which the camera's own figures are. system_gain_dn_per_e: K there. read_noise_e: rms,
+    referred to the input. black_level_dn: offset before rounding. Raises ``TypeError`` or ``ValueError``.
+    """
+
+    gain_db: Annotated[Figure, within("from_db")]
+    system_gain_dn_per_e: Annotated[Figure, within("system_gain_dn_per_e")]
+    read_noise_e: Annotated[Figure, within("read_noise_e")]
+    black_level_dn: Annotated[Figure, within("black_level_dn")]
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+def fault(
+    own: MeasuredGain,
+    gains: Sequence[MeasuredGain],
+    conversion_gains: Sequence[ConversionGain],
+    last_db: float,
+) -> str:
+    """What is wrong with a camera's gains up to ``last_db``; "" where nothing is. own: its figures at 0 dB."""
+    starts, gains_db = [row.from_db for row in conversion_gains], [row.gain_db for row in gains]
+    if sorted({*starts}) != starts or any(not 0 < start <= last_db for start in starts):
+        must = f"must increase, above 0 and up to analogue_gain_max_db, {last_db:g}"
+        return f"conversion_gains: from_db are {shown(starts)}; {must}"
+    if gains and conversion_gains:
+        return "gains: are measured whatever the conversion gain; conversion_gains must be empty beside them"
+    if sorted({*gains_db}) != gains_db or any(gain_db > last_db for gain_db in gains_db):
+        return f"gains: gain_db are {shown(gains_db)}; must increase, up to analogue_gain_max_db, {last_db:g}"
+    if gains and gains_db[0] == 0 and gains[0] != own:
+        names = "system_gain_dn_per_e, read_noise_e and black_level_dn"
+        return f"gains: {shown(gains[0])}: at 0 dB must repeat the camera's own {names}, {shown(own)}"
+    return ""
+
+
+def measured(own: MeasuredGain, gains: Sequence[MeasuredGain], gain_db: float) -> MeasuredGain:
+    """A camera's figures at a gain, of its own at 0 dB and those measured at other gains.
+
+    Between two rows the logarithms of K and read noise and the black level are linear in dB; beyond the last one K
+    follows the dB, and the rest stays.
+    """
+    rows = [own, *(row for row in gains if row.gain_db > 0)]
+    for low, high in pairwise(rows):
+        if gain_db <= high.gain_db:
+            over = (gain_db - low.gain_db) / (high.gain_db - low.gain_db)
+            return MeasuredGain(
+                gain_db,
+                low.system_gain_dn_per_e ** (1 - over) * high.system_gain_dn_per_e**over,
+                low.read_noise_e ** (1 - over) * high.read_noise_e**over,
+                low.black_level_dn + over * (high.black_level_dn - low.black_level_dn),
+            )
+    factor = 10 ** ((gain_db - rows[-1].gain_db) / 20)
+    return replace(rows[-1], gain_db=gain_db, system_gain_dn_per_e=rows[-1].system_gain_dn_per_e * factor)
+
+
+def by_law(own: MeasuredGain, row: ConversionGain, gain_db: float) -> MeasuredGain:
+    """A camera's figures at a gain, of its own at 0 dB and its row of conversion gains."""
+    share, over_row = row.read_noise_post_share, 10 ** ((gain_db - row.from_db) / 20)
+    return MeasuredGain(
+        gain_db,
+        own.system_gain_dn_per_e * 10 ** (gain_db / 20),
+        row.read_noise_e * math.sqrt(1 - share + share / over_row**2),
+        own.black_level_dn,
+    )
