@@ -3,7 +3,8 @@
 Convention: a pattern names its filters in reading order, the first row's two and then the second row's: R red, G
 green, B blue, C clear. Colours are linear, (red, green, blue), 1 is white. Tone curves lead from linear light to
 coded values, both in [0, 1]: "srgb"; "filmic", 3 v^2 - 2 v^3 of the sRGB value v (Brooks et al., Unprocessing Images
-for Learned Raw Denoising, CVPR 2019); or one's own points (light, value), with straight lines between them.
+for Learned Raw Denoising, CVPR 2019); or one's own points (light, value), with straight lines between them. A
+picture's own curve, which is taken out before it is exposed, may also be "linear".
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import torch
 from annotated_types import Ge, Le, Len
 from torch import Tensor
 
-from blurnoise._core.checks import shown
+from blurnoise._core.checks import one_of, shown
 from blurnoise._core.threads import in_pieces, plain
 from blurnoise.optics.spectra import Curve, Floats, Spectrum, check_shares, cut_short
 
@@ -27,6 +28,7 @@ Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 Points = Annotated[tuple[tuple[float, float], ...], Len(2)]
 ToneCurve = Literal["srgb", "filmic"] | Points
+PictureTone = Literal["linear"] | ToneCurve
 _Gain = Annotated[float, Ge(0.01), Le(100)]
 WhiteBalance = Literal["auto"] | tuple[_Gain, _Gain, _Gain]
 PLANES = ("none", "mono")
@@ -93,7 +95,7 @@ def check(
     if ccm is not None:
         _check_matrix(ccm, cfa)
     if not isinstance(tone, str):
-        _check_tone(tone)
+        _check_points("tone", tone)
 
 
 def _check_matrix(ccm: Matrix, cfa: str) -> None:
@@ -108,12 +110,27 @@ def _check_matrix(ccm: Matrix, cfa: str) -> None:
         raise ValueError(f"ccm = {shown(ccm)}: must have an inverse")
 
 
-def _check_tone(points: Points) -> None:
-    light, values = np.array(points).T
+def picture_tone(value: object, name: str = "encoding") -> PictureTone:
+    """``value`` as a picture's tone curve, its points as tuples. Raises ``TypeError`` or ``ValueError``."""
+    if isinstance(value, str):
+        return cast(PictureTone, one_of(name, value, ("srgb", "linear", "filmic")))
+    try:
+        points = tuple((float(light), float(coded)) for light, coded in cast(Any, value))
+    except (TypeError, ValueError):
+        must = "must be 'srgb', 'linear', 'filmic' or points (light, value)"
+        raise TypeError(f"{name} = {shown(value)}: {must}") from None
+    _check_points(name, points)
+    return points
+
+
+def _check_points(name: str, points: Points) -> None:
+    light, values = np.array(points, float).reshape(-1, 2).T
+    if len(light) < 2:
+        raise ValueError(f"{name} = {shown(points)}: must be at least two points")
     inside = (values >= 0).all() and (values <= 1).all() and light[0] == 0 and light[-1] == 1
     if not (inside and (np.diff(light) > 0).all() and (np.diff(values) >= 0).all()):
         must = "light must increase from 0 to 1, values lie in [0, 1] and never fall"
-        raise ValueError(f"tone = {shown(points)}: {must}")
+        raise ValueError(f"{name} = {shown(points)}: {must}")
 
 
 @lru_cache(maxsize=64)
@@ -143,6 +160,25 @@ def toned(light: Tensor, curve: ToneCurve) -> Tensor:
     last = torch.searchsorted(at[1:-1].contiguous(), light.detach().contiguous(), right=True)
     slope = values.diff() / at.diff()
     return values[last] + slope[last] * (light - at[last])
+
+
+def untoned(coded: Tensor, curve: PictureTone) -> Tensor:
+    """The light of coded values, any shape, in [0, 1]: the inverse of :func:`toned`; differentiable.
+
+    Where a curve's points are level, it is the least light of that value.
+    """
+    if curve == "linear":
+        return coded.clamp(0.0, 1.0)
+    if isinstance(curve, str):
+        if curve == "filmic":  # the root of 3 v^2 - 2 v^3 in [0, 1]
+            coded = 0.5 - torch.sin(torch.asin((1 - 2 * coded).clamp(-1.0, 1.0)) / 3)
+        return linear_from_srgb(coded)
+    at, values = coded.new_tensor(curve).unbind(-1)
+    coded = coded.clamp(float(values[0]), float(values[-1]))
+    last = torch.searchsorted(values[1:-1].contiguous(), coded.detach().contiguous())
+    rise = values.diff()
+    slope = torch.where(rise > 0, at.diff() / rise.clamp_min(1e-12), 0.0)
+    return at[last] + slope[last] * (coded - values[last])
 
 
 Encoding = Literal["srgb", "linear"]

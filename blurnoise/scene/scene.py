@@ -26,7 +26,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics import radiometry
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import Encoding, linear_from_srgb
+from blurnoise.optics.colour import PictureTone, picture_tone, untoned
 from blurnoise.optics.spectra import Curve, check_illuminant
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated, tones_8bit
 from blurnoise.picture.steps import magnification
@@ -79,12 +79,19 @@ class ExposedScene:
         self._field = lru_cache(_FIELDS)(partial(_noise_field, self.light[:1, :1]))  # no cycle: freed at once
 
     @classmethod
-    def of_picture(cls, picture: NDArray[Any], grey_anchor: str | None = None, **options: Any) -> Self:
-        """The scene of an 8- or 16-bit sRGB-coded picture (H, W, C); the further options are the constructor's.
+    def of_picture(
+        cls,
+        picture: NDArray[Any],
+        grey_anchor: str | None = None,
+        encoding: PictureTone = "srgb",
+        **options: Any,
+    ) -> Self:
+        """The scene of an 8- or 16-bit picture (H, W, C); the further options are the constructor's.
 
         grey_anchor: what is 18 % reflectance, see :class:`.metering.GreyAnchor`; None: its brightness is reflectance.
+        encoding: the picture's tone curve.
         """
-        return cls(anchored(_decoded(picture), grey_anchor), **options)
+        return cls(anchored(_decoded(picture, encoding), grey_anchor), **options)
 
     def expose(
         self,
@@ -236,16 +243,16 @@ def _noise_field(plane: Tensor, seed: int, stream: str, planes: int) -> Tensor:
     return rng.standard_normal([seed], plane.expand(-1, planes, -1, -1), stream)
 
 
-def scene_reflectance(image: Tensor, encoding: Encoding) -> Tensor:
-    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded as ``encoding`` says."""
+def scene_reflectance(image: Tensor, encoding: PictureTone) -> Tensor:
+    """Reflectance, linear light in [0, 1], of a picture (B, C, H, W) coded by the tone curve ``encoding``."""
     batch_shaped("image", image)
-    one_of("encoding", encoding, ("srgb", "linear"))
+    curve = picture_tone(encoding)
     low, high = extremes(image)
     if not math.isfinite(low + high):  # extremes hand NaN on
         raise ValueError("image: contains NaN or Inf")
     if low < 0.0 or high > 1.0:
         raise ValueError(f"image: values span [{low:g}, {high:g}]; must lie within [0, 1]")
-    return linear_from_srgb(image) if encoding == "srgb" else image
+    return image if curve == "linear" else untoned(image, curve)
 
 
 def extremes(values: Tensor) -> tuple[float, float]:
@@ -265,11 +272,11 @@ class _Alike(NamedTuple):
     light: Hashable
 
 
-def _decoded(picture: NDArray[Any]) -> Tensor:
+def _decoded(picture: NDArray[Any], encoding: PictureTone) -> Tensor:
     """``scene_reflectance`` of a picture (H, W, C), (1, C, H, W): looked up, since its codes are integers."""
     most = np.iinfo(picture.dtype).max
     codes = torch.arange(most + 1, dtype=torch.float32) / float(most)
-    table = scene_reflectance(codes[None, None, None], "srgb").flatten().numpy()
+    table = scene_reflectance(codes[None, None, None], encoding).flatten().numpy()
     return torch.from_numpy(np.stack([table[plane] for plane in cv2.split(picture)]))[None]
 
 
@@ -283,7 +290,7 @@ def simulate(
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
     trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
     temperature_c: Numbers = 25.0,
-    encoding: Encoding = "srgb",
+    encoding: PictureTone = "srgb",
     grey_anchor: str | None = None,
     illuminant: str | Curve = "D55",
     border: Border = "reflect",
@@ -299,7 +306,8 @@ def simulate(
 
     Of a camera with a mosaic, or of one plane of light, it is the raw plane: (B, 1, H, W), C being 1 or 3.
 
-    image: (B, C, H, W) in [0, 1], the scene's reflectance, sRGB-coded or "linear"; 1 is white. exposure_s
+    image: (B, C, H, W) in [0, 1], the scene's reflectance, 1 is white. encoding: its tone curve, "srgb", "linear",
+    "filmic" or points (light, value), as :mod:`blurnoise.optics.colour` has them. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
     grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance, instead of brightness being
     reflectance (:mod:`blurnoise.scene.metering`); more than white stays. illuminant: the light's spectrum.

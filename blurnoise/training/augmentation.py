@@ -34,7 +34,7 @@ from blurnoise.light import effects
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
 from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.colour import Encoding
+from blurnoise.optics.colour import Encoding, PictureTone, picture_tone
 from blurnoise.picture.develop import develop, in_channels
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import MOVES, Exposure
@@ -70,7 +70,7 @@ def expose_pictures(
     ego_kmh: Numbers | None = None,
     vehicle: Vehicle = USUAL_VEHICLE,
     generator: rng.Randomness = None,
-    encoding: Encoding = "srgb",
+    encoding: PictureTone = "srgb",
     fidelity: Fidelity = "auto",
 ) -> Tensor:
     """Expose ``image`` and develop it: :func:`blurnoise.simulate`, then :func:`blurnoise.develop`.
@@ -89,7 +89,7 @@ def expose_pictures(
     moves = "background" the targets drive along. Where one blur for all of a picture is enough, there is one.
 
     trajectory, generator, encoding, fidelity: as ``simulate`` takes them; picture i depends on its own conditions
-    and seed alone. Returns image's shape and dtype, in [0, 1].
+    and seed alone. Returns image's shape and dtype, in [0, 1], by the camera's tone curve, or linear where image is.
 
     Gradients reach image and conditions. Raises ``TypeError`` or ``ValueError`` that names the argument.
     """
@@ -144,7 +144,8 @@ def expose_pictures(
             fidelity=fidelity,
             layers=[cut.layers for cut in own],
         )
-        developed = develop(dn, taker.camera, encoding=encoding, gain_db=taker.digital_db)
+        coded: Encoding = "linear" if encoding == "linear" else "srgb"
+        developed = develop(dn, taker.camera, encoding=coded, gain_db=taker.digital_db)
         return in_channels(developed, scene.shape[1]).to(image.dtype)
 
     taken_by: dict[tuple[Amplified, bool], list[int]] = {}
@@ -161,7 +162,7 @@ def expose_pictures(
 
 
 def _gains_db(
-    gain_db: Gains, scene: Tensor, encoding: Encoding, cameras: list[Camera], numbers: Sequence[Tensor]
+    gain_db: Gains, scene: Tensor, encoding: PictureTone, cameras: list[Camera], numbers: Sequence[Tensor]
 ) -> list[float]:
     """The gain of each picture; numbers: exposure, light and temperature, (B,) each."""
     each = [gain_db] if isinstance(gain_db, AutoExposure) else gain_db
@@ -268,7 +269,8 @@ class OverConditions:
         what moves, as :class:`blurnoise.training.table.ExposureTable` reads and spreads them.
 
         run: the sweep's folder, or what ``blurnoise_eval.system.urls.location`` makes of its URL. direction_deg:
-        of the motion, None: the run's. options: the class's that are no ranges. Raises ``TypeError`` or
+        of the motion, None: the run's. options: the class's that are no ranges; encoding, unless it is given, is the
+        run's, too. Raises ``TypeError`` or
         ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
         return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
@@ -279,7 +281,7 @@ class OverConditions:
         an_instance("table", table, ExposureTable)
         for name in {"camera", *_RANGES} & options.keys():
             raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
-        augmentation = cls(**options)
+        augmentation = cls(**{"encoding": table.encoding, **options})
         augmentation.ranges = table
         return augmentation
 
@@ -301,7 +303,8 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
 
     The ranges are those of :class:`ExposureRanges`, drawn anew for each picture.
-    encoding: "srgb" or "linear", of the pictures, before and after. fidelity: as ``simulate`` takes it.
+    encoding: the pictures' tone curve, as ``simulate`` takes it; they come back by the camera's, or "linear" as they
+    were. fidelity: as ``simulate`` takes it.
     grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the
     picture's last pixel (Kornia's boxes end in it); else boxes stay, as masks and keypoints always do.
     same_on_batch, p, keepdim: as everywhere in Kornia; only the pictures that p chooses are computed.
@@ -323,7 +326,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         self,
         camera: Cameras = ExposureRanges.camera,
         *,
-        encoding: Encoding = "srgb",
+        encoding: PictureTone = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         same_on_batch: bool = False,
@@ -334,7 +337,7 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
         super().__init__(p=in_range("p", p, 0.0, 1.0), same_on_batch=same_on_batch, keepdim=keepdim)
         self.ranges = ExposureRanges(camera, **ranges)
         self.flags = {
-            "encoding": one_of("encoding", encoding, ("srgb", "linear")),
+            "encoding": picture_tone(encoding),
             "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
             "grow_boxes": grow_boxes,
         }

@@ -25,6 +25,7 @@ from torch import Tensor
 from blurnoise._core.checks import LIMITS, integer, limited, one_of, shown
 from blurnoise._core.files import json_of
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PictureTone, picture_tone
 from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise.training import ranges
@@ -60,13 +61,15 @@ class ExposureTable(ranges.Draws):
     """Conditions, equally likely, and the cameras that they name by number.
 
     gain_db: the auto-exposure of rows without a gain. direction_deg: drawn uniformly in place of the rows', None:
-    theirs. Raises ``ValueError`` for no row, or one outside the limits of conditions.
+    theirs. encoding: the tone curve of pictures. Raises ``ValueError`` for no row, or one outside the limits of
+    conditions.
     """
 
     camera: Cameras
     rows: tuple[Condition, ...]
     gain_db: ranges.Gain = USUAL
     direction_deg: Range | None = None
+    encoding: PictureTone = "srgb"
 
     def __post_init__(self) -> None:
         vars(self).update(camera=ranges.cameras_of(self.camera), rows=tuple(self.rows))
@@ -103,7 +106,8 @@ class ExposureTable(ranges.Draws):
             if not refused:
                 cameras = tuple(Camera.from_dict(each) for each in held["cameras"])
                 auto = AutoExposure(**held["auto_exposure"]) if held.get("auto_exposure") else USUAL
-                return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg)
+                tone = picture_tone(held.get("picture_tone") or "srgb", "picture_tone")
+                return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg, tone)
         except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
         raise ValueError(f"run = {str(run)!r}: has {refused[0]}; training pictures are taken without")

@@ -16,7 +16,7 @@ from torchvision.transforms import v2
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.optics.colour import Encoding
+from blurnoise.optics.colour import PictureTone, picture_tone
 from blurnoise.sensor.readout import Fidelity
 from blurnoise.training.augmentation import OverConditions, boxes_after
 from blurnoise.training.ranges import Cameras, ExposureRanges
@@ -38,7 +38,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         self,
         camera: Cameras = ExposureRanges.camera,
         *,
-        encoding: Encoding = "srgb",
+        encoding: PictureTone = "srgb",
         fidelity: Fidelity = "auto",
         grow_boxes: bool = False,
         p: float = 0.5,
@@ -46,7 +46,7 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
     ) -> None:
         super().__init__()
         self.ranges = ExposureRanges(camera, **ranges)
-        self.encoding = one_of("encoding", encoding, ("srgb", "linear"))
+        self.encoding = picture_tone(encoding)
         self.fidelity = one_of("fidelity", fidelity, ("auto", "full"))
         self.grow_boxes = grow_boxes
         self.p = in_range("p", p, 0.0, 1.0)

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+_MOST_ROWS = 8  # that are shown of a curve
+
+
 def find(name_or_file: str) -> Camera:
     """The preset of that name, or the camera of that file.
 
@@ -68,7 +71,7 @@ def overview(cameras: list[Camera]) -> Table:
             f"{camera.pixel_pitch_um:g}",
             f"{camera.full_well_e:.0f}",
             f"{camera.read_noise_e:.2f}",
-            f"{camera.system_gain_dn_per_e:.4g}",
+            f"{round(camera.system_gain_dn_per_e, 4):.4g}",
             f"{camera.bit_depth}",
             f"{camera.width_px}x{camera.height_px}",
             f"{camera.saturation_e:.0f}",
@@ -97,6 +100,8 @@ def figures(camera: Camera) -> Table:
 def _shown(value: object) -> str:
     if isinstance(value, FilterCurves):
         return "\n".join(f"{name}: {_shown(curve)}" for name, curve in value.stated())
+    if isinstance(value, tuple) and len(value) > _MOST_ROWS:
+        return f"{len(value)} points"
     if isinstance(value, tuple) and value and all(isinstance(row, tuple) for row in value):
         return "\n".join(" ".join(f"{each:.4g}" for each in row) for row in value)
     if isinstance(value, tuple) and value and all(is_dataclass(row) for row in value):

@@ -86,5 +86,15 @@ def _write_camera(folder: Path) -> None:
     replace(Camera.preset("imx250"), dark_current_e_s=10.0).save(folder / "mine.yaml")
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))
+    made_frames.write_tuning(folder / "imx219.json")
+    (folder / "scale.csv").write_text("number,light\n10,0.01\n117,0.18\n243,0.9\n")
+    (folder / "bracket").mkdir()
+    ramp, rows = np.linspace(0.001, 1, 48 * 64).reshape(48, 64), ["file,exposure_s"]
+    for number, stops in enumerate((1, 2, 4)):
+        light = torch.from_numpy(np.minimum(1.0, ramp * stops / 2))
+        coded = srgb_from_linear(light).mul(255).round().byte().numpy()
+        write_picture(folder / "bracket" / f"{number}.png", coded)
+        rows.append(f"{number}.png,{stops}e-3")
+    (folder / "bracket" / "frames.csv").write_text("\n".join(rows))
     levels = {51041: (12, (1e-4, 1e-7)), 50717: (4, 4095), 34855: (3, 400)}
     made_frames.write_dng(folder / "photo.dng", np.zeros((48, 64), np.uint16), levels)

@@ -12,7 +12,7 @@ import math
 import warnings
 from collections import ChainMap
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import PRESETS, Camera, MeasuredGain
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.frames import refuse
+from blurnoise_eval.cameras import find
 from blurnoise_eval.system.files import check_regular
 
 Tags = Mapping[int, Any]
@@ -112,12 +113,22 @@ def _gains(found: Measurement, preset: Camera) -> Known:
 
 
 def on_base(name: str, known: Known, base: str) -> Camera:
-    """The camera of ``known`` values and sources; the rest from the preset ``base``, called assumed."""
-    preset = PRESETS[one_of("base", base, sorted(PRESETS))]
+    """The camera of ``known`` values and sources; the rest from ``base``: a preset's is called assumed.
+
+    Raises ``ValueError`` for a name that is neither.
+    """
+    if not Path(base).is_file():
+        one_of("base", base, sorted(PRESETS))
+    camera = find(base)
     names = [entry.name for entry in fields(Camera) if entry.name not in ("name", "sources")]
-    every = {each: (getattr(preset, each), f"assumed, as of the preset {base}") for each in names} | known
-    values = {each: value for each, (value, _) in every.items()}
-    return Camera(name=name, **values, sources={each: source for each, (_, source) in every.items()})
+    sources = dict.fromkeys(names, f"assumed, as of the preset {base}") if base in PRESETS else camera.sources
+    return changed(replace(camera, name=name, sources=sources), known)
+
+
+def changed(camera: Camera, known: Known) -> Camera:
+    """The camera with other figures and their sources."""
+    sources = {**camera.sources, **{name: source for name, (_, source) in known.items()}}
+    return replace(camera, **{name: value for name, (value, _) in known.items()}, sources=sources)
 
 
 def ends(estimate: Estimate) -> tuple[str, str]:

@@ -7,7 +7,9 @@ from blurnoise_eval.cli.sweep import computed
 from blurnoise_eval.grid.plan_file import PlanFile
 
 
-@settings(PlanFile, "model", "images", "labels", "camera", "*", "keep", "threads", template=False)
+@settings(
+    PlanFile, "model", "images", "labels", "camera", "*", "picture_tone", "keep", "threads", template=False
+)
 def decide(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
 

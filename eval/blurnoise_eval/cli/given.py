@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from blurnoise.optics.colour import Cfa
     from blurnoise_eval.datasets import PictureSet
     from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_eval.grid.plan_file import PlanFile
+    from blurnoise_eval.grid.plan_file import PlanFile, Taking
     from blurnoise_eval.scoring.on_picture import Model
     from blurnoise_eval.system.urls import Location
 
@@ -39,7 +39,17 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
 
     named = plan.camera is not None
     chosen = camera(plan.camera, cfa=plan.cfa) if named else default_for(pictures, plan.cfa)
-    return chosen, camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
+    about = camera_text(chosen, colour=chosen.cfa != "none" or in_colour(pictures))
+    return chosen, "; ".join(filter(None, [about, about_lux(plan, chosen)])) or None
+
+
+def about_lux(given: Taking, camera: Camera) -> str | None:
+    """A line on what lux rest on, where they are asked for of a camera of the user's own file."""
+    from blurnoise.optics.camera import PRESETS
+    from blurnoise_eval.calibration.light import lux_text
+
+    asked = getattr(given, "lux", None) is not None
+    return lux_text(camera) if asked and given.camera not in (None, *PRESETS) else None
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:

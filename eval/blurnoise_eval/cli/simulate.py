@@ -15,13 +15,13 @@ from blurnoise_eval.system.terminal import say_wrapped
 
 
 @settings(
-    SceneFile, "*", "trajectory", "object", "camera", "grey_anchor", "encoding", "hdr", "bit_depth", "seed",
+    SceneFile, "*", "trajectory", "object", "camera", "grey_anchor", "picture_tone", "hdr", "bit_depth", "seed",
     file="scene",
 )  # fmt: skip
 def simulate(
     image: Annotated[
         Path,
-        Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour; or floats, with --encoding linear"),
+        Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour; or floats, with --picture-tone linear"),
     ],
     *,
     given: SceneFile,
@@ -42,7 +42,8 @@ def simulate(
       blurnoise simulate --save-scene scene.yaml       lamps, a plate, a vehicle, and all the rest
 
     --lux is the light on the scene: what is white in the picture sends all of it back, the rest its share. A
-    photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed.
+    photograph's brightness is no reflectance; --grey-anchor mean takes its mean for 18 %, however it was exposed,
+    and --picture-tone takes its own tone curve out, by default sRGB's: that of a file of 'cameras fit --tone'.
     """
     from dataclasses import asdict
 
@@ -64,7 +65,9 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
     print_facts(facts, as_json)
-    if about := camera_text(taken.camera, colour=colour):
+    for about in filter(
+        None, [camera_text(taken.camera, colour=colour), given_by.about_lux(given, taken.camera)]
+    ):
         say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:
         print_stages(taken.plan, given.fidelity)

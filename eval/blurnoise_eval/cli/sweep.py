@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 
 @settings(
-    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep", "score", "engine",
-    "threads", "part",
+    PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep",
+    "score", "engine", "threads", "part",
 )  # fmt: skip
 def sweep(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
     """Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures,

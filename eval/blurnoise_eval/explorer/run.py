@@ -111,7 +111,8 @@ class Run:
 
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""
-        return Scene(picture.load(), self.manifest["grey_anchor"], picture, self.objects)
+        plan = self._plan
+        return Scene(picture.load(), plan.grey_anchor, picture, self.objects, plan.picture_tone)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""

@@ -20,6 +20,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import integer, limited
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PictureTone, picture_tone
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
 from blurnoise.scene.scene import Exposure
 from blurnoise_eval.grid.axes import (
@@ -164,9 +165,9 @@ class SweepPlan:
 
     grid: axis name -> values; further axes that are left out have the camera's own, velocities are 0.
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
-    (``blurnoise.scene.metering``); None: its brightness is reflectance. auto_exposure: sets gain and exposure where
-    they are left to the camera. objects: how objects move where not all of a picture does, and the boxes that are the
-    truth.
+    (``blurnoise.scene.metering``); None: its brightness is reflectance. picture_tone: the curve that codes pictures.
+    auto_exposure: sets gain and exposure where they are left to the camera. objects: how objects move where not all
+    of a picture does, and the boxes that are the truth.
     trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
     own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
@@ -182,6 +183,7 @@ class SweepPlan:
     seed: int = 0
     examples: bool = True
     grey_anchor: str | None = None
+    picture_tone: PictureTone = "srgb"
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
     trajectory: str | TrajectorySpec | None = None
@@ -199,6 +201,7 @@ class SweepPlan:
             raise ValueError("boxes = 'half': of straight motion; along a trajectory must be object or swept")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
+        object.__setattr__(self, "picture_tone", picture_tone(self.picture_tone, "picture_tone"))
         for name in self.grid:
             axis(name)
         core = CORE.items() if self.direction is None else ()
@@ -271,6 +274,8 @@ class SweepPlan:
         values: dict[str, Any] = {"repeats": self.repeats, "seed": self.seed}
         if self.grey_anchor is not None:
             values["grey_anchor"] = self.grey_anchor
+        if self.picture_tone != "srgb":
+            values["picture_tone"] = self.picture_tone
         if any(AUTOMATIC in self.values(name) for name in self.grid):
             values["auto_exposure"] = asdict(self.auto_exposure)
         if objects := self.objects.to_dict():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, make_dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
@@ -14,6 +15,7 @@ from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
     from blurnoise.motion.ego import Vehicle
+    from blurnoise.optics.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
     from blurnoise_eval.grid.conditions import SweepPlan
     from blurnoise_eval.grid.objects import Objects
@@ -22,6 +24,10 @@ Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
 """Conditions of a simulated picture that are not specified, by the setting's name."""
 MODEL_TIMEOUT_S = 60.0
+TONES = ("srgb", "linear", "filmic")
+TONE_CHOICES = (
+    "srgb, linear, filmic, a camera's file with tone, or points light:value such as 0:0,0.2:0.5,1:1"
+)
 LISTS = "Conditions, each as 1,5,10 or low:high"
 
 
@@ -59,6 +65,31 @@ def with_axes(
     return make_dataclass("Axes", made, bases=(_Axes,), frozen=True, namespace=held)
 
 
+def tone_of(given: object) -> PictureTone:
+    """A picture's tone curve: a name, points (as text "0:0,0.2:0.5,1:1"), or the ``tone`` of a camera's file.
+
+    Raises ``ValueError``.
+    """
+    from blurnoise._core.files import read_document
+    from blurnoise.optics.colour import picture_tone
+
+    value: Any = given
+    if isinstance(given, str) and ":" in given and not given.endswith((".yaml", ".yml", ".json")):
+        value = [pair.split(":") for pair in given.split(",")]
+    elif isinstance(given, str) and given not in TONES:
+        try:
+            held = read_document(Path(given))
+        except OSError:
+            raise ValueError(f"must be {TONE_CHOICES}") from None
+        value = held.get("tone") if isinstance(held, Mapping) else None
+        if value is None:
+            raise ValueError(f"must be {TONE_CHOICES}; this file has no 'tone:'")
+    try:
+        return picture_tone(value, "picture_tone")
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
 @dataclass(frozen=True)
 class Taking(Settings):
     """How pictures are taken: of a sweep, and of a single picture."""
@@ -79,6 +110,12 @@ class Taking(Settings):
         None,
         "18 % reflectance: the mean, a percentile, a region in px (default: brightness is taken for reflectance)",
         "mean|pNN|x0,y0,x1,y1",
+    )
+    picture_tone: PictureTone = setting(
+        "srgb",
+        "the pictures' own tone curve, taken out before they are exposed; linear: numbers are light",
+        "srgb|linear|filmic|FILE.yaml|POINTS",
+        read=tone_of,
     )
     seed: int = setting(0, "of the noise, and of the order in which decide takes pictures", "N")
 
@@ -145,7 +182,7 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
         """The plan of a sweep; usual: values, and repeats, where the file has none."""
         from blurnoise_eval.grid.conditions import SweepPlan
 
-        names = ("seed", "grey_anchor", "trajectory", "objects", "auto_exposure")
+        names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
         held["repeats"] = repeats if self.repeats is None else self.repeats
         return SweepPlan(
@@ -170,9 +207,6 @@ class SceneFile(with_axes("Conditions, a number each", "NUMBER", SCENE), Taking)
     object_dy: float = setting(0.0, "motion of the object down, px/s")
     plate: str | None = setting(None, "a picture of the scene without the object (default: invented)")
     illuminant: str = setting("D55", "D50, D55, D65, D75, planck:2856, or a CSV file of nm and power")
-    encoding: Literal["srgb", "linear"] = setting(
-        "srgb", "of IMAGE; linear: light, 1 is white and more is allowed", "srgb|linear"
-    )
     emitters: str | None = setting(None, "MASK.png:FACTOR: lamps, so many times brighter where it is white")
     pwm: str | None = setting(None, "HZ,DUTY[,PHASE]: a lamp of pulses; phase 0 to 1 (default: by the seed)")
     pwm_mask: str | None = setting(None, "a mask of where that lamp is, white alone (default: everywhere)")

@@ -42,10 +42,12 @@ class Settings:
     def records() -> dict[str, Any]:
         """Types of fields, by name, that are imported when a file is read."""
         from blurnoise.motion.ego import Vehicle
+        from blurnoise.optics.colour import PictureTone
         from blurnoise.scene.metering import AutoExposure
         from blurnoise_eval.grid.objects import Objects
 
-        return {"Objects": Objects, "Vehicle": Vehicle, "AutoExposure": AutoExposure}
+        records = {"Objects": Objects, "Vehicle": Vehicle, "AutoExposure": AutoExposure}
+        return records | {"PictureTone": PictureTone}
 
     @classmethod
     def names(cls) -> dict[str, str]:

@@ -121,6 +121,10 @@ def run_facts(data: RunData) -> dict[str, str]:
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
+    if tone := manifest.get("plan", {}).get("picture_tone"):
+        facts["picture tone"] = (
+            tone if isinstance(tone, str) else f"{len(tone)} points, taken out of the pictures"
+        )
     if held := manifest.get("trajectory"):
         facts["trajectory"] = f"{held['text']}; blur and speeds are of the uniform motion beside it"
     if ego := manifest.get("plan", {}).get("ego"):

@@ -24,11 +24,11 @@ from blurnoise_eval.grid.plan_file import SceneFile
 
 
 def light(image: Path, given: SceneFile) -> Tensor:
-    """A picture's linear light (1, C, H, W), 1 is white, as the file's encoding, grey anchor and emitters have it."""
-    linear = given.encoding == "linear"
+    """A picture's linear light (1, C, H, W), 1 is white, as the picture's tone, grey anchor and emitters have it."""
+    linear = given.picture_tone == "linear"
     scene = torch.from_numpy(decode_linear(image)) if linear else _shares(image)
     scene = scene[None, None] if scene.ndim == 2 else scene.permute(2, 0, 1)[None].contiguous()
-    scene = anchored(scene if linear else scene_reflectance(scene, "srgb"), given.grey_anchor)
+    scene = anchored(scene if linear else scene_reflectance(scene, given.picture_tone), given.grey_anchor)
     if given.emitters is None:
         return scene
     path, _, factor = given.emitters.rpartition(":")

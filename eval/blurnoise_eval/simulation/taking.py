@@ -93,7 +93,7 @@ def take(given: SceneFile, camera: Camera, scene: Tensor) -> Taken:
     pictures = tuple(out[0, 0] if len(out[0]) == 1 else out[0].transpose(1, 2, 0) for out in outputs)
     size = (scene.shape[-2], scene.shape[-1])
     found = _figures(shot, frames[0], size)
-    if given.grey_anchor is not None or given.emitters is not None or given.encoding == "linear":
+    if given.grey_anchor is not None or given.emitters is not None or given.picture_tone == "linear":
         found["above_white_percent"] = 100 * float((scene.amax(1) > 1).double().mean())
     found["reflectance"] = reflectance_text(given.grey_anchor)
     return Taken(pictures, found, _plan(given, shot, size), shot.camera)

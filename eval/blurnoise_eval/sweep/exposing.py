@@ -1,6 +1,6 @@
 """A picture's frames under the conditions of a sweep's cells.
 
-Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit, sRGB-coded; out as the camera's 8-bit picture.
+Domain: pictures in as (H, W, 3) RGB, 8 or 16 bit; out as the camera's 8-bit picture.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from blurnoise._core.checks import limited_motion
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PictureTone
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
@@ -69,7 +70,7 @@ class Scene:
     """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
     grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
-    that has no light. picture: with the targets that ``objects`` moves.
+    that has no light. picture: with the targets that ``objects`` moves. picture_tone: its tone curve.
     """
 
     def __init__(
@@ -78,14 +79,16 @@ class Scene:
         grey_anchor: str | None = None,
         picture: Picture | None = None,
         objects: Objects = USUAL_OBJECTS,
+        picture_tone: PictureTone = "srgb",
     ) -> None:
         self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
+        self._tone = picture_tone
         self._picture, self.objects = picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._lock = threading.Lock()
         self._means: dict[Camera, float] = {}
         try:
-            self.light = ExposedScene.of_picture(image, grey_anchor)
+            self.light = ExposedScene.of_picture(image, grey_anchor, picture_tone)
         except ValueError as error:
             if grey_anchor is None:
                 raise
@@ -142,7 +145,8 @@ class Scene:
                     raise ValueError("moves: targets and background need a picture that has targets")
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
-                    scale = float(light.sum() / ExposedScene.of_picture(self._image).light.sum())
+                    plain = ExposedScene.of_picture(self._image, encoding=self._tone)
+                    scale = float(light.sum() / plain.light.sum())
                 found = cut_out(self._picture, light, self.objects, scale)
                 targets = [(self._picture.targets or ())[place] for place in found.targets]
                 beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]

@@ -50,6 +50,6 @@ def met_conditions(
         "cameras": [each.to_dict() for each in cameras],
         "auto_exposure": plan.get("auto_exposure"),
         "speeds": objects.get("speeds") or objects.get("crossings"),
-        **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor")},
+        **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor", "picture_tone")},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],
     }

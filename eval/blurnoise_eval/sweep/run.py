@@ -65,7 +65,14 @@ def run(
     outcome = Outcome()
     failures = dict.fromkeys((model.name for model in models), 0)  # of models that never answered
     work = Work(
-        tuple(models), camera, plan.grey_anchor, plan.auto_exposure, plan.objects, plan.path, plan.ego
+        tuple(models),
+        camera,
+        plan.grey_anchor,
+        plan.picture_tone,
+        plan.auto_exposure,
+        plan.objects,
+        plan.path,
+        plan.ego,
     )
     # as a picture begins, for no cell comes twice; two pictures take turns
     finished = lru_cache(2)(store.done)

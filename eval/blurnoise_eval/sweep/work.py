@@ -19,6 +19,7 @@ import torch
 
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PictureTone
 from blurnoise.scene.metering import USUAL, AutoExposure
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, encode
 from blurnoise_eval.datasets.likeness import look
@@ -112,6 +113,7 @@ class Work:
     models: tuple[Model, ...]
     camera: Camera
     grey_anchor: str | None = None
+    picture_tone: PictureTone = "srgb"
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
     path: tuple[TrajectorySpec, float] | None = None
@@ -139,7 +141,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
             )
         try:
-            scene = Scene(image, work.grey_anchor, picture, work.objects)
+            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]

@@ -84,15 +84,15 @@ def test_a_dng(tmp_path: Path, capsys: Output) -> None:
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["-o", "x.yaml"], "folder, --dng: must be one of them"),
-        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, --dng: must be one of them"),
+        (["-o", "x.yaml"], "folder, --dng, --libcamera: must be one of them"),
+        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, --dng, --libcamera: must be one of them"),
         (["FOLDER", "-o", "x.txt"], "suffix of x.txt"),
         (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "--bit-depth = 17"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: frames hold"),
         (
             ["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"],
-            "--bit-depth, --temperature-c, --raw-layout, --cfa: go with a folder",
+            "--bit-depth: goes with a folder",
         ),
         (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
         (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),

@@ -66,8 +66,8 @@ COMMANDS = {
         ("missing.png", "missing.png: No such file"),
         ("empty.png", "0 bytes"),
         ("light.tiff", "not an 8- or 16-bit picture"),
-        ("dark.tiff --encoding linear", "holds light that is negative or not finite"),
-        ("text.exr --encoding linear", "text.exr: "),
+        ("dark.tiff --picture-tone linear", "holds light that is negative or not finite"),
+        ("text.exr --picture-tone linear", "text.exr: "),
     ],
     "inspect": [
         ("missing.onnx", "missing.onnx: no such file"),

@@ -50,7 +50,7 @@ def told(capsys: Output, *command: str) -> dict[str, Any]:
 
 
 def test_captures_of_light_brighter_than_white(folder: Path, capsys: Output) -> None:
-    hdr = ("light.tiff", "--encoding", "linear", "--camera", "imx250", "--hdr", "16,64", *TAKEN)
+    hdr = ("light.tiff", "--picture-tone", "linear", "--camera", "imx250", "--hdr", "16,64", *TAKEN)
     light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
     frames = captured(ExposedScene(light), IMX250, staggered(16, 64), **GIVEN)
     facts = told(capsys, *hdr, "--bit-depth", "native")
@@ -69,7 +69,7 @@ def test_captures_of_light_brighter_than_white(folder: Path, capsys: Output) -> 
 
 def test_a_camera_of_several_captures(folder: Path, capsys: Output) -> None:
     (folder / "hdr.yaml").write_text("base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n")
-    linear = ("light.tiff", "--encoding", "linear", *TAKEN)
+    linear = ("light.tiff", "--picture-tone", "linear", *TAKEN)
     stated = told(capsys, *linear, "--camera", "hdr.yaml")
     by_file = cv2.imread("out.png")
     asked = told(capsys, *linear, "--camera", "imx250", "--hdr", "16")

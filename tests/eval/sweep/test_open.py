@@ -32,6 +32,7 @@ NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
         replace(MOVED, auto_exposure=AutoExposure(target=0.3), objects=Objects(speeds={"stop sign": 0.5})),
         replace(MOVED, objects=Objects(crossings={"stop sign": Crossing(30.0, width_m=0.9)})),
         replace(DRIVEN, ego=Vehicle(height_m=2.0)),
+        replace(PLAN, picture_tone=((0.0, 0.0), (0.2, 0.5), (1.0, 1.0))),
         NODES,
     ],
 )

@@ -1,0 +1,133 @@
+"""Cameras of libcamera's tuning files for Raspberry Pi: figures that its tool (utils/raspberrypi/ctt) measured.
+
+``rpi.noise``: noise over the root of the mean, 16-bit DN, whose square is K. ``rpi.lux``: mean of a chart's picture,
+balanced to green, black still in it, at a stated light, time and gain. ``rpi.ccm``, ``rpi.awb``: by colour
+temperature, colour matrices and red and blue of grey over green. ``rpi.alsc``: a 16 x 12 table of gains that even
+out the lens's light. ``rpi.contrast``: the tone curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurnoise._core.files import read_document
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import FilterCurves
+from blurnoise.optics.lens import Lens, RelativeIllumination
+from blurnoise.optics.radiometry import filter_electrons
+from blurnoise_eval.calibration.frames import Floats, refuse
+from blurnoise_eval.calibration.light import scaled, tied
+from blurnoise_eval.calibration.to_camera import Known, changed, on_base
+
+KELVIN = 5000.0
+_LIT_BY = f"planck:{KELVIN:g}"
+_CHART = 0.22  # 24 patches of mean 0.27 in the black frame of a ColorChecker, which covers a fifth
+_HEIGHTS = tuple(np.linspace(0, 1, 9).tolist())  # of the field, at which the lens's light is stated
+_TABLE = (12, 16)
+Algorithms = Mapping[str, Any]
+
+
+def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) -> Camera:
+    """The camera that a tuning file describes at gain 1 and about 5000 K; the rest as ``base`` has it.
+
+    bit_depth: of the converter, which the file does not state; None: that of ``base``. Raises ``ValueError`` for a
+    file that is none, ``OSError`` as reading does.
+    """
+    try:
+        document = read_document(path)
+        listed: Any = document.get("algorithms") if isinstance(document, Mapping) else None
+        refuse(
+            not isinstance(listed, list), "is no tuning file of libcamera for Raspberry Pi: has no algorithms"
+        )
+        algorithms = {name: of for each in listed if isinstance(each, Mapping) for name, of in each.items()}
+        bits: Known = {} if bit_depth is None else {"bit_depth": (bit_depth, "stated with the file")}
+        camera = on_base(path.stem, bits, base)
+        camera = changed(camera, _levels(algorithms, camera, path.name))
+        camera = changed(camera, _colours(algorithms, camera, path.name))
+        return changed(camera, _light(algorithms, camera, path.name))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        text = f"has no {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path}: {text}") from None
+
+
+def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
+    """Gain, noise and levels."""
+    per_dn = 2.0 ** (16 - camera.bit_depth)
+    slope, constant = (float(of["rpi.noise"][f"reference_{name}"]) for name in ("slope", "constant"))
+    refuse(not slope > 0, f"rpi.noise: reference_slope = {slope:g}; must be > 0")
+    black = float(of["rpi.black_level"]["black_level"]) / per_dn
+    gain = slope**2 / per_dn
+    found: Known = {
+        "system_gain_dn_per_e": (
+            gain,
+            f"derived: rpi.noise of {file}, slope squared; of patches, with their pattern",
+        ),
+        "black_level_dn": (black, f"derived: rpi.black_level of {file}"),
+        "full_well_e": (
+            (camera.full_scale_dn - black) / gain,
+            "derived: full scale less black over K; the well may hold more",
+        ),
+    }
+    if constant > 0:
+        found["read_noise_e"] = (constant / slope**2, f"derived: rpi.noise of {file}, reference_constant")
+    if curve := of.get("rpi.contrast", {}).get("gamma_curve"):
+        points = np.reshape(curve, (-1, 2)) / 65535
+        text = f"derived: rpi.contrast of {file}, gamma_curve, without its adaptive part"
+        found["tone"] = (tuple(map(tuple, points.tolist())), text)
+    return found
+
+
+def _colours(of: Algorithms, camera: Camera, file: str) -> Known:
+    """Colour matrix, and filters with the file's red and blue of grey; nothing without a Bayer pattern."""
+    curves = camera.quantum_efficiency
+    if not isinstance(curves, FilterCurves) or not {"R", "G", "B"} <= {*camera.cfa}:
+        return {}
+    near = min(of["rpi.ccm"]["ccms"], key=lambda each: abs(each["ct"] - KELVIN))
+    rows = np.reshape(near["ccm"], (3, 3))
+    matrix = tuple(map(tuple, (rows / rows.sum(1, keepdims=True)).tolist()))
+    kelvin, *shares = np.reshape(of["rpi.awb"]["ct_curve"], (-1, 3)).T
+    electrons = filter_electrons(camera, _LIT_BY)
+    for letter, name, share in zip("RB", ("red", "blue"), shares, strict=True):
+        wanted = float(np.interp(KELVIN, kelvin, share))
+        curves = scaled(curves, wanted * electrons["G"] / electrons[letter], name)
+    balanced = f"red and blue scaled to rpi.awb of {file}, ct_curve at {KELVIN:g} K"
+    return {
+        "ccm": (matrix, f"derived: rpi.ccm of {file} of {near['ct']:g} K, the nearest to {KELVIN:g} K"),
+        "quantum_efficiency": (curves, f"{camera.sources['quantum_efficiency']}; {balanced}"),
+    }
+
+
+def _light(of: Algorithms, camera: Camera, file: str) -> Known:
+    """The lens's light over the field, and electrons per lux second."""
+    found: Known = {}
+    if table := of.get("rpi.alsc", {}).get("luminance_lut"):
+        curve, off = _radial(1 / np.reshape(table, _TABLE), camera)
+        text = f"derived: rpi.alsc of {file}, luminance_lut, by distance from the centre; {off:.1%} RMS beside that"
+        found["lens"] = (Lens(relative_illumination=curve), text)
+    lit, camera = of["rpi.lux"], changed(camera, found)
+    lux_s, gain = lit["reference_lux"] * lit["reference_shutter_speed"] / 1e6, float(lit["reference_gain"])
+    per_dn = 2.0 ** (16 - camera.bit_depth) * camera.system_gain_dn_per_e * gain
+    mean_e = (lit["reference_Y"] - of["rpi.black_level"]["black_level"]) / per_dn
+    source = (
+        f"derived: rpi.lux of {file}, a ColorChecker of mean reflectance {_CHART:g} (assumed; the picture's is not "
+        "stated, by a third either way)"
+    )
+    return found | tied(camera, mean_e / (lux_s * _CHART), source, _LIT_BY)
+
+
+def _radial(light: Floats, camera: Camera) -> tuple[RelativeIllumination, float]:
+    """A table of light by its distance from the centre, and what it leaves, RMS of the brightest."""
+    y, x = (np.arange(side) + 0.5 - side / 2 for side in light.shape)
+    across, down = x / len(x) * camera.width_px, y / len(y) * camera.height_px
+    heights = np.hypot(down[:, None], across) / camera.field.corner_px
+    near = np.maximum(0, 1 - np.abs(heights[..., None] - _HEIGHTS) * (len(_HEIGHTS) - 1)).reshape(
+        -1, len(_HEIGHTS)
+    )
+    values, *_ = np.linalg.lstsq(near, light.ravel())
+    off = float((near @ values - light.ravel()).std() / values.max())
+    shares = np.minimum(1.0, values / values.max())
+    return RelativeIllumination(_HEIGHTS, tuple(np.round(shares, 4).tolist())), off

@@ -1,0 +1,137 @@
+"""Tone curves found again in brackets and grey scales of curves that are written out here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.calibration import tone
+from blurnoise_eval.datasets import decode, write_picture
+from commands import main
+from PIL import Image
+
+from blurnoise import Camera, ExposedScene
+
+Curve = Callable[[np.ndarray], np.ndarray]
+GRID = np.linspace(0.0, 1.0, 401)
+
+
+def srgb(light: np.ndarray) -> np.ndarray:
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+
+
+def shouldered(light: np.ndarray) -> np.ndarray:
+    """A camera's: contrast in the middle, as of sRGB and its smoothstep."""
+    value = srgb(light)
+    return 0.6 * value + 0.4 * (3 * value**2 - 2 * value**3)
+
+
+def scene(seed: int) -> np.ndarray:
+    """Reflectances of two decades, (64, 80)."""
+    return np.minimum(1.0, np.exp(np.random.default_rng(seed).normal(-1.8, 1.1, (64, 80))))
+
+
+def bracket(
+    folder: Path, curve: Curve, noise: float = 0.0, times: tuple[float, ...] = (1, 2, 4, 8, 16)
+) -> Path:
+    """Pictures of 8 bits; at 4 ms white is full scale."""
+    folder.mkdir()
+    random, rows = np.random.default_rng(1), ["file,exposure_s"]
+    for time in times:
+        light = scene(0) * time / 4
+        light = np.clip(light + noise * np.sqrt(light + 1e-3) * random.normal(size=light.shape), 0, 1)
+        write_picture(folder / f"{time:g}.png", np.rint(255 * curve(light)).astype(np.uint8))
+        rows.append(f"{time:g}.png,{time / 1000}")
+    (folder / "frames.csv").write_text("\n".join(rows))
+    return folder
+
+
+CURVES = [
+    (lambda light: light ** (1 / 2.2), 0.0),
+    (shouldered, 0.0),
+    (shouldered, 0.01),
+    (lambda light: light, 0.0),
+]
+
+
+@pytest.mark.parametrize(("curve", "noise"), CURVES, ids=["gamma", "shoulder", "noisy", "linear"])
+def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path: Path, curve: Curve, noise: float) -> None:
+    found = tone.of(bracket(tmp_path / "bracket", curve, noise))
+    assert np.abs(np.interp(GRID, *np.array(found.points).T) - curve(GRID)).max() < 0.01
+    assert found.doubts == ()
+    residual = float(
+        found.text.split("residual ")[1].split()[0]
+    )  # rounding alone is 0.29 less the pixel's own light
+    assert 0.1 < residual < 0.3 if noise == 0 else residual > 0.5
+
+
+def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path: Path) -> None:
+    """Within 1 %, and what 8 bits round, from a tenth of white on; the file is a camera's, and a tone."""
+    folder, path = bracket(tmp_path / "bracket", shouldered), tmp_path / "mine.yaml"
+    assert main(["cameras", "fit", "--tone", folder, "--base", "imx250m", "-o", path]) == 0
+    camera = Camera.load(path)
+    assert camera.sources["tone"].startswith("measured: bracket of 5 pictures, residual 0.")
+    assert camera.sources["f_number"] == "assumed, as of the preset imx250m"
+    picture = np.repeat(decode(folder / "4.png")[..., None], 3, 2)
+    light = ExposedScene.of_picture(picture, encoding=camera.tone).light[0, 0].numpy()
+    bright = (scene(0) > 0.1) & (scene(0) < 0.95)
+    assert light[bright].mean() == pytest.approx(scene(0)[bright].mean(), rel=0.01)
+    rounds = 0.5 / 255 / np.gradient(shouldered(GRID), GRID)  # light that half a value is worth
+    allowed = 0.01 * scene(0) + np.interp(scene(0), GRID, rounds)
+    assert (np.abs(light - scene(0)) < allowed)[bright].mean() > 0.99
+    # a later fit keeps the rest of the file with its sources
+    assert main(["cameras", "fit", "--tone", folder, "--base", path, "-o", tmp_path / "again.yaml"]) == 0
+    assert Camera.load(tmp_path / "again.yaml").sources == camera.sources
+
+
+def test_a_grey_scale_gives_it_too(tmp_path: Path) -> None:
+    light = 0.9 * 10 ** -np.linspace(1.7, 0, 12)
+    rows = [f"{round(255 * value)},{each}" for value, each in zip(shouldered(light), light, strict=True)]
+    (tmp_path / "scale.csv").write_text("\n".join(["number,light", *rows]))
+    found = tone.of(tmp_path / "scale.csv")
+    assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.01
+
+
+def test_exposures_are_those_of_exif(tmp_path: Path) -> None:
+    """JPEG, with time and ISO; blocks of a value, which compression leaves alone."""
+    steps = np.repeat(np.repeat(np.linspace(0.02, 1, 64).reshape(8, 8), 16, 0), 16, 1)
+    for number, (time, iso) in enumerate(((0.01, 100), (0.01, 200), (0.01, 400), (0.08, 100))):
+        light = np.minimum(1, steps * time / 0.01 * iso / 400)
+        picture = Image.fromarray(np.rint(255 * shouldered(light)).astype(np.uint8))
+        exif = Image.Exif()
+        exif.get_ifd(0x8769).update({33434: time, 34855: iso})
+        picture.save(tmp_path / f"{number}.jpg", exif=exif, quality=98)
+    found = tone.of(tmp_path)
+    assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.015
+
+
+def test_a_wrong_exposure_time_is_doubted(tmp_path: Path) -> None:
+    folder = bracket(tmp_path / "bracket", shouldered)
+    rows = (folder / "frames.csv").read_text().replace("2.png,0.002", "2.png,0.0023")
+    (folder / "frames.csv").write_text(rows)
+    found = tone.of(folder)
+    assert [doubt.split()[0] for doubt in found.doubts if "off the light" in doubt] == ["2.png"]
+    assert found.doubts[0] in found.known["tone"][1]
+
+
+@pytest.mark.parametrize(
+    ("times", "rows", "why"),
+    [
+        ((1, 2), None, "2 exposures; must be 3 or more"),
+        ((1, 1.05, 1.1), None, "share"),
+        ((1, 2, 4), "file\n1.png", "must have columns file and exposure_s"),
+        ((1, 2, 4), "", "no exposure; its EXIF or frames.csv"),
+    ],
+)
+def test_what_is_no_bracket_is_refused(
+    tmp_path: Path, times: tuple[float, ...], rows: str | None, why: str
+) -> None:
+    folder = bracket(tmp_path / "bracket", lambda light: 0.3 * light, times=times)
+    if rows is not None:
+        (folder / "frames.csv").write_text(rows)
+    if rows == "":
+        (folder / "frames.csv").unlink()
+    with pytest.raises(ValueError, match=why):
+        tone.of(folder)

@@ -1,0 +1,86 @@
+"""A picture's own tone curve at the command: taken out, noted in the run, and the same when it goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from blurnoise_eval.datasets import decode, write_picture
+from blurnoise_eval.store.store import Store
+from commands import main, told
+
+from blurnoise import Camera
+
+Output = pytest.CaptureFixture[str]
+POINTS = ((0.0, 0.0), (0.1, 0.5), (0.5, 0.9), (1.0, 1.0))
+TEXT = ",".join(f"{light}:{value}" for light, value in POINTS)
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> np.ndarray:
+    """Light of 16 bits; beside it, in files, the same coded by ``POINTS``, and a camera with that tone."""
+    light = np.random.default_rng(3).uniform(0.0, 1.0, (48, 64)).astype(np.float64)
+    coded = np.interp(light, *zip(*POINTS, strict=True))
+    write_picture(tmp_path / "light.png", np.rint(65535 * light).astype(np.uint16))
+    write_picture(tmp_path / "coded.png", np.rint(65535 * coded).astype(np.uint16))
+    Camera.from_dict({"base": "imx250m", "tone": [list(pair) for pair in POINTS]}).save(
+        tmp_path / "mine.yaml"
+    )
+    return light
+
+
+def test_simulate_takes_it_out(
+    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By points, or those of a camera's file: the frame of the light itself, but for what 16 bits round (1e-4)."""
+    monkeypatch.chdir(tmp_path)
+    usual = ("--camera", "imx250m", "--exposure-ms", 20, "--lux", 20, "--bit-depth", "native", "--seed", 5)
+    told(capsys, "simulate", "light.png", "-o", "truth.png", "--picture-tone", "linear", *usual)
+    truth = decode(tmp_path / "truth.png").astype(float)
+    black, per_white = 6.0, 0.38161455902939806 * 20 * 0.02 * 6906.0
+    assert truth.mean() == pytest.approx(black + per_white * scene.mean(), rel=0.02)
+    for place, tone in enumerate((TEXT, "mine.yaml")):
+        told(capsys, "simulate", "coded.png", "-o", f"{place}.png", "--picture-tone", tone, *usual)
+        assert np.abs(decode(tmp_path / f"{place}.png") - truth).max() <= 3
+    told(capsys, "simulate", "coded.png", "-o", "srgb.png", *usual)
+    assert np.abs(decode(tmp_path / "srgb.png") - truth).mean() > 30
+
+
+@pytest.mark.parametrize(
+    ("tone", "why"),
+    [
+        ("gamma", "--picture-tone = 'gamma': must be srgb, linear, filmic, a camera's file"),
+        ("0:0,1", "--picture-tone = [['0', '0'], ['1']]: must be"),
+        ("0:0,0.5:1", "--picture-tone = "),
+        ("empty.yaml", "this file has no 'tone:'"),
+    ],
+)
+def test_what_is_no_tone_is_a_line(
+    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch, tone: str, why: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.yaml").write_text("base: imx250\n")
+    assert main(["simulate", "coded.png", "-o", "out.png", "--picture-tone", tone]) == 2
+    assert why in capsys.readouterr().err
+
+
+def test_a_run_has_one_and_goes_on_with_no_other(
+    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The brightness of a sweep's picture is that of the light, and the run's plan has the points."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pictures").mkdir()
+    (tmp_path / "coded.png").rename(tmp_path / "pictures" / "coded.png")
+    words = ["sweep", "--images", "pictures", "--exposure-ms", 20, "--lux", 20, "--camera", "imx250m", "-o", "run",
+             "--no-refine"]  # fmt: skip
+    assert main([*words, "--picture-tone", TEXT]) == 0
+    with Store(tmp_path / "run") as store:
+        assert store.about("identity")["plan"]["picture_tone"] == [list(pair) for pair in POINTS]
+    assert main([*words, "--picture-tone", TEXT]) == 0
+    capsys.readouterr()
+    assert main(words) == 2
+    assert "another plan.picture_tone" in capsys.readouterr().err
+    assert main(["sweep", "--picture-tone", "filmic", "--limit", 1, "-o", "signs"]) == 2
+    assert "picture_tone: goes with pictures of your own" in capsys.readouterr().err
+    assert not (tmp_path / "signs").exists()
