@@ -226,7 +226,7 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens: str,
     s = strength
     camera = replace(CAMERA, width_px=W, height_px=H, lens={
         "distortion": Lens(distortion=Distortion("opencv", (-0.2 * s, 0.0, 0.0, 0.001 * s))),
-        "lateral colour": Lens(lateral_red=0.02 * s, lateral_blue=-0.01 * s),
+        "lateral colour": Lens(lateral_red=0.02 * s),
         "defocus": Lens(field_curvature_px=2.0 * s),
         "measured MTF": Lens(mtf=Mtf((0.25, 0.5), (1 - 0.5 * s, 1 - 0.9 * s), "cycles/px")),
         "vignetting": Lens(falloff_power=4.0 * s),
