@@ -163,7 +163,8 @@ def test_gradients_of_defocus() -> None:
     assert torch.autograd.gradcheck(lambda light: defocus(light, radii(0.2, 1.5, 5, 7)), image)
 
 
-def test_more_than_can_be_blended_is_named() -> None:
+def test_discs_are_as_few_as_serve_and_more_than_can_be_blended_is_named() -> None:
+    assert [len(discs(0.0, most)) for most in (0.0, 3.0)] == [1, 9]
     with pytest.raises(
         ValueError, match="field_curvature_px: discs from 0 to 300 px in one picture are too many"
     ):
