@@ -74,6 +74,7 @@ def test_counts_of_a_normal_follow_poissons_law(mean: float, distance: float) ->
     """Equally likely z, a million of them: the counts' frequencies against the probabilities themselves."""
     z = torch.special.ndtri((torch.arange(1_000_000, dtype=torch.float64) + 0.5) / 1_000_000)
     counts = rng.poisson_of_normal(torch.full_like(z, mean), z).long()
+    assert float(counts.double().var()) == pytest.approx(mean, rel=1e-4)
     k = torch.arange(int(counts.max()) + 30, dtype=torch.float64)
     chances = torch.exp(k * math.log(mean) - mean - torch.lgamma(k + 1)) if mean else (k == 0).double()
     frequencies = torch.bincount(counts, minlength=len(k)).double() / len(z)
