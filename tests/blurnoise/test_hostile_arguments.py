@@ -34,7 +34,6 @@ MEASURED = slanted_edge(EDGE, bootstrap=3)
 LIT = {"camera": CAMERA, "exposure_s": 0.01, "illuminance_lux": 10.0}
 ROAD = {"speed_m_s": 10.0, "distance_m": 10.0, "target_width_m": 1.0, "width_px": 1000.0, "hfov_deg": 60.0}
 NATURE = {"temperature_c": 25.0, "illuminant": "D55", "tolerance_dn": 0.1}
-CDP = {"nominal": 0.5, "tolerance": 0.2}
 DIRECTED = {
     "speed_px_s": 0.0,
     "direction_deg": 0.0,
@@ -57,98 +56,56 @@ LAYER = {
     "velocity_px_s": (80.0, 0.0),
     "place_px": (5, 6),
 }
+MOVED = {"exposure_s": 0.05, "velocity_px_s": (0.0, 9.0), "border": "reflect"}
+TURNED = {"angle_deg": 5.0}
+DRAWN = {"size_px": 9.0, "height_px": 20, "width_px": 20, **TURNED, "supersample": 2}
+ACROSS = {"across_x": MEASURED, "across_y": MEASURED}
+NOISY = {"signal_pp": 1.0, "noise_variance": 0.1}
+PLANE = {"frequency_x": AXIS, "frequency_y": AXIS}
+MEASURING = {"image": EDGE, "mode": "exact", "full_scale": 1.0, "black_level": 0.0, "roi": (0, 0, 30, 30)}
+MEASURING |= {"bootstrap": 2, "seed": 0}
+METERED = {"target": 0.18, "frame_rate_hz": 30.0, "readout_s": 0.001, "longest_s": 0.02, "mains_hz": 50.0}
+METERED |= {"row_time_s": 1e-5, "gain_max_db": 24.0}
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
     (blurnoise.Layer, LAYER),
-    (
-        blurnoise.expose_layers,
-        {"background": PICTURES, "layers": [blurnoise.Layer(**LAYER)], "exposure_s": 0.05,
-         "velocity_px_s": (0.0, 9.0), "border": "reflect"},
-    ),
+    (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
     (blurnoise.Exposure, {**LIT, "velocity_px_s": (0.0, 0.0), "temperature_c": 25.0, "gain_db": 0.0, "seed": 0}),
-    (
-        blurnoise.Optics,
-        {"defocus_radius_px": 1.0, "gaussian_sigma_px": 1.0, "diffraction_lambda_n_px": 1.0},
-    ),
+    (blurnoise.Optics, dict.fromkeys(("defocus_radius_px", "gaussian_sigma_px", "diffraction_lambda_n_px"), 1.0)),
     (blurnoise.RandomExposure, {**LIT, **DIRECTED, "p": 0.5}),
     (blurnoise.ExposedScene, {"light": PICTURES, **SCENE}),
-    (
-        blurnoise.Trajectory,
-        {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0)},
-    ),
+    (blurnoise.Trajectory, {"time_s": (0.0, 1.0), "x_px": (0.0, 1.0), "y_px": (0.0, 1.0)}),
     (blurnoise.blur_pixels, {**ROAD, "exposure_s": 0.01, "lens": "f-theta"}),
     (blurnoise.velocity_px_s, {**ROAD, "lens": "rectilinear"}),
     (blurnoise.defocus, {"image": PICTURES, "radius_px": 1.0, "border": "reflect"}),
     (blurnoise.develop, {"dn": 4000 * PICTURES, "camera": CAMERA, "encoding": "srgb", "gain_db": 0.0}),
-    (
-        blurnoise.motion_blur,
-        {"image": PICTURES, "displacement_px": (3.0, 1.0), "method": "auto", "border": "reflect"},
-    ),
-    (
-        blurnoise.photoelectrons,
-        {**LIT, "illuminant": "D55"},
-    ),
+    (blurnoise.motion_blur, {"image": PICTURES, "displacement_px": (3.0, 1.0), "method": "auto"}),
+    (blurnoise.photoelectrons, {**LIT, "illuminant": "D55"}),
     (blurnoise.plan, {**LIT, **NATURE, "displacement_px": (0.0, 0.0), "objects": (), "size": (24, 31)}),
     (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (ROLLS.sweep_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (captured, {"scene": PICTURES, **LIT, "captures": staggered(4.0), "velocity_px_s": (9.0, 0.0)}),
-    (
-        blurnoise.simulate,
-        {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0.0, 0.0), "generator": [1, 2]},
-    ),
-    (
-        AutoExposure,
-        {
-            "target": 0.18,
-            "frame_rate_hz": 30.0,
-            "readout_s": 0.001,
-            "longest_s": 0.02,
-            "mains_hz": 50.0,
-            "row_time_s": 1e-5,
-            "gain_max_db": 24.0,
-        },
-    ),
+    (blurnoise.simulate, {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0, 0), "generator": [1, 2]}),
+    (AutoExposure, METERED),
     (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),
-    (
-        slanted_edge,
-        {"image": EDGE, "mode": "exact", "full_scale": 1.0, "black_level": 0.0, "roi": (0, 0, 30, 30), "bootstrap": 2,
-         "seed": 0},
-    ),
+    (slanted_edge, MEASURING),
     (charts.flat_patch, {"height_px": 5, "width_px": 5, "reflectance": 0.2}),
-    (charts.slanted_edge, {"height_px": 5, "width_px": 5, "angle_deg": 5.0, "dark": 0.1, "bright": 0.8}),
-    (
-        charts.siemens_star,
-        {"size_px": 9.0, "height_px": 9, "width_px": 9, "cycles": 5, "angle_deg": 0.0, "dark": 0.1, "bright": 0.8,
-         "supersample": 2},
-    ),
-    (
-        charts.stop_sign,
-        {"size_px": 9.0, "height_px": 20, "width_px": 20, "angle_deg": 0.0, "centre_px": (10.0, 10.0),
-         "background": 0.2, "supersample": 2},
-    ),
+    (charts.slanted_edge, {"height_px": 5, "width_px": 5, **TURNED, "dark": 0.1, "bright": 0.8}),
+    (charts.siemens_star, {**DRAWN, "cycles": 5, "dark": 0.1, "bright": 0.8}),
+    (charts.stop_sign, {**DRAWN, "centre_px": (10.0, 10.0), "background": 0.2}),
     (patches.patch_contrast, {"bright": PATCH + 1, "dark": PATCH}),
-    (patches.detection_probability, {"patch_a": PATCH + 1, "patch_b": PATCH, **CDP}),
+    (patches.detection_probability, {"patch_a": PATCH + 1, "patch_b": PATCH, "nominal": 0.5, "tolerance": 0.2}),
     (information.capacity_radial, {"edge": MEASURED}),
-    (information.capacity_square, {"across_x": MEASURED, "across_y": MEASURED}),
+    (information.capacity_square, ACROSS),
     (information.neq_0, {"edge": MEASURED}),
-    (information.neq_integral, {"across_x": MEASURED, "across_y": MEASURED}),
-    (information.square_snr, {"across_x": MEASURED, "across_y": MEASURED, "side_px": 5}),
-    (
-        information.shannon_capacity_radial,
-        {"frequency": AXIS, "power": AXIS, "signal_pp": 1.0, "noise_variance": 0.1},
-    ),
-    (
-        information.shannon_capacity_square,
-        {"frequency_x": AXIS, "frequency_y": AXIS, "power": AXIS[:, None] * AXIS, "signal_pp": 1.0,
-         "noise_variance": 0.1},
-    ),
+    (information.neq_integral, ACROSS),
+    (information.square_snr, {**ACROSS, "side_px": 5}),
+    (information.shannon_capacity_radial, {"frequency": AXIS, "power": AXIS, **NOISY}),
+    (information.shannon_capacity_square, {**PLANE, "power": AXIS[:, None] * AXIS, **NOISY}),
     (information.neq, {"power": AXIS, "mean_signal": 1.0, "noise_power_spectrum": 0.1}),
     (information.ideal_observer_snr, {"difference": PATCH, "power": 1.0, "noise_power_spectrum": 1.0}),
-    (
-        information.square_integral,
-        {"frequency_x": AXIS, "frequency_y": AXIS, "density": AXIS[:, None] * AXIS},
-    ),
+    (information.square_integral, {**PLANE, "density": AXIS[:, None] * AXIS}),
     (patches.patch_snr, {"patch": PATCH, "limits_dn": (0.0, 1.0)}),
     (patches.psnr, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
     (patches.ssim, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
@@ -221,26 +178,13 @@ def test_wrong_arguments_are_named_in_a_line(function: Callable[..., Any], good:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (
-            lambda: blurnoise.simulate(PICTURES, **LIT, noise=torch.ones(2)),
-            "noise: must be a bool, got Tensor",
-        ),
-        (
-            lambda: blurnoise.simulate(PICTURES, **LIT, quantised=PICTURES),
-            "quantised: must be a bool, got Tensor",
-        ),
-        (lambda: Camera.load(3), "path = 3: must be a path"),  # type: ignore[arg-type]
-        (
-            lambda: blurnoise.simulate(PICTURES.to_sparse(), **LIT),
-            "image: must be a dense tensor with values",
-        ),
+        (lambda: blurnoise.simulate(PICTURES, **LIT, noise=torch.ones(2)), "noise: must be a bool, got Tensor"),
+        (lambda: blurnoise.simulate(PICTURES.to_sparse(), **LIT), "image: must be a dense tensor with values"),
         (lambda: blurnoise.simulate(PICTURES.to("meta"), **LIT), "image: must be a dense tensor with values"),
-        (
-            lambda: blurnoise.motion_blur(PICTURES, torch.ones(2, device="meta")),
-            "displacement_px: must be a dense",
-        ),
+        (lambda: blurnoise.motion_blur(PICTURES, torch.ones(2, device="meta")), "displacement_px: must be a dense"),
+        (lambda: Camera.load(3), "path = 3: must be a path"),
     ],
-)
+)  # fmt: skip
 def test_no_raw_errors_of_torch_or_python(call: Callable[[], object], message: str) -> None:
     with pytest.raises(TypeError, match=message):
         call()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -13,14 +12,8 @@ from made_up import ColumnNoise, Pedestal, Shift, Veil
 
 from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
 from blurnoise._core import threads
-from blurnoise.blur import convolution
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
-from blurnoise.light.effect import Blur, LightEffect
-from blurnoise.light.lens import DEFOCUS, DIFFRACTION
-from blurnoise.light.motion import MOTION
 from blurnoise.optics.camera import DARK_NOISE
-from blurnoise.optics.transfer import Optics
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import readout, stages
 from blurnoise.sensor.readout import read_out
@@ -79,21 +72,6 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fideli
     assert told["pedestal"].contribution_dn == pytest.approx(dn)
 
 
-@pytest.mark.parametrize("differentiable", [False, True])
-def test_the_full_well_clips_what_a_new_stage_before_it_adds(
-    monkeypatch: pytest.MonkeyPatch, differentiable: bool
-) -> None:
-    """4000 e- and 3000 more are the 5000 of the well, whose noise is read noise alone, 2.45 e-, and rounding."""
-    camera = replace(Camera.preset("imx250"), full_well_e=5000.0)
-    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:4], Pedestal(3000.0), *stages.STAGES[4:]))
-    scene = torch.full((1, 1, 60, 80), 4000.0, requires_grad=differentiable)
-    dn = read_out(scene, camera, exposure_s=0.01, temperature_c=25.0, generator=[1]).detach()
-    gain = camera.system_gain_dn_per_e
-    assert float(dn.mean()) == pytest.approx(5000 * gain + camera.black_level_dn, abs=0.5)
-    expected = math.sqrt((gain * camera.read_noise_e) ** 2 + 1 / 12)
-    assert float(dn.std()) == pytest.approx(expected, rel=5 / math.sqrt(2 * dn.numel()))
-
-
 @pytest.mark.parametrize(("place", "full_well_e"), [(1, 20000.0), (3, 5000.0), (6, 5000.0)])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 def test_the_reference_in_pieces_is_that_of_whole_pictures(
@@ -107,45 +85,19 @@ def test_the_reference_in_pieces_is_that_of_whole_pictures(
 
     camera = replace(CAMERA, full_well_e=full_well_e)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Rolled(), *stages.STAGES[place:]))
+    monkeypatch.setattr(threads, "WORTH_IT", 1)  # the pieces of so small a picture are shared by threads, too
     given: dict[str, Any] = {"white_e": [4000.0, 9000.0], "exposure_s": 0.01, "temperature_c": 25.0}
     given |= {
         "generator": [1, 2],
         "fidelity": fidelity,
         "fixed_pattern": camera.fixed_pattern((3, 41, 67), 1),
     }
-    scene = picture().repeat(2, 1, 1, 1)
-    monkeypatch.setattr(
-        threads, "WORTH_IT", 1
-    )  # the pieces of so small a picture, too, are shared by threads
     frames = []
     for values in (1 << 30, 3 * 67 * 5, 1):
         monkeypatch.setattr(readout, "_PIECE", values)
-        frames.append(read_out(scene, camera, **given))
+        frames.append(read_out(picture().repeat(2, 1, 1, 1), camera, **given))
     assert torch.equal(frames[0], frames[1])
     assert torch.equal(frames[0], frames[2])
-
-
-@pytest.mark.parametrize("quantised", [True, False])
-def test_an_entry_without_its_figure_or_without_noise_does_nothing(
-    monkeypatch: pytest.MonkeyPatch, quantised: bool
-) -> None:
-    """Whatever the route, and whether or not the entry looks for itself."""
-
-    class Unasked(Pedestal):
-        figures = ("dsnu_e",)
-
-    class Unlit(Veil):
-        figures = ("dsnu_e",)
-
-    class Noisy(Pedestal):
-        draws = True
-
-    camera = replace(CAMERA, dsnu_e=0.0)
-    taken: dict[str, Any] = {"noise": False, "quantised": quantised, "fidelity": "full", **CONDITIONS}
-    before = simulate(picture(), camera, **taken)
-    monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Unasked(), Noisy(), *stages.STAGES[6:]))
-    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Unlit()))
-    assert torch.equal(simulate(picture(), camera, **taken), before)
 
 
 def test_what_is_small_is_left_out_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,32 +114,19 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: p
     monkeypatch.setattr(effects, "EFFECTS", (Veil(0.05), *effects.EFFECTS, Shift()))
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(40.0), *stages.STAGES[6:]))
     coded = (picture()[0].permute(1, 2, 0) * 255).round().byte().numpy()
-    scene = ExposedScene.of_picture(coded)
     at = [Exposure(CAMERA, 0.004, lux, (900.0, -300.0), seed=5) for lux in (20.0, 60.0)]
     at.append(Exposure(replace(CAMERA, f_number=4.0), 0.004, 60.0, (900.0, -300.0), 45.0, 6.0, seed=6))
     at.append(replace(at[-1], gain_db=27.0))  # 24 dB of it analogue
-    for exposure, frame in zip(at, scene.frames(at), strict=True):
+    for exposure, frame in zip(at, ExposedScene.of_picture(coded).frames(at), strict=True):
         camera, digital_db = exposure.camera.at_gain(exposure.gain_db)
-        dn = simulate(
-            torch.from_numpy(coded).permute(2, 0, 1)[None] / 255,
-            camera,
-            exposure_s=exposure.exposure_s,
-            illuminance_lux=exposure.illuminance_lux,
-            velocity_px_s=exposure.velocity_px_s,
-            temperature_c=exposure.temperature_c,
-            generator=[exposure.seed],
-            tolerance_dn=0.1 / 10 ** (digital_db / 20),
-        )
+        names = ("exposure_s", "illuminance_lux", "velocity_px_s", "temperature_c")
+        given = {name: getattr(exposure, name) for name in names} | {"generator": [exposure.seed]}
+        light = torch.from_numpy(coded).permute(2, 0, 1)[None] / 255
+        dn = simulate(light, camera, **given, tolerance_dn=0.1 / 10 ** (digital_db / 20))
         expected = develop_8bit(dn, camera, digital_db)[0].permute(1, 2, 0)
         assert torch.equal(torch.from_numpy(frame.picture), expected)
         moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
-
-
-def test_todays_effects_leave_boxes_where_they_are() -> None:
-    assert not effects.displace(CAMERA)
-    boxes = torch.tensor([[1.0, 2.0, 3.0, 4.0]])
-    assert torch.equal(Exposure(CAMERA, 0.004, 20.0, (900.0, 0.0)).move_boxes(boxes), boxes)
 
 
 @pytest.mark.parametrize("noise", [True, False])
@@ -234,38 +173,6 @@ def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.Mon
     assert not readout.supports([stage for stage in every if stage is not stages.QUANTISATION])
 
 
-def test_blurs_side_by_side_share_one_transform(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[Optics] = []
-    real = convolution.exposure_blur
-
-    def watched(image: Any, moved: Any, optics: Optics, *paths: Any, **options: Any) -> Any:
-        calls.append(optics)
-        return real(image, moved, optics, *paths, **options)
-
-    monkeypatch.setattr(convolution, "exposure_blur", watched)
-    light = picture().double()
-    at = Conditions(CAMERA, *[torch.zeros(1)] * 3, torch.tensor([[6.0, 2.0]]))
-    together = effects.through(light, at)
-    assert len(calls) == 1
-    assert calls[0] == Optics(1.2, 0.0, 0.55 * CAMERA.f_number / CAMERA.pixel_pitch_um)
-    monkeypatch.setattr(effects, "EFFECTS", (MOTION, Veil(0.0), DEFOCUS, DIFFRACTION))
-    calls.clear()
-    apart = effects.through(light, at)
-    assert len(calls) == 2
-    assert float((apart - together)[..., 10:-10, 10:-10].abs().max()) < 2e-3
-    twice = effects._joined(Blur(Optics(1.0)), Blur(Optics(1.0)))
-    assert twice is None  # two discs are no disc of twice the radius
-    assert effects._joined(Blur(displacement_px=torch.ones(2)), Blur(displacement_px=torch.ones(2))) is None
-
-
-def test_every_entry_says_what_it_is() -> None:
-    names = [each.name for each in (*effects.EFFECTS, *stages.STAGES)]
-    assert len(set(names)) == len(names)
-    for each in (*effects.EFFECTS, *stages.STAGES):
-        assert all(hasattr(CAMERA, figure) for figure in each.figures)
-        assert isinstance(each, LightEffect) or each.name
-
-
 def test_every_noise_of_the_dark_counts_in_threshold_and_range() -> None:
     """A stage that draws has its figures in the camera's sum, which doubles with them."""
     drawn = {figure for stage in stages.STAGES if stage.draws for figure in stage.figures}
@@ -290,9 +197,9 @@ def test_a_new_noise_is_drawn_where_no_other_is(monkeypatch: pytest.MonkeyPatch,
     quiet = replace(Camera.preset("imx250"), read_noise_e=0.0, black_level_dn=100.0)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], ColumnNoise(20.0), *stages.STAGES[6:]))
     dark = torch.zeros(1, 1, 2, 4000)
-    dn = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, generator=[3], fidelity=fidelity)  # type: ignore[arg-type]
+    dn = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, generator=[3], fidelity=fidelity)
     expected = 20 * quiet.system_gain_dn_per_e
     assert float(dn[..., 0, :].std()) == pytest.approx(expected, rel=5 / (2 * 4000) ** 0.5)
     assert torch.equal(dn[..., 0, :], dn[..., 1, :])
-    mean = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, fidelity=fidelity, noise=False)  # type: ignore[arg-type]
+    mean = simulate(dark, quiet, exposure_s=0.01, illuminance_lux=0.0, fidelity=fidelity, noise=False)
     assert float(mean.std()) == 0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from blurnoise._core.borders import BORDERS, Border
-from blurnoise._core.checks import one_of
+from blurnoise._core.borders import Border
 from blurnoise._core.threads import differentiable
 from blurnoise.blur.convolution import exposure_blur
 from blurnoise.blur.displacement import STILL_PX, stretch
@@ -18,7 +17,6 @@ from blurnoise.optics.transfer import Optics
 def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
     """Pictures (B, C, H, W) of which each pixel averages from d/2 before it to d/2 behind, d (2, H, W) or
     (B, 2, H, W), px."""
-    one_of("border", border, BORDERS)
     sheets = flowing(image, displacement_px, border)
     if all(sheet.moves.still for sheet in sheets):
         return image

@@ -7,8 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise import Trajectory
-
 Floats = NDArray[np.float64]
 Path = Callable[[Floats], tuple[Floats, Floats]]
 """Places (x, y), px, at times, s."""
@@ -35,14 +33,6 @@ def _taps(length: int, shifts_px: Floats) -> Floats:
     return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
-def exposed(light: Floats, path: Path, exposure_s: float, moments: int = 128) -> Floats:
-    """The mean over an exposure about time 0; what leaves at one side comes back at the other."""
-    times = ((np.arange(moments) + 0.5) / moments - 0.5) * exposure_s
-    (height, width), (x, y) = light.shape[-2:], path(times)
-    kernel = _taps(height, y).T @ _taps(width, x) / moments
-    return np.fft.irfft2(np.fft.rfft2(light) * np.fft.rfft2(kernel), s=(height, width))
-
-
 def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments: int = 128) -> Floats:
     """Row i exposed from starts_s[i] to stops_s[i], every row by as many moments of its own."""
     out = np.empty_like(light)
@@ -58,11 +48,3 @@ def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments
 def rms_dn(first: Floats, second: Floats) -> float:
     """RMS difference in 8-bit numbers of linear light."""
     return float(255 * np.sqrt(((first - second) ** 2).mean()))
-
-
-def accelerated_path(
-    velocity_px_s: tuple[float, float], acceleration_px_s2: tuple[float, float], duration_s: float
-) -> Trajectory:
-    """Constant acceleration about mid-exposure; between 2001 knots it sags by a (T / 2000)^2 / 8."""
-    time = np.linspace(-duration_s / 2, duration_s / 2, 2001)
-    return Trajectory.of(time, np.outer(velocity_px_s, time) + np.outer(acceleration_px_s2, time**2 / 2))

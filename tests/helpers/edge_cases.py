@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import cv2
@@ -22,7 +21,6 @@ from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
-from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
 
 
@@ -44,11 +42,8 @@ class Setting:
     @property
     def blur(self) -> dict[str, Any]:
         """What :func:`closed_mtf50` needs to know."""
-        return {
-            "sigma_px": self.sigma_px,
-            "motion_px": (self.motion_px, 0.0),
-            "angle_deg": self.angle_deg,
-        }
+        motion_px = (self.motion_px, 0.0)
+        return {"sigma_px": self.sigma_px, "motion_px": motion_px, "angle_deg": self.angle_deg}
 
     @property
     def mtf50(self) -> float:
@@ -63,12 +58,9 @@ class Setting:
     def edge_by_rows(self, moves_px: Sequence[float]) -> Tensor:
         """The same with each row moved by as much to the right."""
         x, y = self.offset_px
-        rows = []
-        for row, by in enumerate(moves_px):
-            above = row + 0.5 - self.height_px / 2
-            at = replaced(self, height_px=1, offset_px=(x + by, y - above))
-            rows.append(at.edge()[0])
-        return torch.stack(rows)
+        above = [row + 0.5 - self.height_px / 2 for row in range(self.height_px)]
+        places = [(x + by, y - up) for by, up in zip(moves_px, above, strict=True)]
+        return torch.cat([replaced(self, height_px=1, offset_px=place).edge() for place in places])
 
     def share(self, image: Tensor) -> Tensor:
         """0 on the dark side, 1 on the bright one."""
@@ -110,14 +102,12 @@ Make = Callable[[Setting, Draw], Tensor]
 class Case:
     """What is done to the edge. deceives: whether MTF50 is more than 3 % off at the usual setting.
 
-    silent: a tone curve, symmetric or gentle, that a single edge need not show. blur: of the picture, where it is
-    not the setting's, by the fields of Setting.
+    blur: of the picture, where it is not the setting's, by the fields of Setting.
     """
 
     name: str
     make: Make
     deceives: bool = True
-    silent: bool = False
     blur: Mapping[str, float] = field(default_factory=dict)
 
     def mtf50(self, at: Setting) -> float:
@@ -128,24 +118,6 @@ class Case:
 def usual(draw: Draw, **other: Any) -> Setting:
     """0.2 to 0.8 at 5 degrees with 0.5 % noise, its place within a pixel drawn."""
     return Setting(offset_px=(draw.uniform(-1, 1), draw.uniform(-1, 1)), **other)
-
-
-def any_setting(draw: Draw) -> Setting:
-    """Steps of 0.2 to 0.7, MTF50 of 0.1 to 0.44, 3 to 15 degrees, 60 to 160 px, 0.2 to 3 % of noise."""
-    step, noise = draw.uniform(0.2, 0.7), math.exp(draw.uniform(math.log(0.002), math.log(0.03)))
-    dark = draw.uniform(0.06, 0.92 - step)
-    by_light = draw.uniform(0, 1)
-    return Setting(
-        dark=dark,
-        bright=dark + step,
-        noise=noise * math.sqrt(1 - by_light),
-        shot=noise**2 * by_light / (dark + step),
-        sigma_px=math.exp(draw.uniform(math.log(0.3), math.log(1.7))),
-        angle_deg=draw.uniform(3, 15) * (1 if draw.uniform(-1, 1) > 0 else -1),
-        height_px=round(draw.uniform(60, 160)),
-        width_px=round(draw.uniform(60, 160)),
-        offset_px=(draw.uniform(-3, 3), draw.uniform(-1, 1)),
-    )
 
 
 def _after(change: Callable[[Setting, Tensor], Tensor]) -> Make:
@@ -238,25 +210,6 @@ def _compressed(quality: int) -> Make:
     return make
 
 
-def _few_numbers(at: Setting, draw: Draw) -> Tensor:
-    """A step of 2.6 of 255 digital numbers, its noise as small a share of it."""
-    small = at.dark + 2.6 / 255 * at.share(at.noisy(at.edge(), draw))
-    return (255 * small).round() / 255
-
-
-def _with_bar(at: Setting, draw: Draw) -> Tensor:
-    """A bar 2 px wide, as high again as the step, on the bright side of the edge."""
-    x, y = at.offset_px
-    near, far = (at.share(at.edge(offset_px=(x + by, y))) for by in (1.0, 3.0))
-    return at.noisy(at.level(at.share(at.edge()) + (near - far) / 2), draw)
-
-
-def _clipped_png(at: Setting, draw: Draw) -> Tensor:
-    """Cut at 68 % of the step, then noisy, then sRGB-coded with 8 bits; made linear again."""
-    image = at.noisy(_clipped(-9, 0.68)(at, at.edge()), draw).clamp(0, 1)
-    return linear_from_srgb((255 * srgb_from_linear(image)).round() / 255)
-
-
 def _plain(**other: Any) -> Make:
     """An honest edge whose blur, angle or noise is another."""
 
@@ -279,12 +232,6 @@ def _curved(at: Setting, draw: Draw) -> Tensor:
     return at.noisy(at.edge_by_rows(heights.tolist()), draw)
 
 
-def _near_the_border(at: Setting, draw: Draw) -> Tensor:
-    """The edge's middle 17 px from the region's side."""
-    x, y = at.offset_px
-    return at.noisy(at.edge(offset_px=(x + at.width_px / 2 - 17, y)), draw)
-
-
 def _hot(at: Setting, draw: Draw) -> Tensor:
     """One pixel in 2000 stands at 95 % of full scale."""
     image = at.noisy(at.edge(), draw)
@@ -300,62 +247,35 @@ def _shaded(across: float, down: float) -> Make:
     return make
 
 
-def _well(at: Setting, draw: Draw) -> Tensor:
-    """A camera of 10 000 electrons, 4 of read noise and 12 bits."""
-    mine = replaced(at, noise=4e-4, shot=1e-4)
-    return (4095 * mine.noisy(mine.edge(), draw)).round().clamp(0, 4095) / 4095
-
-
 def _honest(name: str, **other: Any) -> Case:
-    return Case(
-        f"plain, {name}",
-        _plain(**other),
-        deceives=False,
-        blur={key: other[key] for key in _BLUR & set(other)},
-    )
+    blur = {key: other[key] for key in ("sigma_px", "motion_px", "angle_deg") if key in other}
+    return Case(f"plain, {name}", _plain(**other), deceives=False, blur=blur)
 
 
-_BLUR = {"sigma_px", "motion_px", "angle_deg"}
 _NEVER = 9.0
 
 CASES: tuple[Case, ...] = (
-    *(Case(f"top clipped at {share:.0%}", _after(_clipped(-_NEVER, share))) for share in (0.95, 0.9, 0.8, 0.68, 0.5)),
+    *(Case(f"top clipped at {share:.0%}", _after(_clipped(-_NEVER, share))) for share in (0.95, 0.8, 0.5)),
     *(Case(f"both sides clipped by {share:.0%}", _after(_clipped(share, 1 - share))) for share in (0.1, 0.2)),
     Case("black clipped by 5%", _after(_clipped(0.05, _NEVER))),
-    Case("8-bit PNG, clipped at 68%, then noisy", _clipped_png),
     Case("top clipped at 80% with its noise", _before(_clipped(-_NEVER, 0.8))),
     Case("S-shaped tone curve, noise before", _before(_s_shaped)),
-    Case("S-shaped tone curve, noise after", _after(_s_shaped), silent=True),
     Case("highlight roll-off", _after(_rolled_off)),
     Case("sRGB left in", lambda at, draw: _after(_coded)(replaced(at, dark=0.02), draw)),
-    Case("sRGB left in, noise before", lambda at, draw: _before(_coded)(replaced(at, dark=0.02), draw)),
-    Case("sRGB taken out twice", _after(lambda at, image: linear_from_srgb(image)), silent=True),
     Case("unsharp mask 0.2", _after(_sharpened(0.2, 1.0))),
-    Case("unsharp mask 0.2, noise before", _before(_sharpened(0.2, 1.0))),
-    Case("unsharp mask 1, sigma 1.5 px", _after(_sharpened(1.0, 1.5))),
-    Case("unsharp mask 1, sigma 1.5 px, noise before", _before(_sharpened(1.0, 1.5))),
     Case("unsharp mask 1, sigma 1.5 px, halos cut", _after(_sharpened(1.0, 1.5, cut=True))),
     Case("half steps 3 px apart", _two_steps(3.0)),
     Case("half steps 6 px apart", _two_steps(6.0)),
     Case("lateral colour 1 px", _colours_apart),
     Case("row jitter 0.5 px", _jittered(lambda draw, rows: 0.5 * draw.normal((rows,)))),
-    Case("row jitter within 0.5 px", _jittered(lambda draw, rows: torch.rand(rows, generator=draw.generator) - 0.5)),
     Case("non-local means", _denoised),
     Case("JPEG quality 50", _compressed(50)),
-    Case("step of 2.6 DN", _few_numbers),
-    Case("bright bar 2 px wide", _with_bar),
-    *(_honest(f"sigma {sigma:g} px", sigma_px=sigma) for sigma in (0.3, 0.5, 1.0, 2.0, 3.0)),
-    *(_honest(f"motion {px:g} px", sigma_px=0.3, motion_px=px) for px in (1.0, 3.0, 6.0, 10.0, 20.0, 30.0, 60.0)),
-    *(_honest(f"angle {angle:g} degrees", angle_deg=angle) for angle in (2.0, 8.0, 12.0, 18.435, 26.565)),
-    *(_honest(f"CNR {cnr:g}", noise=0.6 / cnr) for cnr in (60.0, 20.0, 10.0, 6.0)),
-    *(
-        _honest(f"motion 6 px, CNR {cnr:g}", sigma_px=0.3, motion_px=6.0, noise=0.6 / cnr)
-        for cnr in (60.0, 20.0, 10.0, 6.0)
-    ),
+    *(_honest(f"sigma {sigma:g} px", sigma_px=sigma) for sigma in (0.3, 1.0, 3.0)),
+    *(_honest(f"motion {px:g} px", sigma_px=0.3, motion_px=px) for px in (3.0, 10.0, 30.0)),
+    *(_honest(f"angle {angle:g} degrees", angle_deg=angle) for angle in (2.0, 12.0, 26.565)),
+    *(_honest(f"CNR {cnr:g}", noise=0.6 / cnr) for cnr in (60.0, 10.0)),
     _honest("no lens", sigma_px=0.0),
-    Case("plain, a camera's noise", _well, deceives=False),
     Case("curved", _curved, deceives=False),
-    Case("near the border", _near_the_border, deceives=False),
     Case("hot pixels", _hot, deceives=False),
     Case("JPEG quality 90", _compressed(90), deceives=False),
     Case("shading across 5%", _shaded(0.05, 0.0), deceives=False),
@@ -363,13 +283,8 @@ CASES: tuple[Case, ...] = (
 )  # fmt: skip
 
 
-ENOUGH = 2.0
-"""A full scale above every pixel: that nothing stands at it says nothing of clipping before."""
 CAUGHT, SPARED = 0.95, 0.02
 """Least share of deceitful edges withheld or flagged, and largest share of honest ones."""
-WRONG = 0.03
-"""Share of the truth by which a number misses it beyond its own interval, that is wrong."""
-SETTINGS = {"usual": usual, "any": any_setting}
 _TRUE_OF_HONEST = {
     Flag.NOISE_DOMINATED,
     Flag.NOISE_CORRELATED,
@@ -379,66 +294,15 @@ _TRUE_OF_HONEST = {
 """What says of an honest edge what is so: of its noise, or that the region drawn is too small for it."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """Of one case in one setting: shares, the median error of MTF50 as printed, and the flags' counts.
-
-    wrong: share that is neither withheld nor flagged, and whose 95 % interval ends more than ``WRONG`` off the truth.
-    """
-
-    setting: str
-    case: str
-    deceives: bool
-    silent: bool
-    pictures: int
-    withheld: float
-    flagged: float
-    wrong: float
-    error: float
-    flags: str
-
-    @property
-    def caught(self) -> float:
-        """Share that is withheld or flagged."""
-        return self.withheld + self.flagged
+def measured(case: Case, seed: int, **options: Any) -> SlantedEdge:
+    """A case's picture of a seed, measured; full scale is above every pixel: it says nothing of clipping."""
+    draw = Draw.of(zlib.crc32(case.name.encode()), seed)
+    found = slanted_edge(case.make(usual(draw), draw), full_scale=2.0, **options)
+    assert isinstance(found, SlantedEdge)
+    return found
 
 
-def judged(case: Case, seeds: Iterable[int], setting: str = "usual") -> Row:
-    """The case's pictures of these seeds in a setting of ``SETTINGS``, measured."""
-    edges, errors, wrong = [], [], 0
-    for seed in seeds:
-        draw = Draw.of(zlib.crc32(f"{case.name}, {setting}".encode()), seed)
-        at = SETTINGS[setting](draw)
-        picture, truth = case.make(at, draw), case.mtf50(at)
-        edge = one(slanted_edge(picture, full_scale=ENOUGH, bootstrap=0))
-        wrong += not edge.flags and abs(edge.mtf50 / truth - 1) > WRONG and _plain_wrong(picture, truth)
-        edges.append(edge if case.deceives else replace(edge, flags=edge.flags - _TRUE_OF_HONEST))
-        errors.append(edge.mtf50 / truth - 1)
-    withheld = sum(bool(edge.flags & WITHHELD) for edge in edges)
-    flagged = sum(bool(edge.flags) for edge in edges) - withheld
-    told = [error for error in errors if math.isfinite(error)]
-    counts = Counter(flag.name.lower() for edge in edges for flag in edge.flags)
-    return Row(
-        setting=setting,
-        case=case.name,
-        deceives=case.deceives,
-        silent=case.silent,
-        pictures=len(edges),
-        withheld=withheld / len(edges),
-        flagged=flagged / len(edges),
-        wrong=wrong / len(edges),
-        error=float(np.median(told)) if told else math.nan,
-        flags=" ".join(f"{name}:{count}" for name, count in counts.most_common()),
-    )
-
-
-def _plain_wrong(picture: torch.Tensor, truth: float) -> bool:
-    """Whether MTF50 is told without a flag, and its interval ends more than ``WRONG`` off the truth."""
-    edge = one(slanted_edge(picture, full_scale=ENOUGH))
-    low, high = edge.intervals.get("mtf50", (truth, truth))
-    return not edge.flags and max(low / truth - 1, 1 - high / truth) > WRONG
-
-
-def one(found: SlantedEdge | list[SlantedEdge]) -> SlantedEdge:
-    """The only edge of a picture that is no batch."""
-    return found[0] if isinstance(found, list) else found
+def told(case: Case, seeds: Iterable[int]) -> float:
+    """Share of a case's pictures that are withheld or flagged, of honest ones by what is not so."""
+    true = set() if case.deceives else _TRUE_OF_HONEST
+    return float(np.mean([bool(measured(case, seed, bootstrap=0).flags - true) for seed in seeds]))

@@ -1,9 +1,7 @@
-"""The slanted-edge steps of ISO 12233 in NumPy, one region at a time: what others compute, to race against.
+"""The slanted-edge steps of ISO 12233 in NumPy, one region at a time, as P. Burns's sfrmat5 takes them.
 
-Domain: one linear region (H, W) float64, its edge near vertical and bright on the right. The steps are those of
-P. Burns's sfrmat5 (ISO 12233:2023, annex D), errors included: the first difference and its half-corrected response,
-the mean over bins of 1/4 px, a window on the line spread. Two ways to the same numbers: row by row, as the steps are
-written down, and by whole arrays.
+Domain: one linear region (H, W) float64, its edge near vertical and bright on the right. Errors included: the first
+difference and its half-corrected response, the mean over bins of 1/4 px, a window on the line spread.
 """
 
 from __future__ import annotations
@@ -20,21 +18,20 @@ _ORDER = 5
 _MOST_CORRECTION = 10.0
 
 
-def iso_steps(region: Array, *, by_rows: bool = False) -> tuple[Array, Array]:
+def iso_steps(region: Array) -> tuple[Array, Array]:
     """Frequencies, cycles/px along the edge's normal, and the response there, 1 at 0."""
-    centroids, binned = (_centroids_by_rows, _binned_by_rows) if by_rows else (_centroids, _binned)
     height, width = region.shape
     slope = np.empty_like(region)
     slope[:, 1:] = np.diff(region, axis=1) / 2
     slope[:, 0] = slope[:, 1]
     rows = np.arange(height)
-    line = Polynomial.fit(rows, centroids(slope, np.full(height, (width - 1) / 2)), _ORDER)
-    line = Polynomial.fit(rows, centroids(slope, line(rows)), _ORDER)
+    line = Polynomial.fit(rows, _centroids(slope, np.full(height, (width - 1) / 2)), _ORDER)
+    line = Polynomial.fit(rows, _centroids(slope, line(rows)), _ORDER)
     tilt = float(Polynomial.fit(rows, line(rows), 1).convert().coef[-1])
     phases = np.floor(height * abs(tilt))
     used = round(phases / abs(tilt)) if phases else height
 
-    spread = binned(region[:used], line(rows[:used]) - line(0), middle=round(_FINER * (used - 1) * tilt / 2))
+    spread = _binned(region[:used], line(rows[:used]) - line(0), middle=round(_FINER * (used - 1) * tilt / 2))
     bins = len(spread)
     derivative = np.zeros(bins)
     derivative[1:-1] = (spread[2:] - spread[:-2]) / 2
@@ -74,14 +71,6 @@ def _centroids(slope: Array, middle: Array) -> Array:
     return np.asarray(windowed @ np.arange(slope.shape[1]) / windowed.sum(1) - 0.5)
 
 
-def _centroids_by_rows(slope: Array, middle: Array) -> Array:
-    columns, found = np.arange(slope.shape[1]), np.empty(len(slope))
-    for y, row in enumerate(slope):
-        windowed = row * _bell(len(row), middle[y : y + 1])[0]
-        found[y] = (columns * windowed).sum() / windowed.sum() - 0.5
-    return found
-
-
 def _binned(region: Array, moved: Array, middle: int) -> Array:
     """Means over bins of 1/4 px of the distance from the edge."""
     bins = _FINER * region.shape[1]
@@ -90,17 +79,6 @@ def _binned(region: Array, moved: Array, middle: int) -> Array:
     count = np.bincount(index[kept], minlength=bins)
     total = np.bincount(index[kept], weights=region[kept], minlength=bins)
     return _filled(total.astype(float), count)
-
-
-def _binned_by_rows(region: Array, moved: Array, middle: int) -> Array:
-    bins = _FINER * region.shape[1]
-    total, count = np.zeros(bins), np.zeros(bins, int)
-    for row, x in zip(region, moved, strict=True):
-        index = np.ceil(_FINER * (np.arange(len(row)) - x)).astype(int) + middle
-        kept = (index >= 0) & (index < bins)
-        total[index[kept]] += row[kept]
-        count[index[kept]] += 1
-    return _filled(total, count)
 
 
 def _filled(total: Array, count: NDArray[np.integer[Any]]) -> Array:

@@ -1,13 +1,8 @@
-"""Every pair of motions by brute force: each pixel's mean over its row's window of what passes it.
-
-Run as a command, it prints the error of each, RMS in 8-bit numbers of linear light, and the time of each.
-"""
+"""Every pair of motions by brute force: each pixel's mean over its row's window of what passes it."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations
@@ -24,8 +19,7 @@ from blurnoise.light.conditions import Conditions
 
 HEIGHT, WIDTH, EXPOSURE_S, ROW_S = 108, 144, 0.01, 1.5e-4
 VELOCITY_PX_S = (700.0, -400.0)
-ZOOM_PER_S = 6.0
-"""Of a flow about the picture's middle, which the velocity moves on."""
+ZOOM_PER_S = 6.0  # of a flow about the picture's middle, which the velocity moves on
 PATH = Trajectory.sinusoid(4.0, 70.0, 0.2, direction_deg=30.0, phase_rad=0.7)
 OBJECT_PX_S, OBJECT_PLACE = (-800.0, 500.0), (60, 44)
 FINE = 8  # values to a pixel's side
@@ -166,10 +160,9 @@ def exposed(of: Combination, light: torch.Tensor, flow: torch.Tensor | None = No
     return effects.through(light, at, border="circular")
 
 
-def found(of: Combination, kind: torch.dtype = torch.float64) -> Callable[[], Floats]:
+def found(of: Combination, kind: torch.dtype = torch.float64) -> Floats:
     """The same of the street."""
-    light = torch.from_numpy(STREET)[None].to(kind)
-    return lambda: exposed(of, light)[0].double().numpy()
+    return exposed(of, torch.from_numpy(STREET)[None].to(kind))[0].double().numpy()
 
 
 def combinations_of(most: int = len(MOTIONS)) -> list[Combination]:
@@ -181,31 +174,3 @@ def combinations_of(most: int = len(MOTIONS)) -> list[Combination]:
 def error_dn(one: Floats, other: Floats) -> float:
     """RMS, 8-bit numbers of linear light, away from the border."""
     return float(255 * math.sqrt(((one - other)[..., *INSIDE] ** 2).mean()))
-
-
-def report() -> None:
-    """Every combination, a line each."""
-    still = STREET
-    for of in combinations_of():
-        expected = truth(of)
-        line = f"{' + '.join(each for each in MOTIONS if each in of.motions):50}"
-        for kind in (torch.float64, torch.float32):
-            call = found(of, kind)
-            try:
-                seen = call()
-            except ValueError as refused:
-                line += f"  refused: {refused}"[:60]
-                break
-            taken = []
-            for _ in range(7):
-                started = time.perf_counter()
-                call()
-                taken.append(time.perf_counter() - started)
-            line += f"{error_dn(seen, expected):8.3f} DN"
-        else:
-            line += f"{1e3 * min(taken):8.1f} ms   at rest {error_dn(still, expected):.1f}"
-        print(line, flush=True)
-
-
-if __name__ == "__main__":
-    report()

@@ -11,8 +11,6 @@ from torch import Tensor
 
 from blurnoise.optics.colour import srgb_from_linear
 
-_LOBES = 6
-
 
 def moved(plane: Tensor, x: float, y: float) -> Tensor:
     """A plane (..., H, W) that wraps round, displaced by Lanczos' kernel of six lobes."""
@@ -23,8 +21,8 @@ def _along(plane: Tensor, shift: float, dim: int) -> Tensor:
     if shift == 0:
         return plane
     whole = math.floor(shift)
-    taps = np.arange(1 - _LOBES, _LOBES + 1)
-    weights = np.sinc(taps - (shift - whole)) * np.sinc((taps - (shift - whole)) / _LOBES)
+    taps = np.arange(-5, 7)
+    weights = np.sinc(taps - (shift - whole)) * np.sinc((taps - (shift - whole)) / 6)
     weights /= weights.sum()
     return sum(
         float(w) * torch.roll(plane, int(whole + tap), dim) for tap, w in zip(taps, weights, strict=True)

@@ -30,14 +30,11 @@ def band(count, stop=0.5):
     return torch.linspace(0, stop, count, dtype=DOUBLE)
 
 
-def test_perfect_camera_is_the_area_times_the_logarithm():
-    f = band(7)
-    radial = shannon_capacity_radial(f, power=torch.ones(7), **SNR_300)
-    square = shannon_capacity_square(f, f, power=torch.ones(7, 7), **SNR_300)
+def test_perfect_camera_is_the_area_times_the_logarithm() -> None:
+    radial = shannon_capacity_radial(band(7), power=torch.ones(7), **SNR_300)
+    square = shannon_capacity_square(band(7), band(7), power=torch.ones(7, 7), **SNR_300)
     assert float(radial) == pytest.approx(math.pi / 4 * math.log2(301), rel=1e-13)
     assert float(square) == pytest.approx(math.log2(301), rel=1e-13)
-    assert round(float(radial), 4) == 6.4667
-    assert round(float(square), 4) == 8.2336
 
 
 @pytest.mark.parametrize(
@@ -53,75 +50,29 @@ def test_motion_before_the_pixel(length_px, radial, square):
     assert float(shannon_capacity_square(f, f, power=both, **SNR_300)) == pytest.approx(square, abs=2e-3)
 
 
-def test_radial_integral_in_closed_form():
-    # 1 + S/N = exp2(-8 f) once power is (exp2(a - 8f) - 1)/snr; then the integral of (a - 8f) f is exact in pieces
-    f = band(2001)
-    power = (torch.exp2(4 - 8 * f) - 1) / 300
-    exact = 2 * math.pi * (4 * 0.5**2 / 2 - 8 * 0.5**3 / 3)
-    assert float(shannon_capacity_radial(f, power=power, **SNR_300)) == pytest.approx(exact, rel=1e-6)
-
-
-def test_coloured_noise_is_weighed_per_frequency():
-    f = band(801)
-    noise = 1 + f
-    got = shannon_capacity_radial(f, power=(1 + f) / 300 * 3, signal_pp=60.0, noise_variance=noise)
+def test_coloured_noise_is_weighed_per_frequency_and_grids_are_cut_at_one_half() -> None:
+    f, beyond = band(801), torch.arange(0, 0.73, 0.0049, dtype=DOUBLE)
+    got = shannon_capacity_radial(f, power=(1 + f) / 100, signal_pp=60.0, noise_variance=1 + f)
     assert float(got) == pytest.approx(math.pi / 4 * 2, rel=1e-12)  # S/N = 3 everywhere
-
-
-def test_grid_beyond_the_band_is_cut_at_one_half():
-    inside, beyond = band(101), torch.arange(0, 0.73, 0.0049, dtype=DOUBLE)
-
-    def power(f):
-        return transfer.gaussian(f, 0.5) ** 2
-
-    expected = shannon_capacity_radial(inside, power=power(inside), **SNR_300)
-    assert float(shannon_capacity_radial(beyond, power=power(beyond), **SNR_300)) == pytest.approx(
-        float(expected), rel=1e-4
+    power = [transfer.gaussian(each, 0.5) ** 2 for each in (f, beyond)]
+    inside, again = (
+        shannon_capacity_radial(each, power=own, **SNR_300)
+        for each, own in zip((f, beyond), power, strict=True)
     )
-    square, again = (
-        shannon_capacity_square(fx, fy, power=power(fy)[:, None] * power(fx), **SNR_300)
-        for fx, fy in ((inside, inside), (inside, beyond))
-    )
-    assert float(again) == pytest.approx(float(square), rel=1e-4)
-
-
-def test_straight_density_is_integrated_exactly_on_any_grid() -> None:
+    assert float(again) == pytest.approx(float(inside), rel=1e-4)
     fx, fy = torch.arange(0, 0.73, 0.049, dtype=DOUBLE), torch.arange(0, 0.7, 0.037, dtype=DOUBLE)
     density = 3 + 4 * fx + 8 * fy[:, None]  # the mean of |f| is 1/4
     assert float(square_integral(fx, fy, density)) == pytest.approx(6, rel=1e-13)
 
 
-def test_noise_around_no_power_makes_up_for_itself():
+def test_noise_around_no_power_makes_up_for_itself() -> None:
     """S/N = 0 +- 0.03: cut at 0 it would give 0.6 x 0.03 bits per area; what stays is -0.03^2 / 2 / ln 2.
 
     4000 x 51 samples, the middle ones counting most: the mean of 0.03 / ln 2 is known to 1e-4.
     """
-    f = band(51)
     noise = torch.randn(4000, 51, generator=torch.Generator().manual_seed(5), dtype=DOUBLE) * 1e-4
-    got = shannon_capacity_radial(f, power=noise, **SNR_300).mean() / (math.pi / 4)
+    got = shannon_capacity_radial(band(51), power=noise, **SNR_300).mean() / (math.pi / 4)
     assert float(got) == pytest.approx(-(0.03**2) / 2 / math.log(2), abs=5e-4)
-    least = shannon_capacity_radial(f, power=torch.full((51,), -0.1), **SNR_300)
-    assert float(least) == pytest.approx(math.pi / 4 * math.log2(0.1))
-
-
-def test_resamples_give_an_interval_that_covers():
-    """S/N from resampled powers and noises: the quantiles of the capacity hold the truth as often as they say."""
-    f, g = band(41), torch.Generator().manual_seed(8)
-    truth = transfer.gaussian(f, 1.0) ** 2
-    exact = float(shannon_capacity_radial(f, power=truth, **SNR_300))
-
-    def measured(count, around):
-        return around * (1 + 0.05 * torch.randn(count, 1, generator=g, dtype=DOUBLE))
-
-    covered = 0
-    for _ in range(200):
-        once = measured(1, truth)
-        bounds = torch.quantile(
-            shannon_capacity_radial(f, power=measured(300, once), **SNR_300),
-            torch.tensor([0.025, 0.975], dtype=DOUBLE),
-        )
-        covered += float(bounds[0]) < exact < float(bounds[1])
-    assert 180 <= covered <= 198  # binomial, p 0.95: -+ 3 sigma = 9
 
 
 def test_leading_axes_are_apart_and_differentiable():
@@ -163,98 +114,44 @@ def test_neq_is_the_photons_that_an_ideal_sensor_would_need():
     assert float(ideal) == pytest.approx(electrons, rel=1e-13)  # not 1/K, as eq. 8 as printed gives
 
 
-def test_neq_integral_of_a_gaussian_and_of_negative_power():
-    f, sigma = band(201), 2.0
-    power = (transfer.gaussian(f, sigma) * transfer.gaussian(f, sigma)[:, None]) ** 2
-    got = square_integral(f, f, neq(power, mean_signal=10.0, noise_power_spectrum=4.0))
-    one = math.erf(math.pi * sigma) / (
-        2 * math.sqrt(math.pi) * sigma
-    )  # of exp(-4 pi² s² f²) from -1/2 to 1/2
-    assert float(got) == pytest.approx(25 * one**2, rel=1e-3)
-    assert float(neq(torch.tensor(-0.01), mean_signal=10.0, noise_power_spectrum=4.0)) == pytest.approx(-0.25)
-
-
-def square_target(side_px, height, shape=(96, 101)):
-    target = torch.zeros(shape)
-    target[7 : 7 + side_px, 20 : 20 + side_px] = height
-    return target
-
-
-def test_ideal_observer_of_a_square_in_white_noise():
-    got = ideal_observer_snr(square_target(50, 5.0), power=1.0, noise_power_spectrum=400.0)
-    assert float(got) == pytest.approx(12.5, rel=1e-6)
-
-
-def test_ideal_observer_agrees_with_blur_in_space():
+def test_ideal_observer_agrees_with_blur_in_space() -> None:
     """|G|² MTF² summed over frequencies is the energy of the blurred target summed over pixels."""
-    target, sigma = square_target(12, 8.0).double(), 2.0
+    target, sigma = torch.zeros(96, 101, dtype=DOUBLE), 2.0
+    target[7:19, 20:32] = 8.0
     fx, fy = (torch.fft.fftfreq(n, dtype=DOUBLE) for n in (101, 96))
-    power = (transfer.gaussian(fx, sigma) * transfer.gaussian(fy, sigma)[:, None]) ** 2
+    exact = (transfer.gaussian(fx, sigma) * transfer.gaussian(fy, sigma)[:, None]) ** 2
+    curve = transfer.gaussian(band(501, 0.6), sigma)[None] ** 2
+    measured = _separable(*(_at(band(501, 0.6), curve, f) for f in (fx, fy)))
     blurred = gaussian_filter(target.numpy(), sigma, mode="wrap", truncate=8)
-    got = ideal_observer_snr(target, power=power, noise_power_spectrum=9.0)
-    assert float(got) == pytest.approx(math.sqrt((blurred**2).sum() / 9), rel=1e-6)
-
-
-def test_ideal_observer_on_measured_curves():
-    f = band(501, 0.6)
-    fx, fy = (torch.fft.fftfreq(n, dtype=DOUBLE) for n in (101, 96))
-    curve, target = transfer.gaussian(f, 1.5)[None] ** 2, square_target(12, 8.0)
-    measured = _separable(_at(f, curve, fx), _at(f, curve, fy))
-    exact = (transfer.gaussian(fx, 1.5) * transfer.gaussian(fy, 1.5)[:, None]) ** 2
-    got, wanted = (ideal_observer_snr(target, power=p, noise_power_spectrum=9.0) for p in (measured, exact))
-    assert float(got) == pytest.approx(float(wanted), rel=1e-4)
+    for power, tolerance in ((exact, 1e-6), (measured, 1e-4)):
+        got = ideal_observer_snr(target, power=power, noise_power_spectrum=9.0)
+        assert float(got) == pytest.approx(math.sqrt((blurred**2).sum() / 9), rel=tolerance)
     assert float(ideal_observer_snr(target, power=1.0, noise_power_spectrum=0.0)) == math.inf
     assert float(ideal_observer_snr(0 * target, power=1.0, noise_power_spectrum=0.0)) == 0
-
-
-def test_separable_keeps_the_sign_of_a_doubly_negative_power():
-    (got,) = _separable(torch.tensor([[1.0, -0.1]]), torch.tensor([[1.0, 0.5, -0.2]]))
-    assert got.shape == (3, 2)
-    assert torch.allclose(
-        got.double(), torch.tensor([[1.0, -0.1], [0.5, -0.05], [-0.2, -0.02]], dtype=DOUBLE)
-    )
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"frequency": band(11, 0.4)}, "must be 11 frequencies that rise from 0 to 1/2"),
-        ({"frequency": band(11) + 0.01}, "that rise from 0"),
         ({"frequency": band(11).flip(0)}, "that rise from 0"),
-        ({"frequency": torch.tensor([])}, "frequency"),
-        ({"frequency": torch.full((11,), math.nan)}, "frequency = "),
-        ({"frequency": torch.linspace(-0.5, 0.5, 11)}, "that rise from 0"),
-        ({"power": torch.ones(10)}, "must be 10 frequencies"),
-        ({"power": torch.ones(0, 11)}, "none of 0"),
         ({"power": torch.tensor(1.0)}, "1 or more dimensions"),
-        ({"noise_variance": -1.0}, "noise_variance: must be >= 0"),
         ({"noise_variance": torch.tensor([[1.0], [-1.0]])}, "noise_variance: must be >= 0"),
     ],
 )
-def test_wrong_arguments_are_named(change, message):
+def test_wrong_arguments_are_named(change: dict, message: str) -> None:
     right = {"frequency": band(11), "power": torch.ones(11), **SNR_300}
     shannon_capacity_radial(**right)
     with pytest.raises(ValueError, match=message):
         shannon_capacity_radial(**{**right, **change})
 
 
-def test_wrong_kinds_are_named():
-    with pytest.raises(TypeError, match="power: must be a torch"):
-        shannon_capacity_radial(band(3), power=[1.0, 1.0, 1.0], **SNR_300)
-    with pytest.raises(TypeError, match="real numbers"):
-        shannon_capacity_radial(band(3), power=torch.ones(3, dtype=torch.complex64), **SNR_300)
-    with pytest.raises(ValueError, match=r"frequency_y = .* must be 3 frequencies"):
-        shannon_capacity_square(band(3), band(4), power=torch.ones(3, 3), **SNR_300)
-    with pytest.raises(ValueError, match=r"power: shape \(4, 5\) does not fit"):
-        ideal_observer_snr(torch.ones(4, 4), power=torch.ones(4, 5), noise_power_spectrum=1.0)
-    with pytest.raises(ValueError, match=r"must be numbers or end in \(1, 4\), got \(4, 4\)"):
-        ideal_observer_snr(torch.ones(1, 4), power=torch.ones(4, 4), noise_power_spectrum=1.0)
-
-
-# --- of edges ---
-
 STEP = 0.7
+
+
 BLUR = {"sigma_px": 0.3, "motion_px": (6.0, 0.0)}
+
+
 FREQUENCY = torch.arange(257, dtype=torch.float64) / 512
 
 
@@ -278,75 +175,55 @@ def power(**blur: object) -> torch.Tensor:
 )
 def test_capacity_has_no_bias_and_its_intervals_hold(length_px: float, cnr: float, allowed: float) -> None:
     """The scatter is 13, 40 and 56 %, so the mean of 120 is known to 1.2, 3.7 and 5 %; plain: 1, 23, 53 % off."""
-    blur = BLUR | {"motion_px": (length_px, 0.0)}
-    found = edges(120, cnr, **blur)
-    noise = (STEP / cnr) ** 2
+    blur, noise = BLUR | {"motion_px": (length_px, 0.0)}, (STEP / cnr) ** 2
     truth = float(
-        information.shannon_capacity_radial(
-            FREQUENCY, power=power(**blur), signal_pp=STEP, noise_variance=noise
-        )
+        shannon_capacity_radial(FREQUENCY, power=power(**blur), signal_pp=STEP, noise_variance=noise)
     )
-    readings = [information.capacity_radial(edge) for edge in found]
+    readings = [information.capacity_radial(edge) for edge in edges(120, cnr, **blur)]
     assert np.mean([reading.value for reading in readings]) == pytest.approx(truth, rel=allowed)
     assert 0.88 < np.mean([reading.low <= truth <= reading.high for reading in readings]) <= 1
-    if allowed == 0.15:
-        plain = [
-            float(
-                information.shannon_capacity_radial(
-                    edge.frequencies, power=edge.power.clamp_min(0), signal_pp=STEP, noise_variance=noise
-                )
-            )
-            for edge in found
-        ]
-        assert np.mean(plain) > 1.15 * truth
 
 
 @pytest.mark.slow
 def test_two_dimensional_numbers_are_the_closed_forms() -> None:
     """Motion across x alone: the y edge sees a pixel. 24 pairs, so means are known to a fifth of the scatter."""
     cnr, still = 30.0, {"sigma_px": 0.3}
-    across_x = edges(24, cnr, seed=1, **BLUR, angle_deg=3.0)
-    across_y = edges(24, cnr, seed=2, **still, angle_deg=93.0)
+    pairs = edges(24, cnr, seed=1, **BLUR, angle_deg=3.0), edges(24, cnr, seed=2, **still, angle_deg=93.0)
     along_x, along_y = power(**BLUR, angle_deg=3.0), power(**still, angle_deg=93.0)
-    plane = along_y[:, None] * along_x
-    noise = (STEP / cnr) ** 2
-    truths = {
-        information.capacity_square: information.shannon_capacity_square(
-            FREQUENCY, FREQUENCY, power=plane, signal_pp=STEP, noise_variance=noise
+    plane, noise = along_y[:, None] * along_x, (STEP / cnr) ** 2
+    target, frequency = torch.zeros(64, 64, dtype=DOUBLE), torch.fft.fftfreq(64, dtype=DOUBLE)
+    target[:8, :8] = STEP
+    both = _separable(*(_at(FREQUENCY, curve[None], frequency) for curve in (along_x, along_y)))
+    square = {"power": plane, "signal_pp": STEP, "noise_variance": noise}
+    for number, truth in (
+        (information.capacity_square, shannon_capacity_square(FREQUENCY, FREQUENCY, **square)),
+        (information.neq_integral, square_integral(FREQUENCY, FREQUENCY, plane) * 0.8**2 / noise),
+        (
+            lambda x, y: information.square_snr(x, y, side_px=8),
+            ideal_observer_snr(target, power=both, noise_power_spectrum=noise),
         ),
-        information.neq_integral: information.square_integral(FREQUENCY, FREQUENCY, plane) * 0.8**2 / noise,
-    }
-    for number, truth in truths.items():
-        found = [number(*pair) for pair in zip(across_x, across_y, strict=True)]
+    ):
+        found = [number(*pair) for pair in zip(*pairs, strict=True)]
         assert np.mean([reading.value for reading in found]) == pytest.approx(float(truth), rel=0.03)
         assert np.mean([reading.low <= float(truth) <= reading.high for reading in found]) > 0.75
-    target = torch.zeros(64, 64, dtype=torch.float64)
-    target[:8, :8] = STEP
-    frequency = torch.fft.fftfreq(64, dtype=torch.float64)
-    both = _separable(*(_at(FREQUENCY, curve[None], frequency) for curve in (along_x, along_y)))
-    snr = information.ideal_observer_snr(target, power=both, noise_power_spectrum=noise)
-    found = [information.square_snr(*pair, side_px=8) for pair in zip(across_x, across_y, strict=True)]
-    assert np.mean([reading.value for reading in found]) == pytest.approx(float(snr), rel=0.02)
 
 
-def test_swapped_edges_are_the_transposed_scene() -> None:
-    one, other = edges(1, 20.0, seed=1, **BLUR)[0], edges(1, 20.0, seed=2, sigma_px=0.5)[0]
-    for number in (information.capacity_square, information.neq_integral):
-        assert number(one, other).value == pytest.approx(number(other, one).value, rel=1e-9)
-
-
-def test_nothing_comes_of_no_edge() -> None:
+def test_edges_give_estimates_with_reasons() -> None:
+    """Of no edge none, without a bootstrap no interval, and an error where it is needed."""
     lost = slanted_edge(torch.full((50, 50), 0.5))
-    whole = edges(1, 20.0, sigma_px=0.5)[0]
+    (whole,), plain = edges(1, 20.0, sigma_px=0.5), slanted_edge(closed_edge(60, 60), bootstrap=0)
     assert isinstance(lost, SlantedEdge)
-    for found in (
-        information.capacity_radial(lost),
-        information.capacity_square(whole, lost),
-        information.square_snr(lost, whole, side_px=10),
-    ):
-        assert not found.told
+    for found in (information.capacity_square(whole, lost), lost.estimate("mtf50")):
+        assert (found.told, found.flags) == (False, {"no_edge"})
         assert math.isnan(found.low)
-        assert found.flags == {"no_edge"}
+    for name in ("cnr", "mtf50"):
+        found = whole.estimate(name)
+        assert (found.value, (found.low, found.high)) == (getattr(whole, name), whole.intervals[name])
+        assert found.low < found.value < found.high
+    assert plain.estimate("mtf50").told
+    assert math.isnan(plain.estimate("mtf50").low)
+    with pytest.raises(ValueError, match="bootstrap > 0"):
+        information.capacity_radial(plain)
 
 
 @pytest.mark.parametrize("bright", [0.8, 0.7991027380144089])
@@ -363,10 +240,3 @@ def test_without_noise_numbers_are_infinite_and_flagged(bright: float) -> None:
         assert math.isnan(found.low)
         assert "noiseless" in found.flags
     assert edge.estimate("michelson").told
-
-
-def test_resamples_are_needed() -> None:
-    edge = slanted_edge(closed_edge(60, 60), bootstrap=0)
-    assert isinstance(edge, SlantedEdge)
-    with pytest.raises(ValueError, match="bootstrap > 0"):
-        information.capacity_radial(edge)

@@ -1,8 +1,13 @@
-"""The conditions of training pictures: their distributions, their ends, and the seed that they follow."""
+"""The conditions of training pictures: drawn from ranges or a table, their distributions, and refusals."""
 
 from __future__ import annotations
 
+import copy
+import json
 import math
+import pickle
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,57 +17,69 @@ from batches import pictures
 from scipy import stats
 from torch import Tensor
 
-from blurnoise import Camera
-from blurnoise.training.augmentation import RandomExposure
+from blurnoise import Camera, RandomExposure, photoelectrons
+from blurnoise.scene.metering import AutoExposure
+from blurnoise.training.augmentation import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
-from blurnoise.training.table import ExposureTable
+from blurnoise.training.table import FILE, Condition, ExposureTable
 
 LEVEL = 1e-3  # of the Kolmogorov-Smirnov tests, on fixed seeds
 TWO = ("imx250", "ar0237")
+IMX250 = Camera.preset("imx250")
+GRID: dict[str, Any] = {
+    "exposure_s": (0.001, 0.004, 0.016),
+    "illuminance_lux": (1.0, 100.0),
+    "speed_px_s": (0.0, 100.0, 500.0),
+}
 
 
-def drawn(count: int = 4000, **ranges: Any) -> dict[str, Tensor]:
-    torch.manual_seed(11)
-    return RandomExposure(**ranges, p=1.0).generate_parameters((count, 3, 8, 8))
+def table(**changes: Any) -> ExposureTable:
+    return ExposureTable.of_grid("imx250", **{**GRID, **changes})
 
 
-@pytest.mark.parametrize("name", ["exposure_s", "illuminance_lux"])
-def test_light_is_log_uniform_over_its_range(name: str) -> None:
-    low, high = getattr(ExposureRanges(), name)
-    logs = drawn()[name].log().numpy()
-    assert stats.kstest(logs, stats.uniform(math.log(low), math.log(high / low)).cdf).pvalue > LEVEL
-    off = stats.uniform(math.log(low), math.log(high / low) * 1.1)  # a range 10 % longer is told from it
-    assert stats.kstest(logs, off.cdf).pvalue < LEVEL
+def drawn(draws: Any, count: int = 6000) -> dict[str, Tensor]:
+    uniform = torch.rand(count, draws.draws, generator=torch.Generator().manual_seed(3))
+    found: dict[str, Tensor] = draws.conditions(uniform)
+    return found
 
 
-@pytest.mark.parametrize("name", ["speed_px_s", "direction_deg", "temperature_c"])
-def test_motion_and_temperature_are_uniform_over_their_range(name: str) -> None:
-    low, high = 20.0, 80.0
-    values = drawn(**{name: (low, high)})[name].numpy()
+def run(folder: Path, **changes: Any) -> Path:
+    """A sweep's folder, of which only the table of conditions stands."""
+    row = {"velocity_x_px_s": 30.0, "velocity_y_px_s": -40.0, "temperature_c": 40.0, "gain_db": 6.0}
+    held = {
+        "cameras": [IMX250.to_dict(), replace(IMX250, f_number=4.0).to_dict()],
+        "auto_exposure": None,
+        "conditions": [
+            {"exposure_s": 0.01, "illuminance_lux": 5.0, **row, "moves": "all", "camera": 0},
+            {"exposure_s": 0.02, "illuminance_lux": 5.0, **row, "moves": "targets", "camera": 1},
+        ],
+        **changes,
+    }
+    (folder / FILE).write_text(json.dumps(held))
+    return folder
+
+
+def spread_evenly(values: Any, low: float, high: float) -> None:
+    """Uniform, and told from a range 10 % longer."""
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LEVEL
     assert stats.kstest(values, stats.uniform(low, 1.1 * (high - low)).cdf).pvalue < LEVEL
 
 
-def test_conditions_do_not_depend_on_each_other() -> None:
-    """Correlations of n independent pairs scatter by 1 / sqrt(n)."""
-    params = drawn(camera=TWO, temperature_c=(0.0, 50.0))
-    columns = torch.stack([value.double() for value in params.values()])
-    correlation = torch.corrcoef(columns).fill_diagonal_(0.0)
-    assert len(columns) == 7
-    assert float(correlation.abs().max()) < 5 / math.sqrt(4000)
-
-
-def test_every_camera_is_as_likely() -> None:
-    cameras = ("imx250", "ar0237", Camera.preset("imx249"))
-    counts = torch.bincount(drawn(camera=cameras)["camera_index"], minlength=3)
+def test_each_condition_is_spread_over_its_range_and_apart_from_the_others() -> None:
+    """Light evenly in its logarithm, the rest evenly; correlations of n independent pairs scatter by 1 / sqrt(n)."""
+    ranges = ExposureRanges(
+        TWO, temperature_c=(0.0, 50.0), speed_px_s=(20.0, 80.0), direction_deg=(20.0, 80.0)
+    )
+    params = drawn(ranges)
+    for name in ("exposure_s", "illuminance_lux"):
+        spread_evenly(params[name].log().numpy(), *map(math.log, getattr(ranges, name)))
+    for name in ("speed_px_s", "direction_deg", "temperature_c"):
+        spread_evenly(params[name].numpy(), *getattr(ranges, name))
+    correlation = torch.corrcoef(torch.stack([value.double() for value in params.values()]))
+    assert len(correlation) == 6
+    assert float(correlation.fill_diagonal_(0.0).abs().max()) < 5 / math.sqrt(6000)
+    counts = torch.bincount(drawn(ExposureRanges((*TWO, "imx249")))["camera_index"], minlength=3)
     assert stats.chisquare(counts.numpy()).pvalue > LEVEL
-
-
-def test_a_range_may_be_a_single_value() -> None:
-    params = drawn(50, exposure_s=(0.0137, 0.0137), illuminance_lux=77.7, speed_px_s=3.0, direction_deg=-45)
-    for name, value in (("exposure_s", 0.0137), ("illuminance_lux", 77.7), ("speed_px_s", 3.0)):
-        assert torch.equal(params[name], torch.full((50,), value))
-    assert params["direction_deg"].unique().tolist() == [-45.0]
 
 
 def test_ends_of_the_ranges_are_kept() -> None:
@@ -72,44 +89,6 @@ def test_ends_of_the_ranges_are_kept() -> None:
         assert float(conditions["exposure_s"]) == pytest.approx(ranges.exposure_s[end])
         assert float(conditions["speed_px_s"]) == pytest.approx(ranges.speed_px_s[end])
         assert int(conditions["camera_index"]) == end
-
-
-def test_draws_follow_torchs_seed() -> None:
-    aug = RandomExposure(TWO, p=0.5)
-    outs = []
-    for seed in (3, 3, 4):
-        torch.manual_seed(seed)
-        outs.append(aug(pictures()))
-    assert torch.equal(outs[0], outs[1])
-    assert not torch.equal(outs[0], outs[2])
-    again = aug(pictures())
-    assert not torch.equal(again, outs[2])  # the next call draws anew
-
-
-def test_noise_seed_is_of_63_bits_and_survives_replay() -> None:
-    seeds = drawn(2000)["noise_seed"]
-    assert seeds.dtype == torch.int64
-    assert len(seeds.unique()) == 2000
-    assert 0 <= int(seeds.min()) < int(seeds.max())
-    assert float(seeds.double().mean()) == pytest.approx(2**62, rel=5 / math.sqrt(12 * 2000) * 2)
-
-
-def test_half_precision_modules_draw_in_float32() -> None:
-    aug = RandomExposure(p=1.0).half()
-    assert aug.generate_parameters((4, 3, 8, 8))["exposure_s"].dtype == torch.float32
-
-
-@pytest.mark.parametrize("name", ["exposure_s", "white_e", "blur_px", "gain_db", "shake_px", "p"])
-@pytest.mark.parametrize("value", [True, np.True_])
-def test_yes_is_no_number(name: str, value: bool) -> None:
-    with pytest.raises(TypeError, match=f"{name} = .*True"):
-        RandomExposure(**{name: value})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("number", [np.float32(5), np.int64(5), torch.tensor(5.0), np.array(5)])
-def test_any_real_number_is_a_range(number: Any) -> None:
-    ranges = ExposureRanges(illuminance_lux=number, gain_db=number)
-    assert (ranges.illuminance_lux, ranges.gain_db) == ((5.0, 5.0), 5.0)
 
 
 @pytest.mark.parametrize("name", ["illuminance_lux", "gain_db"])
@@ -130,7 +109,144 @@ def test_milliseconds_in_place_of_seconds_are_warned_about(exposure_s: Any, mean
         ExposureTable.of_grid("imx250", exposure_s=[5, 33], illuminance_lux=[50.0])
 
 
-@pytest.mark.filterwarnings("ignore:exposure_s")
-def test_a_drive_too_far_is_told_by_speed_and_time() -> None:
-    with pytest.raises(ValueError, match=r"^ego_kmh, exposure_s = 50, 60 at most: [^\[]*$"):
-        ExposureRanges(ego_kmh=50, exposure_s=60.0)
+def test_electrons_of_white_are_log_uniform_whatever_camera_and_time() -> None:
+    ranges = ExposureRanges(TWO, white_e=(20.0, 5000.0))
+    params = drawn(ranges)
+    each = zip(*(params[k].tolist() for k in ("camera_index", "illuminance_lux", "exposure_s")), strict=True)
+    white = [math.log(photoelectrons(ranges.cameras[camera], lux, time)) for camera, lux, time in each]
+    spread_evenly(white, math.log(20), math.log(5000))
+    both = torch.stack([torch.tensor(white), params["exposure_s"].log()])
+    assert abs(float(torch.corrcoef(both)[0, 1])) < 5 / math.sqrt(6000)
+    params = drawn(ExposureRanges(blur_px=(0.0, 40.0)))
+    spread_evenly((params["speed_px_s"] * params["exposure_s"]).numpy(), 0, 40)
+
+
+def test_every_row_is_as_likely_and_spread_to_the_middles() -> None:
+    params = drawn(table(direction_deg=None))
+    low, middle = math.sqrt(0.001 * 0.004), math.sqrt(0.004 * 0.016)
+    times = torch.bucketize(params["exposure_s"], torch.tensor([low, middle]))
+    assert stats.chisquare(torch.bincount(times, minlength=3).numpy()).pvalue > LEVEL
+    assert 0.001 <= float(params["exposure_s"].min()) < 0.00101
+    assert 0.0158 < float(params["exposure_s"].max()) <= 0.016
+    still = params["speed_px_s"] == 0
+    assert float(still.double().mean()) == pytest.approx(1 / 3, abs=5 * math.sqrt(2 / 9 / 6000))
+    moving = params["speed_px_s"][~still]
+    assert (float(moving.min()), float(moving.max())) == pytest.approx((50, 500), rel=0.02)
+    slow = moving[moving < 300]
+    assert float((moving < 300).double().mean()) == pytest.approx(0.5, abs=0.04)
+    assert stats.kstest(slow.numpy(), stats.uniform(50, 250).cdf).pvalue > LEVEL
+    light = params["illuminance_lux"].log10().numpy()
+    assert stats.kstest(light, stats.uniform(0, 2).cdf).pvalue > LEVEL
+    assert not params["direction_deg"].any()
+
+
+def test_a_single_condition_stays_as_it_is() -> None:
+    one = Condition(0.01, 0.0, 30.0, direction_deg=-45.0, temperature_c=60.0, gain_db=3.0, moves="targets")
+    params = drawn(ExposureTable("imx250", (one,)), 7)
+    for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c", "gain_db"):
+        assert torch.equal(params[name], torch.full((7,), getattr(one, name))), name
+    assert not params["moves_index"].any()
+    assert not params["camera_index"].any()
+
+
+def test_a_run_draws_what_its_camera_would_use(tmp_path: Path) -> None:
+    """At 50 lux 3 ms is recommended; at 1000 lux 1 ms is, and no answer may ask for 10 ms, which saturate."""
+    met = [
+        {"exposure_s": t, "illuminance_lux": lux, "gain_db": 0.0, "saturated": share, "recommended": chosen}
+        for lux, of in {
+            50.0: ((0.001, 0.0, False), (0.003, 0.0, True), (0.01, 0.0, False)),
+            1000.0: ((0.001, 0.0, True), (0.003, 0.05, False), (0.01, 0.6, True)),
+            5000.0: ((0.001, 0.3, False), (0.003, 0.7, False), (0.01, 1.0, False)),
+        }.items()
+        for t, share, chosen in of
+    ]
+    table = ExposureTable.of_run(run(tmp_path, conditions=met))
+    assert [row[:2] for row in table.rows] == [(0.003, 50.0), (0.001, 1000.0), (0.001, 5000.0)]
+    params = drawn(table, 4000)
+    light = params["exposure_s"] * params["illuminance_lux"]
+    dim = params["illuminance_lux"] < math.sqrt(1000 * 5000)
+    assert float(light[dim].max()) <= 3.0 * (1 + 1e-5)  # 3 ms at 1000 lux, the most that did not saturate
+    assert float(light.max()) <= 5.0 * (1 + 1e-5)
+    assert float(params["exposure_s"].min()) >= 0.001 * (1 - 1e-5)
+    for row in met:
+        del row["saturated"], row["recommended"]
+    assert len(ExposureTable.of_run(run(tmp_path, conditions=met)).rows) == 9
+
+
+def test_a_runs_rows_keep_what_belongs_together(tmp_path: Path) -> None:
+    aug = RandomExposure.for_run(run(tmp_path), p=1.0)
+    torch.manual_seed(2)
+    params = aug.generate_parameters((200, 3, 8, 8))
+    first = params["exposure_s"] < math.sqrt(0.01 * 0.02)
+    assert 60 < int(first.sum()) < 140
+    moves = aug.ranges.arguments(params)["moves"]
+    assert moves == ["all" if own else "targets" for own in first.tolist()]
+    assert torch.equal(params["camera_index"] == 0, first)
+    assert [camera.f_number for camera in aug.ranges.cameras] == [1.4, 4.0]
+    assert torch.allclose(params["speed_px_s"], torch.tensor(50.0))
+    assert params["direction_deg"].numpy() == pytest.approx(math.degrees(math.atan2(4, 3)))  # up as displayed
+    assert params["gain_db"].unique().tolist() == [6.0]
+    assert params["temperature_c"].unique().tolist() == [40.0]
+
+
+def test_is_expose_pictures_under_what_was_drawn() -> None:
+    """With the gain that auto-exposure sets, on a copy too."""
+    auto = AutoExposure(target=0.1)
+    aug = RandomExposure.for_conditions(table(gain_db=auto), p=1.0, grow_boxes=True)
+    seen, params = aug(pictures()), aug._params
+    given = {name: params[name] for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg")}
+    given |= {"gain_db": auto, "generator": params["noise_seed"].tolist()}
+    assert torch.equal(seen, expose_pictures(pictures(), "imx250", **given))
+    for other in (copy.deepcopy(aug), pickle.loads(pickle.dumps(aug))):
+        assert torch.equal(other(pictures(), params=params), seen)
+    assert "18 conditions" in repr(aug)
+
+
+def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path: Path) -> None:
+    row = {"exposure_s": 0.01, "illuminance_lux": 5.0}
+    held = [{**row, "gain_db": "auto"}, {**row, "gain_db": 6.0}]
+    aug = RandomExposure.for_run(run(tmp_path, conditions=held, auto_exposure={"target": 0.3}), p=1.0)
+    torch.manual_seed(4)
+    seen, params = aug(pictures(8)), aug._params
+    auto = params["gain_auto"]
+    assert 0 < int(auto.sum()) < 8
+    given = {name: params[name] for name in row} | {"generator": params["noise_seed"].tolist()}
+    for gain, chosen in ((AutoExposure(target=0.3), auto), (6.0, ~auto)):
+        alone = expose_pictures(pictures(8), IMX250, gain_db=gain, **given)
+        assert torch.equal(seen[chosen], alone[chosen])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"trajectory": "shake 3 px"}, "trajectory"),
+        ({"speeds": [["person", 0.3]]}, "has speeds; training pictures are taken without"),
+        ({"conditions": [{"exposure_s": "auto", "illuminance_lux": 5.0, "gain_db": "auto"}]}, "exposures"),
+        ({"conditions": [{"exposure_s": 0.01}]}, "no table of conditions"),
+        ({"conditions": [{"exposure_s": 1, "illuminance_lux": 5.0, "camera": 9}]}, "camera"),
+        ({"conditions": [{"exposure_s": 1, "illuminance_lux": 5.0, "camera": math.inf}]}, "no table of cond"),
+        ({"cameras": [{"name": "x"}]}, "must be stated|missing|needs|camera"),
+    ],
+)
+def test_runs_that_pictures_are_not_taken_under_are_refused(
+    tmp_path: Path, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        RandomExposure.for_run(run(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: RandomExposure.for_run("/dev"), f"run = .*holds no {FILE}"),
+        (lambda: ExposureTable.of_run("s3://bucket/run"), r"run = 's3:.*: holds no .*; must be .*location\(URL\)"),
+        (lambda: RandomExposure.for_conditions(table(), exposure_s=0.01), "exposure_s = 0.01: is stated by the"),
+        (lambda: RandomExposure.for_conditions({}), "table: must be a .*ExposureTable, got dict"),
+        (lambda: table(exposure_s=0.01), "exposure_s = 0.01: must be a sequence"),
+        (lambda: ExposureRanges(white_e=(10.0, 1.0)), "white_e"),
+    ],
+)  # fmt: skip
+def test_tables_and_ranges_that_are_none_are_named(call: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        call()

@@ -1,0 +1,190 @@
+"""Blur by a flow: a closed form of an approach, the uniform blur, its bound, and what simulate makes of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from blurs import flow_blur
+from torch import Tensor
+
+from blurnoise import Camera, motion_blur, plan, simulate
+from blurnoise._core.borders import BORDERS, Border
+from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
+from blurnoise.optics import transfer
+from blurnoise.optics.colour import srgb_from_linear
+
+CAMERA = Camera.preset("imx250")
+VIEW = View(61, 47, 60.0, "rectilinear")
+FLOW = torch.from_numpy(
+    VIEW.flow_px_s(VIEW.pixels(), Vehicle().road_m(VIEW.rays(VIEW.pixels())), Vehicle().driving(14.0, 10.0))
+)
+GIVEN: dict[str, Any] = {"exposure_s": 0.05, "illuminance_lux": 300.0, "encoding": "linear"}
+
+
+def scene(height: int = 241, width: int = 321, seed: int = 0) -> Tensor:
+    """Texture of a 1/f spectrum in [0, 1] behind a lens, a Gaussian of 0.6 px, (1, 3, H, W)."""
+    random = torch.Generator().manual_seed(seed)
+    noise = torch.randn(1, 3, height, width, generator=random)
+    f = torch.hypot(torch.fft.fftfreq(height)[:, None], torch.fft.rfftfreq(width))
+    shaped = torch.exp(-2 * (torch.pi * 0.6 * f) ** 2) / (f + 0.5 / width)
+    smooth = torch.fft.irfft2(torch.fft.rfft2(noise) * shaped, s=(height, width))
+    return (0.4 + 0.2 * smooth / smooth.std()).clamp(0, 1)
+
+
+def uniform(x: float, y: float, image: Tensor) -> Tensor:
+    return torch.tensor([x, y])[:, None, None].expand(2, *image.shape[-2:])
+
+
+def dn(first: Tensor, second: Tensor) -> float:
+    """RMS difference as 8-bit sRGB pictures show it."""
+    a, b = (255 * srgb_from_linear(each.clamp(0, 1)) for each in (first, second))
+    return float((a - b).square().mean().sqrt())
+
+
+def test_an_approach() -> None:
+    """A disc of r0 = 200 px before a plane nearing by 5 %: I(r) = 1/2 - (Z/(V T))(1 - r0/r)."""
+    view = View(481, 481, 60.0, "rectilinear")
+    pixels = view.pixels()
+    x, y = pixels - 240.0
+    disc = torch.from_numpy((200.5 - np.hypot(x, y)).clip(0, 1))[None, None]  # its edge of 1 px is at 200 px
+    flow = view.flow_px_s(pixels, range_of_depth_m(view.rays(pixels), 10.0), EgoMotion((0, 0, 10.0))) * 0.05
+    seen = flow_blur(disc, torch.from_numpy(flow))[0, 0, 240]
+    assert float(seen[240 + 196]) == pytest.approx(0.90816, abs=5e-3)
+    assert float(seen[240 + 202]) == pytest.approx(0.30198, abs=5e-3)
+    assert seen[240 - 196] == pytest.approx(float(seen[240 + 196]), abs=1e-9)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("displacement_px", [(9.0, 0.0), (-6.0, 14.0), (300.0, 3.0)])
+def test_a_constant_flow_is_the_uniform_blur(border: Border, displacement_px: tuple[float, float]) -> None:
+    """To what linear interpolation and the spacing leave."""
+    image = scene(99, 131)
+    found = flow_blur(image, uniform(*displacement_px, image), border=border)
+    expected = motion_blur(image, displacement_px, border=border)
+    assert dn(found, expected) < 1.2
+    assert dn(found, expected) < 0.2 * dn(image, expected)
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_both_routes(border: Border) -> None:
+    """OpenCV's and PyTorch's, in single precision; the double one is PyTorch's."""
+    image = scene(70, 83)
+    random = torch.Generator().manual_seed(1)
+    flow = 40 * torch.rand(2, 70, 83, generator=random) - 15
+    fast = flow_blur(image, flow, border=border)
+    slow = flow_blur(image.double(), flow.double(), border=border)
+    assert fast.dtype == torch.float32
+    assert (fast - slow).abs().max() < 2e-4
+    assert torch.equal(
+        flow_blur(image.requires_grad_(), flow, border=border).detach(),
+        flow_blur(image, flow, border=border).detach(),
+    )
+
+
+def test_gradients() -> None:
+    image = scene(9, 8)[:, :1].double().requires_grad_()
+    flow = (
+        torch.rand(2, 9, 8, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) + 1.3
+    ).requires_grad_()
+    assert torch.autograd.gradcheck(flow_blur, (image, flow))
+
+
+def test_invariants() -> None:
+    """A constant stays, as does what does not move; neither the batch nor the number of channels matters."""
+    flow = 30 * torch.rand(2, 2, 70, 41, generator=torch.Generator().manual_seed(3))
+    flat = torch.full((2, 1, 70, 41), 0.3)
+    assert (flow_blur(flat, flow) - flat).abs().max() < 1e-6
+    pictures = torch.cat([scene(70, 41, 1), scene(70, 41, 2)])
+    assert flow_blur(pictures, torch.zeros(2, 70, 41)) is pictures
+    both = flow_blur(pictures, flow)
+    assert torch.equal(both[1:], flow_blur(pictures[1:], flow[1:]))
+    five = torch.cat([pictures[:1], pictures[1:, :2]], 1)
+    # beyond four channels OpenCV samples at 1/32 of a value
+    assert (flow_blur(five, flow[:1])[:, :3] - both[:1]).abs().max() < 3e-3
+    half = flow.clone()
+    half[..., 20:] = 0
+    assert (flow_blur(pictures, half)[..., 20:] - pictures[..., 20:]).abs().max() < 1e-6
+
+
+@pytest.mark.parametrize("longest_px", [0.0, 9.0, 20.0])
+@pytest.mark.parametrize("length_px", [0.1, 1.3, 5.3])
+def test_a_spot_spreads_by_the_variance_of_its_path(length_px: float, longest_px: float) -> None:
+    """L^2 / 12, also where others of its band move by more, and no more than 0.002 px^2 across it."""
+    away = torch.arange(61, dtype=torch.float64) - 30
+    spot = torch.exp(-(away[:, None] ** 2 + away**2) / 8)[None, None].float()
+    flow = uniform(length_px, 0.0, spot).clone()
+    flow[0, :, :2] = max(longest_px, length_px)
+    for seen in (flow_blur(spot, flow), flow_blur(spot.double(), flow.double())):
+        share = seen[0, 0].double() / seen.sum()
+        assert float((share * away**2).sum()) - 4 == pytest.approx(length_px**2 / 12, abs=2e-3)
+        assert float((share * away[:, None] ** 2).sum()) - 4 == pytest.approx(0.0, abs=2e-3)
+
+
+def pictures(batch: int = 1) -> Tensor:
+    return torch.rand(batch, 1, 47, 61, generator=torch.Generator().manual_seed(5)) * 0.8
+
+
+def stage(name: str, **conditions: Any) -> Any:
+    needs = plan(CAMERA, exposure_s=0.01, illuminance_lux=100.0, **conditions)
+    return next(each for each in needs.stages if each.name == name)
+
+
+@pytest.mark.parametrize(("length_px", "difference_px"), [(1.3, 0.2), (8.0, 0.5), (0.4, 1.0)])
+def test_the_bound_holds_for_the_worst_picture(length_px: float, difference_px: float) -> None:
+    """Black and white without correlation, and a checkerboard; one motion in the place of a longer or turned one."""
+    noise = (torch.rand(1, 1, 256, 256, generator=torch.Generator().manual_seed(1)) > 0.5).double()
+    noise[..., :128, :] = torch.arange(128)[:, None].add(torch.arange(256)) % 2
+    seen = motion_blur(noise, (length_px, 0.0), border="circular")
+    for other in ((length_px + difference_px, 0.0), (length_px, difference_px)):
+        error = float(
+            (motion_blur(noise, other, border="circular") - seen)[..., 32:96, :].square().mean().sqrt()
+        )
+        assert 0 < error <= transfer.motion_variation_error(difference_px)
+
+
+def test_the_plan_says_when_one_motion_does() -> None:
+    """White at 100 lux and 10 ms is so many DN that 0.484 of it per px is within 0.1 DN below some 1e-3 px."""
+    none, little, much = (
+        stage("motion variation", displacement_px=(5.0, 0.0), variation_px=px) for px in (0.0, 1e-6, 1.0)
+    )
+    assert (none.kept, little.kept, much.kept) == (False, False, True)
+    assert none.contribution_dn == 0
+    white_dn = 6905.94 * CAMERA.system_gain_dn_per_e  # at 100 lux in 10 ms
+    assert much.contribution_dn == pytest.approx(0.4845 * white_dn, rel=1e-3)
+    assert much.contribution_dn == pytest.approx(1e6 * little.contribution_dn, rel=1e-3)
+    assert "each pixel's path" in much.how
+    assert stage("motion", displacement_px=(5.0, 0.0), variation_px=1.0).kept
+    with pytest.raises(ValueError, match="variation_px = -1"):
+        stage("motion", variation_px=-1.0)
+
+
+def test_a_constant_flow_is_the_uniform_motion_to_the_bit() -> None:
+    image = pictures(2)
+    flow = torch.tensor([400.0, -90.0])[:, None, None].expand(2, 47, 61)
+    found = simulate(image, CAMERA, velocity_px_s=flow, generator=[1, 2], **GIVEN)
+    assert torch.equal(
+        found, simulate(image, CAMERA, velocity_px_s=(400.0, -90.0), generator=[1, 2], **GIVEN)
+    )
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
+def test_every_picture_has_its_own_flow(row_time_s: float) -> None:
+    """And with a plan it is the same to a thousandth of full scale; at rest it is as without."""
+    camera = replace(CAMERA, row_time_s=row_time_s, shutter="rolling" if row_time_s else "global")
+    flow = torch.stack([FLOW, -0.3 * FLOW, 0 * FLOW])
+    together = simulate(pictures(3), camera, velocity_px_s=flow, generator=[1, 2, 3], **GIVEN)
+    for item in range(3):
+        at = {"velocity_px_s": flow[item], "generator": [item + 1], **GIVEN}
+        assert torch.equal(together[[item]], simulate(pictures(3)[[item]], camera, **at))
+    still = simulate(pictures(3)[[2]], camera, generator=[3], **GIVEN)
+    assert torch.equal(together[[2]], still)
+    clean = {"noise": False, "quantised": False, "velocity_px_s": FLOW, **GIVEN}
+    auto, full = (simulate(pictures(), camera, **clean, fidelity=way) for way in ("auto", "full"))
+    assert float((auto - full).square().mean().sqrt()) < 0.1
+    assert (
+        float((full - simulate(pictures(), camera, **clean | {"velocity_px_s": 0 * FLOW})).abs().max()) > 200
+    )
