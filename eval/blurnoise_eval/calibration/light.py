@@ -56,7 +56,7 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
             min(share, 1.0),
             f"{by}, with f_number, pitch and efficiency as they are here",
         )
-        by = f"times {share:.3g} for the {_TIED} of transmission"
+        by = f"derived: times {share:.3g} for the {_TIED} of transmission"
     if lens_known or share > 1:
         try:
             found["quantum_efficiency"] = (scaled(camera.quantum_efficiency, share), f"{by}; {own}")
