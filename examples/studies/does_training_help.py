@@ -1,7 +1,7 @@
 """Does training with RandomExposure help? One network, three augmentations, several seeds, on scenes none has seen.
 
 It trains without photometric augmentation, with Kornia's motion blur and noise, and with RandomExposure. A training
-that was stopped goes on where it was. The default sizes take hours; `--pictures 480 --held-out 8` takes minutes.
+that was stopped goes on where it was. The default sizes take an hour or more; `--pictures 480 --held-out 8` takes minutes.
 """
 
 import argparse
@@ -37,7 +37,7 @@ def between_seeds(each: pandas.DataFrame) -> pandas.DataFrame:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("study"))
-    for name, usual in (("pictures", 18_000), ("seeds", 3), ("held-out", 120)):
+    for name, usual in (("pictures", 12_000), ("seeds", 3), ("held-out", 120)):
         parser.add_argument(f"--{name}", type=int, default=usual)
     options = parser.parse_args()
 
