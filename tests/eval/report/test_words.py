@@ -1,5 +1,6 @@
 """What a report says in words and tables, whatever the run: tests/data/report_words.txt, and exact texts."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -113,7 +114,9 @@ def text_of(name: str, folder: Path) -> str:
 def test_every_case_is_told(tmp_path, name):
     """On a change that is meant: read the difference, delete the case's part of the file, and run the test again."""
     found = text_of(name, tmp_path)
-    parts = {part.partition("\n")[0]: part for part in GOLDEN.read_text(encoding="utf-8").split("\n\n")}
+    parts = {
+        part.partition("\n")[0]: part for part in re.split(r"\n+(?=== )", GOLDEN.read_text(encoding="utf-8"))
+    }
     if f"== {name}" not in parts:
         GOLDEN.write_text("\n\n".join(map(str.strip, [*parts.values(), found])) + "\n", encoding="utf-8")
         pytest.fail(f"{GOLDEN.name} had no such part, which has been written")
