@@ -1,4 +1,4 @@
-"""Runs of any shape for reports: scores from a formula, answers and curves from the package's own functions."""
+"""Runs of any shape for reports: scores from a formula, answers from the package's own functions; no curves."""
 
 import math
 from itertools import product
@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.curves import endurances, endurances_across
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import average_curve, averages, recommendations
 from blurnoise_eval.answers.table import ORDER, ScoreTable
@@ -73,7 +72,6 @@ def made_run(
             found["answers"] += [
                 row | {"clean_value": best_of[table.group]} for row in answers(table, CRITERION)
             ]
-            found["endurances"] += [*endurances(table, CRITERION), *endurances_across(table, CRITERION)]
         if tables:
             of = averages([each for table in tables for each in table.split(SETTING)], THRESHOLD)
             found["recommendations"] += recommendations(of)

@@ -80,7 +80,7 @@ CASES: dict[str, tuple[dict[str, Any], Change]] = {
     "models without labels": ({"models": TWO}, told(images=PHOTOS | {"labelled": False})),
     "no exposure in all lights": (SIGN, of_each_light),
     "ends of the tested range": (SIGN | {"exposures_s": (0.008, 0.064), "speeds": (600.0,)}, told()),
-    "further axes": ({"f_numbers": (1.4, 2.8), "temperatures_c": (25.0, 85.0)}, told(camera=ASSUMED)),
+    "further axes": (SIGN | {"f_numbers": (1.4, 2.8), "temperatures_c": (25.0, 85.0)}, told(camera=ASSUMED)),
     "photographs": ({"kind": "reader"}, told(camera=ASSUMED, images=PHOTOS)),
     "photographs anchored to grey": ({}, told(images=PHOTOS, grey_anchor="mean")),
 }

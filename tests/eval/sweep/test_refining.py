@@ -119,6 +119,7 @@ def test_it_costs_a_few_conditions_of_that_light_and_speed(refined):
     assert lines == {(lux, speed) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [50, 110])
 def test_stopped_it_goes_on_with_the_same_cells(refined, detector, tmp_path, after):
     """In the grid, which has 96 blocks, or while it is refined. Asked again it computes nothing."""
@@ -136,6 +137,7 @@ def test_stopped_it_goes_on_with_the_same_cells(refined, detector, tmp_path, aft
     assert rows(run) == rows(refined)
 
 
+@pytest.mark.slow
 def test_a_part_refines_nothing_and_the_merged_run_does(refined, detector, tmp_path):
     for part in ("1/2", "2/2"):
         assert swept(tmp_path / part[0], detector, part=part).summary["refined"] == 0
