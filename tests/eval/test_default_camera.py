@@ -14,7 +14,7 @@ from blurnoise_eval.default_camera import camera_text, default_camera, in_colour
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
-from small_sweeps import small_detector
+from signs_in_memory import matched_detector
 
 from blurnoise import Camera
 
@@ -46,7 +46,7 @@ def manifest(done: Evaluation) -> dict[str, object]:
 def test_pictures_choose_the_camera_and_the_manifest_says_why(
     tmp_path: Path, colours: tuple[bool, ...], name: str
 ) -> None:
-    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", *colours)
+    model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", *colours)
     camera = manifest(evaluate(model, pictures, plan=PLAN, output=tmp_path / "run"))
     assert camera["name"] == name
     assert camera["sources"]["name"].startswith("chosen: default, ")  # type: ignore[index]
@@ -56,13 +56,13 @@ def test_pictures_choose_the_camera_and_the_manifest_says_why(
 
 @pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
 def test_a_named_camera_wins(tmp_path: Path, named: str) -> None:
-    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", True)
+    model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     camera = manifest(evaluate(model, pictures, named, PLAN, tmp_path / "run"))
     assert camera == Camera.preset(named).to_dict()
 
 
 def test_a_run_of_another_camera_is_not_resumed(tmp_path: Path) -> None:
-    model, pictures = small_detector(tmp_path), folder_of(tmp_path / "pictures", True)
+    model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
     with pytest.raises(StoreError, match=r"another camera\.name \(imx250 there, imx250c here\)"):
         evaluate(model, pictures, plan=PLAN, output=tmp_path / "run")

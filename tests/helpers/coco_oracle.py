@@ -1,7 +1,5 @@
 """What COCO's rules give, box by box and by the library faster-coco-eval. Boxes are (x0, y0, x1, y1) px."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

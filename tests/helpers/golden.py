@@ -1,11 +1,8 @@
-"""Frames, runs and timings of today, to hold a change of the code against: ``python tests/helpers/golden.py --help``.
+"""Frames and runs of today, to hold a change of the code against: ``python tests/helpers/golden.py --help``.
 
 Sums of frames are exact and depend on the processor: write and compare on one machine. What a frame's sum no longer
-says, its mean and deviation do; ``--arrays`` keeps the frames themselves, so that the comparison gives differences.
-Timings are CPU seconds over those of ``torch.randn`` of as many values in the same run.
+says, its mean and deviation do.
 """
-
-from __future__ import annotations
 
 import argparse
 import csv
@@ -14,7 +11,6 @@ import json
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -151,7 +147,7 @@ def golden_frames() -> Frames:
         for gain_db in (0.0, 30.0)
     }
     frames["sweep, mosaic"] = lambda: _swept(cameras["imx250c"], 12.0)
-    return frames | _gradients(still, rolling, path, objects)
+    return frames
 
 
 def _drawn() -> Tensor:
@@ -175,70 +171,6 @@ def _swept(camera: Camera, gain_db: float) -> Tensor:
     )
 
 
-def _gradients(still: Camera, rolling: Camera, path: Trajectory, objects: Sequence[Layer]) -> Frames:
-    """Derivatives of a weighted sum of a frame by one of its arguments."""
-    scene = picture()
-    weights = torch.rand((1, 3, HEIGHT_PX, WIDTH_PX), generator=torch.Generator().manual_seed(9))
-
-    def derivative(camera: Camera, by: str, at: Tensor, **conditions: Any) -> Tensor:
-        variable = at.clone().requires_grad_()
-        given = {"image": scene, **CONDITIONS, "generator": [7], **conditions, by: variable}
-        total = (simulate(given.pop("image"), camera, **given) * weights).mean()
-        (found,) = torch.autograd.grad(total, variable)
-        return found
-
-    velocity = torch.tensor([700.0, -300.0])
-    return {
-        "gradient by picture": lambda: derivative(still, "image", scene, velocity_px_s=velocity),
-        "gradient by exposure": lambda: derivative(
-            still, "exposure_s", torch.tensor(0.012), velocity_px_s=velocity
-        ),
-        "gradient by light": lambda: derivative(
-            rolling, "illuminance_lux", torch.tensor(60.0), trajectory=path
-        ),
-        "gradient by velocity": lambda: derivative(still, "velocity_px_s", velocity),
-        "gradient by velocity, rolling": lambda: derivative(rolling, "velocity_px_s", velocity),
-        "gradient by exposure, objects": lambda: derivative(
-            still, "exposure_s", torch.tensor(0.012), layers=objects, velocity_px_s=velocity
-        ),
-    }
-
-
-def golden_timings() -> dict[str, Callable[[], object]]:
-    """What is timed, at 640x480."""
-    scene = picture(0, 480, 640)
-    light = scene.expand(1, -1, -1, -1)
-    still, rolling = Camera.preset("imx250"), Camera.preset("mt9m034")
-    mosaic = Camera.preset("imx250c")
-    path = Trajectory.sinusoid(3.0, 120.0, duration_s=0.2)
-    road = Vehicle().flow_px_s(still, (480, 640), 25.0)
-    sign = Layer(torch.rand(3, 80, 80), torch.ones(80, 80), velocity_px_s=(900.0, 200.0), place_px=(200, 150))
-
-    def frame(camera: Camera, **conditions: Any) -> Callable[[], Tensor]:
-        return lambda: simulate(light, camera, **CONDITIONS, generator=[7], **conditions)
-
-    developed = simulate(light, mosaic, **CONDITIONS, generator=[7])
-    given = (scene[0].permute(1, 2, 0) * 255).round().byte().numpy()
-    exposures = [Exposure(still, 0.01, lux, velocity_px_s=(500.0, 0.0)) for lux in (1.0, 10.0, 100.0, 1000.0)]
-    batch = torch.cat([picture(seed, 320, 320) for seed in range(4)])
-    return {
-        "still": frame(still),
-        "still, full": frame(still, fidelity="full"),
-        "read-out before rounding": frame(still, quantised=False),
-        "straight": frame(still, velocity_px_s=(700.0, -300.0)),
-        "path": frame(still, trajectory=path),
-        "flow": frame(still, velocity_px_s=road),
-        "rolling": frame(rolling, velocity_px_s=(700.0, -300.0)),
-        "object": frame(still, layers=[sign], velocity_px_s=(-400.0, 100.0)),
-        "mosaic": frame(mosaic),
-        "mosaic developed": lambda: develop(developed, mosaic),
-        "sweep of 4 lights": lambda: list(ExposedScene.of_picture(given).frames(exposures)),
-        "training": lambda: expose_pictures(
-            batch, still, exposure_s=0.01, illuminance_lux=50.0, speed_px_s=500.0, generator=[1, 2, 3, 4]
-        ),
-    }
-
-
 def summary(values: NDArray[Any]) -> dict[str, Any]:
     """What the file says of an array."""
     digest = hashlib.sha256(
@@ -250,21 +182,6 @@ def summary(values: NDArray[Any]) -> dict[str, Any]:
         "mean": float(f"{wide.mean():.9g}"),
         "std": float(f"{wide.std():.9g}"),
     }
-
-
-def timed() -> dict[str, float]:
-    """Least CPU time of several calls over that of ``torch.randn``."""
-
-    def least(call: Callable[[], object], repeats: int) -> float:
-        taken = []
-        for _ in range(repeats):
-            started = time.process_time()
-            call()
-            taken.append(time.process_time() - started)
-        return min(taken)
-
-    unit = least(lambda: torch.randn(1, 3, 480, 640), 15)
-    return {name: round(least(call, 6) / unit, 2) for name, call in golden_timings().items()}
 
 
 def tables(folder: Path) -> Iterator[tuple[str, list[str]]]:
@@ -303,78 +220,41 @@ def run_summaries(real: Path, folder: Path) -> dict[str, Any]:
     return found
 
 
-def compared(before: dict[str, Any], after: dict[str, Any], arrays: Path | None, new: dict[str, Any]) -> int:
+def compared(before: dict[str, Any], after: dict[str, Any]) -> int:
     """Print what differs between two summaries; returns how many entries do."""
-    kept = dict(np.load(arrays)) if arrays and arrays.exists() else {}
-    changes = 0
-    for name in sorted(before.keys() | after.keys()):
-        one, other = before.get(name), after.get(name)
-        if one == other:
-            continue
-        changes += 1
-        if one is None or other is None:
-            print(f"{name}: {'new' if one is None else 'gone'}")
-        elif name in kept and name in new and kept[name].shape == new[name].shape:
-            by = new[name].astype(np.float64) - kept[name].astype(np.float64)
-            scale = np.sqrt((kept[name].astype(np.float64) ** 2).mean())
-            rms = np.sqrt((by**2).mean())
-            print(
-                f"{name}: at most {abs(by).max():.4g}, RMS {rms:.4g} of {scale:.4g}, {(by != 0).mean():.2%} differ"
-            )
-        else:
-            print(f"{name}: {one} -> {other}")
-    print(f"{changes} of {len(after)} changed")
-    return changes
+    changes = [name for name in sorted(before.keys() | after.keys()) if before.get(name) != after.get(name)]
+    for name in changes:
+        print(f"{name}: {before.get(name, 'none')} -> {after.get(name, 'none')}")
+    print(f"{len(changes)} of {len(after)} changed")
+    return len(changes)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__)
+    files = parser.add_mutually_exclusive_group(required=True)
+    files.add_argument(
+        "--write", type=Path, metavar="FILE", help="write sums to this file, beside what it has"
     )
-    parser.add_argument(
-        "--write", type=Path, metavar="FILE", help="write sums to this JSON file, beside what it has"
-    )
-    parser.add_argument(
-        "--compare", type=Path, metavar="FILE", help="compare with such a file; ends with 1 on changes"
-    )
-    parser.add_argument(
-        "--arrays", type=Path, metavar="FILE.npz", help="of the frames: written, or differences from"
-    )
-    parser.add_argument("--frames", action="store_true", help="frames and gradients (default)")
+    files.add_argument("--compare", type=Path, metavar="FILE", help="compare with it; ends with 1 on changes")
+    parser.add_argument("--frames", action="store_true", help="frames (default)")
     parser.add_argument("--runs", action="store_true", help="seven small runs of the command line")
-    parser.add_argument(
-        "--timings", action="store_true", help="twelve timings, printed beside those of the file"
-    )
     parser.add_argument(
         "--real", type=Path, default=REAL, metavar="DIR", help="models/ and photos/, for two runs"
     )
     given = parser.parse_args(arguments)
-    if not (given.write or given.compare):
-        parser.error("give --write or --compare")
     torch.set_num_threads(1)
     found: dict[str, Any] = {}
-    values: dict[str, NDArray[Any]] = {}
-    if given.frames or not (given.runs or given.timings):
-        values = {name: call().detach().numpy() for name, call in golden_frames().items()}
-        found["frames"] = {name: summary(each) for name, each in values.items()}
+    if given.frames or not given.runs:
+        found["frames"] = {name: summary(call().detach().numpy()) for name, call in golden_frames().items()}
     if given.runs:
         with tempfile.TemporaryDirectory() as folder:
             found["runs"] = run_summaries(given.real, Path(folder))
-    if given.timings:
-        found["timings"] = timed()
-    changes = 0
     if given.compare:
         before = json.loads(given.compare.read_text())
-        for part in found.keys() & {"frames", "runs"}:
-            changes += compared(before.get(part, {}), found[part], given.arrays, values)
-        for name, ratio in found.get("timings", {}).items():
-            print(f"{name}: {before.get('timings', {}).get(name, float('nan'))} -> {ratio} x randn")
-    if given.write:
-        before = json.loads(given.write.read_text()) if given.write.exists() else {}
-        given.write.write_text(json.dumps(before | found, indent=1) + "\n")
-        if given.arrays and values:
-            np.savez_compressed(given.arrays, **values)
-    return int(changes > 0)
+        return int(sum(compared(before.get(part, {}), own) for part, own in found.items()) > 0)
+    before = json.loads(given.write.read_text()) if given.write.exists() else {}
+    given.write.write_text(json.dumps(before | found, indent=1) + "\n")
+    return 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """The files that README and the guide name, small and made up."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from dataclasses import replace

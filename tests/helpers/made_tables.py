@@ -1,7 +1,5 @@
 """Score tables of made values: of rows as the store has them, or of arrays over exposures and velocities."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from typing import Any

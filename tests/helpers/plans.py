@@ -1,7 +1,5 @@
 """Plans of a sweep, briefly."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from blurnoise_eval.grid.axes import FURTHER

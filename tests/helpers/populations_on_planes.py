@@ -41,12 +41,6 @@ def notched(places: Array) -> Array:
     return np.asarray(photographs(places) * (1 - 0.5 * (np.abs(places[:, 0] + 3) < 0.25)))
 
 
-def one_sign(places: Array) -> Array:
-    """A single picture, found or not within a stop."""
-    u, w = places.T
-    return np.asarray(1 / (1 + np.exp(-3 * (u + 5))) / (1 + np.exp(2 * (w - 2.5))))[None]
-
-
 class Found(NamedTuple):
     """A mean and its standard error over pictures, (M,) each."""
 

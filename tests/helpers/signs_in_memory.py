@@ -1,18 +1,20 @@
-"""Sweeps of pictures in memory, a sign or noise, and all that they leave in a store."""
-
-from __future__ import annotations
+"""Sweeps of small pictures, a sign or noise, in memory or in files, and all that they leave in a store."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import matched_filter
 import numpy as np
+from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep import run as sweep
+from blurnoise_eval.sweep.engines import Engine
 from numpy.typing import NDArray
 from plans import plan as swept
 
@@ -21,30 +23,23 @@ from blurnoise.optics.colour import srgb_from_linear
 
 CAMERA = Camera.preset("imx250")
 SIZE_PX, HEIGHT_PX, WIDTH_PX = 24, 54, 64
-PLAN = swept(
-    exposures_s=(0.002, 0.0123, 0.03),
-    lights_lux=(3.0, 333.3),
-    right_px_s=(0.0, 333.3),
-    down_px_s=(0.0, -77.1),
-    repeats=2,
-)
+PLAN = swept((0.002, 0.0123, 0.03), (3.0, 333.3), (0.0, 333.3), (0.0, -77.1), repeats=2)
+BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
+_TIMES = ("simulate_ms", "infer_ms", "computed_by")
 
 
 def matched_detector(folder: Path) -> Detector:
     return Detector(matched_filter.build(folder / "small.onnx", sizes_px=(24, 16, 10), input_px=64))
 
 
-def sign(dtype: type = np.uint8) -> NDArray[Any]:
+def sign(dtype: type = np.uint8, right_px: int = 0) -> NDArray[Any]:
     linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
-    coded = srgb_from_linear(linear)[0].permute(1, 2, 0).numpy()
+    coded = np.roll(srgb_from_linear(linear)[0].permute(1, 2, 0).numpy(), right_px, axis=1)
     return np.round(coded * np.iinfo(dtype).max).astype(dtype)
 
 
 def noise(height: int, width: int) -> NDArray[np.uint8]:
     return np.random.default_rng(5).integers(0, 256, (height, width, 3), np.uint8)
-
-
-BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX))
 
 
 def picture(
@@ -62,25 +57,47 @@ def picture_set(*pictures: Picture) -> PictureSet:
 TWO = picture_set(picture("a"), picture("b", partial(noise, 40, 51), None))
 
 
-def everything(store: Store) -> list[Any]:
-    """All that a run found, but not how long it took."""
-    cells = [
-        {key: value for key, value in cell.items() if key not in ("simulate_ms", "infer_ms", "computed_by")}
-        for cell in store.cells()
-    ]
-    found = [store.detections(cell["cell_id"], cell["model"]) for cell in cells]
+def some_pictures(folder: Path) -> PictureSet:
+    """Files: a sign whose text is known, the same moved, and one of 0 bytes."""
+    datasets.write_picture(folder / "a.png", sign())
+    datasets.write_picture(folder / "b.png", sign(right_px=5))
+    (folder / "empty.png").write_bytes(b"")
+    targets = (Target("stop sign", "signs", BOX), Target("text", "texts", BOX, text="STOP"))
+    shown = datasets.image_folder(folder)
+    return replace(shown, pictures=tuple(replace(each, targets=targets) for each in shown), categories={})
+
+
+def everything(run: Store | Path) -> list[Any]:
+    """All that a run found, but not how long it took; and the pictures that it kept."""
+    if isinstance(run, Path):
+        with Store(run) as store:
+            return everything(store)
+    cells = [{key: value for key, value in cell.items() if key not in _TIMES} for cell in run.cells()]
+    found = [run.detections(cell["cell_id"], cell["model"]) for cell in cells]
     boxes = [(each.boxes_xyxy.tobytes(), each.scores.tobytes(), each.class_ids.tobytes()) for each in found]
-    return [cells, list(store.targets()), boxes, store.skipped()]
+    kept = {path.name: path.read_bytes() for path in (run.folder / "examples").glob("*.png")}
+    return [cells, list(run.targets()), boxes, run.skipped(), kept]
 
 
-def n_done(store: Store) -> int:
-    return len({row["cell_id"] for row in store.rows("SELECT cell_id FROM cells")})
+def timeless(results: list[CellResult]) -> list[Any]:
+    return [
+        [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
+        + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
+        for result in results
+    ]
 
 
 def rows_of(folder: Path, *arguments: Any, **options: Any) -> list[Any]:
     with Store(folder, create=True) as store:
         sweep.run(*arguments, store, **options)
         return everything(store)
+
+
+def computed(
+    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan, **options: Any
+) -> sweep.Outcome:
+    with Store(folder, create=True) as store:
+        return sweep.run(models, CAMERA, shown, plan, store, engine=engine, **options)
 
 
 def unreadable() -> NDArray[Any]:

@@ -1,7 +1,5 @@
 """Rows as the store takes them, one cell each."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

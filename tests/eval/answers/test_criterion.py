@@ -1,10 +1,8 @@
-"""What is enough: as stated, or what is usual for the pictures and the models."""
+"""What is enough: as stated or usual; and clusters of pictures by a pattern on their names."""
 
-from __future__ import annotations
-
-from typing import Any
-
+import numpy as np
 import pytest
+from blurnoise_eval.answers.clusters import check_cluster, cluster_of, repeated
 from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
 
 
@@ -25,7 +23,7 @@ from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
         ({"threshold": 0.0}, False, False, Criterion(0.0, kept=False)),
     ],
 )
-def test_what_is_usual(options: dict[str, Any], rendered: bool, reads: bool, expected: Criterion) -> None:
+def test_what_is_usual(options, rendered, reads, expected):
     assert criterion_for(**options, rendered=rendered, reads=reads) == expected
 
 
@@ -51,19 +49,19 @@ def test_what_is_usual(options: dict[str, Any], rendered: bool, reads: bool, exp
         ({"score": "accuracy"}, False, r"^score = 'accuracy': must be one of"),
     ],
 )
-def test_what_cannot_be(options: dict[str, Any], reads: bool, message: str) -> None:
+def test_what_cannot_be(options, reads, message):
     with pytest.raises(ValueError, match=message) as raised:
         criterion_for(**options, rendered=False, reads=reads)
     assert "\n" not in str(raised.value)
 
 
-def test_alarms_need_labels() -> None:
+def test_alarms_need_labels():
     with pytest.raises(ValueError, match=r"^score = 'recall@1': needs pictures with labels"):
         criterion_for(score="recall@1", rendered=False, reads=False, labelled=False)
     assert criterion_for(score="ap", rendered=False, reads=False, labelled=False).score == "ap"
 
 
-def test_in_words() -> None:
+def test_in_words():
     assert Criterion(0.9, kept=True).text == "keeps 0.9 of its confidence"
     assert Criterion(0.6, kept=False).text == "mean confidence 0.6"
     assert Criterion(0.9, kept=True).title == "kept confidence"
@@ -75,3 +73,57 @@ def test_in_words() -> None:
     assert Criterion(0.3, kept=False, score="ap50").title == "AP50"
     every = [name.replace("RATE", "2") for kind in ("detector", "reader") for name in names(kind)]
     assert len({Criterion(0.5, kept=True, score=name).text for name in every}) == len(set(every))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "cluster"),
+    [
+        (None, "drive-07/frame_0012"),
+        (r"drive-(\d+)", "07"),
+        (r"drive-\d+", "drive-07"),
+        (r"^(.*)/", "drive-07"),
+        (r"(?:drive|tour)-(\d+)/(\w+)", "07"),
+        (r"tour-(\d+)", "drive-07/frame_0012"),
+        (r"drive-(x)?", "drive-07/frame_0012"),  # the group took no part
+    ],
+)
+def test_pattern_names_the_cluster(pattern, cluster):
+    assert cluster_of("drive-07/frame_0012", pattern) == cluster
+
+
+def test_a_pattern_that_no_name_holds_is_refused():
+    names = ["drive-07/frame_0012", "other"]
+    check_cluster(None, names)
+    check_cluster(r"drive-(\d+)", iter(names))
+    with pytest.raises(
+        ValueError, match=r"^cluster = 'tour': must be found .* such as 'drive-07/frame_0012'$"
+    ):
+        check_cluster("tour", names)
+    with pytest.raises(ValueError, match=r"must be a regular expression"):
+        check_cluster("(", names)
+
+
+def looks(names: list[str], per_scene: int, seed: int = 0) -> dict[str, str]:
+    """Hashes of scenes that follow each other in the order of the names: 64 random bits, 3 of them turned in each."""
+    rng = np.random.default_rng(seed)
+    scene = [int.from_bytes(rng.bytes(8)) for _ in range(len(names))]
+    turned = [sum(1 << int(bit) for bit in rng.choice(64, 3, replace=False)) for _ in names]
+    return {name: f"{scene[n // per_scene] ^ turned[n]:016x}" for n, name in enumerate(names)}
+
+
+def test_repeated_scenes_are_noticed_until_a_pattern_clusters_them():
+    found = looks([f"scene_{n // 5:02d}_frame_{n % 5}.png" for n in range(60)], 5)
+    assert repeated(found) == (
+        "60 pictures show about 12 scenes but count as independent, so intervals are too narrow: give --cluster a "
+        "pattern that finds the same in the file names of one scene"
+    )
+    assert repeated(found, r"scene_(\d+)") is None
+
+
+def test_unrelated_pictures_and_a_few_pairs_pass():
+    names = [f"{n:04d}.png" for n in range(60)]
+    assert repeated(looks(names, 1)) is None
+    few = looks(names, 1)
+    assert repeated(few | {"0001.png": few["0000.png"], "0031.png": few["0030.png"]}) is None
+    assert repeated(dict.fromkeys(names, "")) is None
+    assert repeated({}) is None

@@ -1,7 +1,5 @@
 """Pooling over speeds: against isotonic regression by other means, and what it does to verdicts and intervals."""
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np
@@ -41,17 +39,8 @@ def noisy(rng: np.random.Generator, pictures: int, slope: float, exposures: int 
     return np.asarray(np.clip(own + rng.normal(0, 0.2, (pictures, exposures, len(SPEEDS))), 0, 1))
 
 
-def test_means_by_hand() -> None:
-    """.7 and .9 become .8 each; weights count; what falls already stays."""
-    values = np.tile(np.array([[0.7, 0.9, 0.6, 0.5], [0.9, 0.8, 0.7, 0.6]]), (8, 1, 1))
-    np.testing.assert_allclose(means(pooled(made(values))), [[0.8, 0.8, 0.6, 0.5], [0.9, 0.8, 0.7, 0.6]])
-    counts = np.ones_like(values)
-    counts[:, :, 1] = 3
-    np.testing.assert_allclose(means(pooled(made(values, counts=counts)))[0], [0.85, 0.85, 0.6, 0.5])
-
-
 @pytest.mark.parametrize("seed", range(4))
-def test_means_are_the_nearest_that_fall_along_every_direction(seed: int) -> None:
+def test_means_are_the_nearest_that_fall_along_every_direction(seed):
     """Against a quadratic programme: two directions and rest, unequal weights, velocities in no order."""
     rng = np.random.default_rng(seed)
     velocities = ((300.0, 0.0), (0.0, -50.0), (0.0, 0.0), (100.0, 0.0), (0.0, -400.0), (20.0, 0.0))
@@ -64,14 +53,7 @@ def test_means_are_the_nearest_that_fall_along_every_direction(seed: int) -> Non
     np.testing.assert_allclose(means(pooled(made_one))[0], found.x, atol=1e-5)
 
 
-def test_what_was_not_measured_stays_so() -> None:
-    values = np.tile(np.array([[0.5, 0.0, 0.9, 0.2]]), (8, 1, 1))
-    counts = np.ones_like(values)
-    counts[:, 0, 1] = 0
-    np.testing.assert_allclose(means(pooled(made(values, counts=counts)))[0], [0.7, np.nan, 0.7, 0.2])
-
-
-def test_only_pictures_that_move_as_a_whole_are_pooled() -> None:
+def test_only_pictures_that_move_as_a_whole_are_pooled():
     """Targets that are tracked before a background that moves, or a camera that drives, may do better with speed."""
     values = np.tile(np.array([[0.5, 0.6, 0.7, 0.9]]), (20, 1, 1))
     assert is_uniform(made(values))
@@ -86,7 +68,7 @@ def test_only_pictures_that_move_as_a_whole_are_pooled() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_no_answer_is_better_at_a_higher_speed(seed: int) -> None:
+def test_no_answer_is_better_at_a_higher_speed(seed):
     """Few pictures of much noise, no loss by motion at all: means, intervals, verdicts and windows never rise."""
     rng = np.random.default_rng(seed)
     made_one = made(noisy(rng, 12, 0.0))
@@ -99,8 +81,6 @@ def test_no_answer_is_better_at_a_higher_speed(seed: int) -> None:
         for low, high in faster.windows_s:
             assert any(first <= low and high <= last for first, last in slower.windows_s)
     for answer in found:
-        assert answer.low is not None
-        assert answer.high is not None
         assert (np.array(answer.low) <= answer.confidence).all()
         assert (np.array(answer.confidence) <= answer.high).all()
     assert any((np.diff([each.confidence[e] for each in raw]) > 0).any() for e in range(3))  # it was needed
@@ -108,7 +88,7 @@ def test_no_answer_is_better_at_a_higher_speed(seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("pictures", "slope"), list(product((12, 35), (0.0, 0.1))))
-def test_pooled_intervals_hold(pictures: int, slope: float) -> None:
+def test_pooled_intervals_hold(pictures, slope):
     """95 % of 400 samples' intervals hold the mean of the population, less three standard errors (1.1 %); none at any
     speed in less than 2 % below that."""
     truth = np.mean(

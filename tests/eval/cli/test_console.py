@@ -26,7 +26,14 @@ def _printed(capsys: Output, folder: Path, **shape: Any) -> list[str]:
 
 @pytest.mark.parametrize(
     "shape",
-    [{}, {"interval": False}, {"kind": "reader"}, {"groups": {}}, WIDE, WIDE | {"f_numbers": (1.4, 2.8)}],
+    [
+        {},
+        {"interval": False},
+        {"kind": "reader"},
+        {"groups": {}},
+        WIDE,
+        WIDE | {"groups": {"sign": 0.9}, "f_numbers": (1.4, 2.8)},
+    ],
     ids=["one model", "few pictures", "reader", "no targets", "three models", "a further axis"],
 )
 def test_the_first_screen_fits_and_has_no_colour(

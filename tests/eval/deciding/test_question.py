@@ -1,9 +1,5 @@
 """Lines, lattices and nodes of the plane of exposures, the conditions of nodes, and whether the plane holds."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
@@ -13,12 +9,10 @@ from blurnoise_eval.deciding.question import (
     Question,
     conditions_at,
     lattice,
-    spread,
     what_breaks,
 )
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.sweep.exposing import Scene, frames
 from made_up import Veil
 from signs_in_memory import CAMERA as SMALL_CAMERA
@@ -39,7 +33,7 @@ ONE_WAY = {
 }
 
 
-def test_places_are_stops_of_light_and_motion() -> None:
+def test_places_are_stops_of_light_and_motion():
     assert Line(50.0, (300.0, -400.0)).places(0.02) == pytest.approx((0.0, np.log2(10.0)))
     assert Line(1000.0, (499.0, 0.0)).places(0.001) == pytest.approx((0.0, FLOOR))  # below half a pixel
     at = Line(3.0, (900.0, 0.0)).places(np.geomspace(0.01, 0.1, 7))
@@ -48,7 +42,7 @@ def test_places_are_stops_of_light_and_motion() -> None:
 
 
 @pytest.mark.parametrize("lines", [LINES, LINES[:1], LINES[1:2], [LINES[0], LINES[3]]])
-def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines: list[Line]) -> None:
+def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines):
     found = lattice(lines, (0.0013, 0.17))
     fine = np.concatenate([line.places(np.geomspace(0.0013, 0.17, 3001)) for line in lines])
     away = np.abs(fine[:, None] - found[None]).max(axis=-1)
@@ -63,24 +57,12 @@ def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines: list[
     assert {*map(tuple, found)} <= {*map(tuple, wider)}
 
 
-def test_spread_lies_far_apart() -> None:
-    places = lattice(LINES, (0.001, 0.1))
-    chosen = places[spread(places, 12)]
-    apart = np.sqrt(((chosen[:, None] - chosen[None]) ** 2).sum(axis=-1)) + 99 * np.eye(12)
-    away = np.sqrt(((places[:, None] - chosen[None]) ** 2).sum(axis=-1)).min(axis=1)
-    assert apart.min() >= away.max() - 1e-9  # what is chosen lies farther apart than anything is from it
-    more = spread(places, 5, taken=chosen)
-    assert places[spread(places, 17)][12:] == pytest.approx(places[more])
-    assert len(spread(places[:3], 9)) == 3
-    assert len(spread(places[:3], 9, taken=places[:2])) == 1
-
-
 def line_of(at: Conditions) -> Line:
     return Line(at.illuminance_lux, (at.stated["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
 
 
 @pytest.mark.parametrize("lines", [LINES, LINES[2:3], [Line(7.0, (0.0, -333.0)), Line(70.0)]])
-def test_conditions_stand_at_their_place_and_near_a_line(lines: list[Line]) -> None:
+def test_conditions_stand_at_their_place_and_near_a_line(lines):
     for place in lattice(lines, EXPOSURES_S).tolist():
         at = conditions_at(tuple(place), lines, EXPOSURES_S)
         own = line_of(at)
@@ -97,19 +79,7 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines: list[Line]) -> N
         }
 
 
-def test_on_a_line_the_conditions_are_its_own() -> None:
-    """With three digits and more: rounding is in the seventh."""
-    for exposure_s in (0.002, 0.0137, 0.08):
-        at = conditions_at(tuple(LINES[5].places(exposure_s)), LINES[5:6], EXPOSURES_S, {"f_number": 2.8})
-        expected = {"exposure_s": exposure_s, **LINES[5].axes, "f_number": 2.8}
-        assert at.stated == pytest.approx(expected, rel=1e-6)
-    still = conditions_at((0.0, FLOOR), LINES, EXPOSURES_S)
-    assert (still.blur_px, still.stated["velocity_x_px_s"]) == (0.0, 0.0)
-    slow = conditions_at((3.0, 5.0), [Line(5.0, (1e-320, 0.0))], EXPOSURES_S)
-    assert EXPOSURES_S[0] <= slow.exposure_s <= EXPOSURES_S[1]
-
-
-def test_equal_light_and_motion_are_equal_frames() -> None:
+def test_equal_light_and_motion_are_equal_frames():
     """Powers of two leave nothing to rounding, so every value is the same."""
     scene, seed = Scene(sign()), cell_seed(0, picture("a").name, 0)
     every = [
@@ -134,42 +104,12 @@ def test_equal_light_and_motion_are_equal_frames() -> None:
         ({"ego_speed_m_s": (10.0,)}, "a camera that drives"),
     ],
 )
-def test_what_breaks_the_plane(axes: dict[str, tuple[float, ...]], reason: str | None) -> None:
+def test_what_breaks_the_plane(axes, reason):
     found = what_breaks(CAMERA, Question({**ONE_WAY, **axes}))
     assert found == [] if reason is None else [reason in each for each in found] == [True]
 
 
-def test_a_path_breaks_it() -> None:
-    (reason,) = what_breaks(CAMERA, Question(ONE_WAY), TrajectorySpec.parse("shake:6"))
-    assert "along shake:6" in reason
-
-
-@pytest.mark.parametrize("bits", [8, 10])
-@pytest.mark.parametrize("read_noise_e", [0.0, 2.45])
-def test_it_holds_where_rounding_is_coarser_than_the_noise(bits: int, read_noise_e: float) -> None:
-    """No noise dithers such a converter, and what there is none of still breaks nothing."""
-    gain, question = (2**bits - 7) / CAMERA.full_well_e, Question(ONE_WAY)
-    coarse = replace(CAMERA, bit_depth=bits, system_gain_dn_per_e=gain, read_noise_e=read_noise_e)
-    assert what_breaks(coarse, question) == []
-    assert what_breaks(replace(coarse, dark_current_e_s=50.0), question)
-    if bits == 8:  # 0.0028 DN
-        assert what_breaks(replace(coarse, dark_current_e_s=0.1), question) == []
-
-
-@pytest.mark.parametrize(
-    ("e_s", "temperature_c", "longest_s", "holds"),
-    [(0.1, 25.0, 0.09, True), (0.1, 60.0, 0.09, False), (50.0, 25.0, 0.09, False), (2.0, 25.0, 0.01, True)],
-)
-def test_dark_charge_breaks_it_where_the_budget_keeps_it(
-    e_s: float, temperature_c: float, longest_s: float, holds: bool
-) -> None:
-    axes = {"exposure_s": (0.001, longest_s), "temperature_c": (temperature_c,)}
-    reasons = what_breaks(replace(CAMERA, dark_current_e_s=e_s), Question({**ONE_WAY, **axes}))
-    assert reasons == [] if holds else ["dark current" in reason for reason in reasons] == [True]
-    assert holds or f"in 90 ms at {temperature_c:g} °C" in reasons[0]
-
-
-def test_an_effect_of_time_alone_breaks_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_effect_of_time_alone_breaks_it(monkeypatch):
     class Creeping(Veil):
         def bound(self, at: exposed.Conditions[float]) -> float:
             return at.exposure_s

@@ -75,7 +75,7 @@ def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(s
     assert taken.standard.unit == pytest.approx(np.mean([row["confidence"] for row in taken.clean.targets]))
     good, sentence = verdict(taken)
     kept = np.mean(own) / taken.standard.unit
-    assert not good  # the first screen shows what is lost
+    assert good == (kept >= 0.9)
     assert sentence.startswith(f"Keeps {100 * kept:.0f} % of its confidence in the original")
     points = list(curve_points(STATE, signs, CAMERA, detector, taken.standard))
     exposure = controls(CAMERA)["exposure_s"]

@@ -1,7 +1,5 @@
 """Over random grids of all axes: ids, rows, tables, curves and files hold every cell once, none overwritten."""
 
-from __future__ import annotations
-
 import json
 import math
 import tempfile
@@ -101,7 +99,7 @@ some = settings(max_examples=40, deadline=None, suppress_health_check=[HealthChe
 
 @given(grids())
 @some
-def test_ids_tell_cells_apart(grid: dict[str, list[float]]) -> None:
+def test_ids_tell_cells_apart(grid):
     plan = SweepPlan(grid, repeats=2)
     conditions = plan.conditions()
     assert len(conditions) == math.prod(len(plan.values(name)) for name in plan.grid)
@@ -114,7 +112,7 @@ def test_ids_tell_cells_apart(grid: dict[str, list[float]]) -> None:
 @pytest.mark.slow
 @given(grids())
 @some
-def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) -> None:
+def test_rows_read_back_and_conditions_stay_apart(grid):
     with tempfile.TemporaryDirectory() as folder:
         store, scores = filled(Path(folder), SweepPlan(grid))
         with store:
@@ -143,7 +141,7 @@ def test_rows_read_back_and_conditions_stay_apart(grid: dict[str, list[float]]) 
 @pytest.mark.slow
 @given(grids())
 @some
-def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid: dict[str, list[float]]) -> None:
+def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid):
     plan = SweepPlan(grid)
     with tempfile.TemporaryDirectory() as folder:
         store, scores = filled(Path(folder), plan)

@@ -1,10 +1,7 @@
 """A made-up axis is one entry of the table: option, column, store, caption, page, decide and explorer follow."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -39,7 +36,7 @@ assert cli.main(["sweep", "--read-noise-e", "-1", "-o", "other"]) == 2
 
 
 @pytest.mark.slow
-def test_a_new_axis_is_everywhere(tmp_path: Path) -> None:
+def test_a_new_axis_is_everywhere(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT], cwd=tmp_path, capture_output=True, text=True, check=False
     )

@@ -1,25 +1,26 @@
-"""Maps of runs: ranks of metrics against SciPy and by hand, what is said of them, and the command from end to end."""
-
-from __future__ import annotations
+"""Maps of runs: nodes that are one experiment, ranks of metrics against SciPy and by hand, the command."""
 
 import csv
-from pathlib import Path
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import matched_filter
 import numpy as np
 import pytest
-from blurnoise_eval.maps import figures, maps
-from blurnoise_eval.maps.maps import Map, Maps, Rank, map_of, sentences, write
+from blurnoise_eval.maps import maps
+from blurnoise_eval.maps.maps import Maps, Rank, map_of, sentences
+from blurnoise_eval.maps.nodes import nodes_at, nodes_of
 from blurnoise_eval.quality.measure import METRICS
-from commands import Output, main
-from made_maps import KEEP, exact, plane, scores_at
+from blurnoise_eval.store.store import StoreError
+from commands import main
+from made_planes import KEEP, exact, plane, row, scores_at
 from made_tables import table
+from plans import IMX250
 from scipy import stats
 
 PLANE = plane()
 U, W = PLANE.places.T
-N = len(PLANE)
 RNG = np.random.default_rng(1)
 
 
@@ -40,21 +41,14 @@ def made(**grid: Any) -> Maps:
 
 
 @pytest.mark.parametrize("digits", [1, 6])  # with ties, and without
-def test_rank_correlation_is_scipys(digits: int) -> None:
+def test_rank_correlation_is_scipys(digits):
     m, y = RNG.normal(size=40).round(digits), RNG.normal(size=(3, 40)).round(digits)
     y[1] += m
     expected = [stats.spearmanr(m, each).statistic for each in y]
     assert maps.spearman(m, y) == pytest.approx(expected, abs=1e-12)
 
 
-def test_what_never_changes_has_no_rank() -> None:
-    m = np.arange(30.0)
-    assert np.isnan(maps.spearman(m, np.ones(30)))
-    assert np.isnan(maps.spearman(np.ones(30), m))
-    assert np.isnan(maps.spearman(m, np.where(m == 3, np.nan, m)))
-
-
-def test_clusters_are_left_out_in_turn() -> None:
+def test_clusters_are_left_out_in_turn():
     """By hand, of three clusters at two nodes: the second cluster is at neither."""
     sums, counts = (
         np.array([[[1.0], [0]], [[0], [0]], [[2], [3]]]),
@@ -64,7 +58,7 @@ def test_clusters_are_left_out_in_turn() -> None:
     assert found == pytest.approx(np.array([[0.5, 0.75], [0.5, 0.75], [0.5, np.nan]]), nan_ok=True)
 
 
-def test_a_metric_of_light_alone_ranks_right_along_light() -> None:
+def test_a_metric_of_light_alone_ranks_right_along_light():
     """Over both axes it misses all that blur does; the score itself misses nothing."""
     y = exact((U - U.min()) / np.ptp(U) * 0.5 + 0.5 * (W.max() - W) / np.ptp(W))
     light, itself = ranks({"light": U, "itself": y**3}, y)
@@ -76,31 +70,17 @@ def test_a_metric_of_light_alone_ranks_right_along_light() -> None:
     assert maps.along_lines(U[at_rest], -y[at_rest], W[at_rest]) == pytest.approx(-1)
 
 
-def test_the_interval_is_the_jackknifes_and_needs_eight_clusters() -> None:
+def test_the_interval_is_the_jackknifes_and_needs_eight_clusters():
     y = np.clip(U, -3, 3) / 3 - W / 9
     m = {"light": U + 0.3 * W}
     (twelve,), (seven,) = ranks(m, y), ranks(m, y, 7)
     _, *without = maps.spearman(m["light"], maps.all_and_each_left_out(scores_at(PLANE, y)))
     error = np.sqrt(11 / 12 * np.sum((without - np.mean(without)) ** 2))  # Efron and Tibshirani, 11.5
-    assert twelve.low is not None
-    assert twelve.high is not None
     assert twelve.high - twelve.low == pytest.approx(2 * stats.t.ppf(0.975, 11) * error)
     assert (seven.low, seven.high) == (None, None)
 
 
-def test_few_nodes_have_no_rank_and_the_share_is_of_those_with_a_score() -> None:
-    y = exact(U / 10 + 1)
-    few = np.where(np.arange(N) < maps.FEWEST_NODES - 1, U, np.nan)
-    enough = np.where(np.arange(N) < maps.FEWEST_NODES, U, np.nan)
-    none, some = ranks({"few": few, "enough": enough}, y)
-    assert none.spearman is None
-    assert none.share_told == (maps.FEWEST_NODES - 1) / N
-    assert some.spearman == pytest.approx(1)
-    (half,) = ranks({"light": U}, np.where(np.arange(N) < 30, y, np.nan))
-    assert (half.n_nodes, half.share_told) == (30, 1.0)
-
-
-def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
+def test_the_answer_opens_with_what_ranks_best_and_what_misleads():
     (text,) = sentences(made())
     assert text.startswith("m, signs: MTF50 across x ranks conditions best (rank correlation 1.00")
     assert text.endswith("MTF50 across y misleads: 1.00 along light alone, 0.36 over both.")
@@ -110,42 +90,9 @@ def test_the_answer_opens_with_what_ranks_best_and_what_misleads() -> None:
     )
 
 
-def test_a_metric_that_may_not_rank_at_all_is_not_called_best() -> None:
-    table = scores_at(PLANE, U)
-    unsure = [
-        Rank("m", metric.name, "", "signs", N, 0.3, -0.1 - 0.01 * place, 0.7, 1.0)
-        for place, metric in enumerate(METRICS)
-    ]
-    text, other = sentences(Maps(KEEP, PLANE, {}, (Map(table, tuple(unsure)),), ("m, small",)))
-    assert other == "m, small: cannot tell; its targets score too little in the original pictures."
-    assert "no metric surely ranks; the best is MTF50 across x (rank correlation 0.30 (-0.10" in text
-
-
-def test_tables_are_written_whole(tmp_path: Path) -> None:
-    found = made()
-    write(found, tmp_path)
-    rows = list(csv.DictReader((tmp_path / "maps.csv").open(encoding="utf-8")))
-    assert [row["metric"] for row in rows] == [metric.name for metric in METRICS]
-    columns = "model metric score group n_nodes spearman low high share_told along_light along_blur"
-    assert list(rows[0]) == columns.split()
-    assert (rows[2]["spearman"], rows[2]["share_told"]) == ("", "0.0")
-    nodes = list(csv.DictReader((tmp_path / "nodes.csv").open(encoding="utf-8")))
-    assert len(nodes) == len(found.nodes)
-    assert list(nodes[0])[:4] == ["light_lux_s", "blur_px", "gain_db", "mtf50_x"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("grid", [{}, {"speeds": (0.0,)}, {"exposures_s": (0.01,)}])
-def test_figures_of_any_grid(tmp_path: Path, grid: dict[str, Any]) -> None:
-    figures.write(made(**grid), tmp_path)
-    written = sorted(tmp_path.iterdir())
-    assert [path.name for path in written] == ["map-m.png", "scatter-m-signs.png"]
-    assert all(path.stat().st_size > 10_000 for path in written)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("lights", "nodes"), [("1,30,900", 24), ("50", 8)])
-def test_the_command(tmp_path: Path, capsys: Output, lights: str, nodes: int) -> None:
+def test_the_command(tmp_path, capsys, lights, nodes):
     """Of the matched filter before one small rendered sign; with one light there are too few nodes for ranks."""
     model = matched_filter.build(tmp_path / "small.onnx", sizes_px=(100, 50, 32), input_px=160)
     plan = tmp_path / "plan.yaml"
@@ -164,7 +111,64 @@ def test_the_command(tmp_path: Path, capsys: Output, lights: str, nodes: int) ->
     assert len(every) == nodes
 
 
-def test_a_folder_without_a_run_is_refused(tmp_path: Path, capsys: Output) -> None:
-    assert main(["maps", str(tmp_path), "-o", str(tmp_path / "maps")]) == 2
-    assert capsys.readouterr().err.startswith("blurnoise: error: run = ")
-    assert not (tmp_path / "maps").exists()
+def nodes(*rows: dict[str, Any], planned: tuple[str, ...] = (), **figures: float) -> int:
+    return len(nodes_at(rows, replace(IMX250, **figures), planned))  # type: ignore[arg-type]
+
+
+def test_equal_light_and_motion_are_one_experiment():
+    found = nodes_at([row(0.01, 50.0, 300.0), row(0.02, 25.0, 150.0), row(0.02, 25.0)], IMX250, ())
+    assert list(found.node_at.values()) == [0, 0, 1]
+    assert found.places[:, 0] == pytest.approx([-1, -1])
+    assert found.places[:, 1] == pytest.approx([np.log2(3), -1])  # at rest: half a pixel
+    assert {name: values[0] for name, values in found.figures.items()} == pytest.approx(
+        {"light_lux_s": 0.5, "blur_px": 3.0, "gain_db": 0.0}
+    )
+
+
+PAIR = row(0.01, 50.0), row(0.05, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ((row(0.01, 50.0, 300.0), row(0.01, 50.0, -300.0), row(0.01, 50.0, -300.0, -0.0)), 1),
+        ((row(0.01, 50.0, 300.0), row(0.01, 50.0, 0.0, 300.0)), 2),
+        ((row(0.01, 50.0, 300.0, 40.0), row(0.01, 50.0, 300.0, -40.0)), 2),
+        ((row(0.01, 50.0), row(0.02, 25.0, applied_gain_db=12.0)), 2),  # set by the camera, too
+        ((row(0.01, 50.0, applied_gain_db=11.98), row(0.02, 25.0, applied_gain_db=12.01)), 1),
+        ((row(0.01, 0.0),), 0),
+        (PAIR, 1),
+    ],
+)
+def test_conditions_and_their_nodes(rows, expected):
+    assert nodes(*rows) == expected
+
+
+def test_dark_charge_that_counts_separates_exposures():
+    assert nodes(*PAIR, dark_current_e_s=1000.0) == 2
+
+
+def test_conditions_of_one_node_are_summed():
+    """50 lux x 10 ms is 25 lux x 20 ms; picture c is only in the second light; nothing was measured at 1 ms."""
+    at = nodes_at([row(0.01, 50.0), row(0.02, 25.0), row(0.04, 25.0), row(0.001, 25.0)], IMX250, ())
+    sums = np.array([[[1.0], [0.0], [0.0]], [[0.2], [0.4], [0.9]], [[0.0], [0.6], [0.0]]])
+    counts = np.array([[[2.0], [0.0], [0.0]], [[1.0], [1.0], [1.0]], [[0.0], [3.0], [0.0]]])
+    of_lights = table(sums, [0.01, 0.02, 0.04], counts=counts, kept=True)
+    of_lights.conditions["illuminance_lux"][1:] = 25.0
+    assert at.group(of_lights).mean == pytest.approx([2.2 / 7, 0.9, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("plan", "reason"),
+    [
+        ({"grid": {"moves": [0.0, 1.0]}}, "its targets or background move alone"),
+        ({"grid": {"ego_speed_m_s": [10.0]}, "ego": {}}, "its camera drives"),
+        ({"grid": {"f_number": [2.0]}, "trajectory": {"kind": "shake"}}, "its pictures follow a trajectory"),
+        (None, "no sweep has begun here"),
+    ],
+)
+def test_runs_whose_motion_no_chart_has_are_refused(plan, reason):
+    abouts = {"manifest": plan and {}, "identity": {"plan": plan}}
+    store: Any = SimpleNamespace(folder="run", about=abouts.get)
+    with pytest.raises(StoreError, match=reason):
+        nodes_of(store)

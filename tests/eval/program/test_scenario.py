@@ -1,23 +1,26 @@
-"""Scenarios: lights, shares, what counts of what can happen; limits of exposures; and metering."""
+"""Scenarios: lights, shares, limits of exposures, metering, and what a run offers a program."""
 
-from __future__ import annotations
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval.evaluation import evaluate
+from blurnoise_eval.grid.axes import AUTOMATIC
+from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.program.problem import Inputs, inputs_of
 from blurnoise_eval.program.scenario import (
     Limits,
     Metering,
     Scenario,
-    half_stops,
     mean_light,
     speed_shares,
     target_shares,
 )
+from blurnoise_eval.store.store import Store
+from signs_in_memory import CAMERA, TWO, matched_detector
 
-from blurnoise.optics.camera import PRESETS
 from blurnoise.scene.metering import USUAL
-
-CAMERA = PRESETS["imx250"]
 
 
 def scenario(**more: object) -> Scenario:
@@ -25,17 +28,7 @@ def scenario(**more: object) -> Scenario:
     return Scenario(**{**of, **more})  # type: ignore[arg-type]
 
 
-def test_lights_are_half_a_stop_apart() -> None:
-    lights = half_stops(1.0, 1450.0)
-    assert len(lights) == 23
-    assert (lights[0], lights[-1]) == (1.0, 1450.0)
-    assert np.diff(np.log2(lights)) == pytest.approx(np.log2(1450.0) / 22)
-    assert half_stops(1.0, 4.0) == pytest.approx([2 ** (step / 2) for step in range(5)])
-    assert half_stops(2.0, 2.1) == (2.0, 2.1)
-    assert half_stops(3.0, 3.0) == (3.0,)
-
-
-def test_shares_add_up_to_one() -> None:
+def test_shares_add_up_to_one():
     two = scenario(targets={"a": 1.0, "b": 3.0})
     assert two.speeds_px_s == {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
     assert dict(zip(two.cases, two.shares, strict=True))[200.0, "b"] == pytest.approx(0.375)
@@ -51,63 +44,20 @@ def test_shares_add_up_to_one() -> None:
         ("tail", 1.0, 0.3 * 0.9 + 0.5 * 0.6 + 0.2 * 0.1),
     ],
 )
-def test_what_counts(objective: str, tail: float, expected: float) -> None:
+def test_what_counts(objective, tail, expected):
     values = np.array([[0.9], [0.6], [0.1]])
     weights = scenario(objective=objective, tail=tail).weights(values)
     assert weights.sum() == pytest.approx(1.0)
     assert (weights * values).sum() == pytest.approx(expected)
 
 
-def test_what_is_not_known_in_one_case_is_not_known() -> None:
-    assert np.isnan(scenario().weights(np.array([[0.9], [np.nan], [0.1]]))).all()
-
-
 GROUPS = ["objects, large (> 96 px)", "objects, medium (32-96 px)"]
 
 
-def test_shares_are_read() -> None:
+def test_shares_are_read():
     assert speed_shares("0:0.3, 200:0.5,800:0.2") == {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
     assert speed_shares("0,200") == {0.0: 1.0, 200.0: 1.0}
     assert target_shares("large:3,medium:1", GROUPS) == {GROUPS[0]: 3.0, GROUPS[1]: 1.0}
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [
-        ("0:0.3,200", "a share for every entry, or for none"),
-        ("0:0.3,200:0.2,200:0.5", "speeds = .*each entry once"),
-        ("0:x", r"speeds = .*must be as 0:0.3,200:0.7"),
-        ("fast", r"speeds = .*must be as 0:0.3,200:0.7"),
-    ],
-)
-def test_shares_that_cannot_be_read_are_refused(text: str, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        speed_shares(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "named"),
-    [("large,> 96", "targets = .*each entry once"), ("tiny", "'tiny'.*large"), ("px", "'px'.*large")],
-)
-def test_targets_are_named_by_part_of_their_name(text: str, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        target_shares(text, GROUPS)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"lights_lux": ()},
-        {"lights_lux": (2.0, 1.0)},
-        {"speeds_px_s": {0.0: -1.0}},
-        {"speeds_px_s": {0.0: 0.0}},
-        {"tail": 0.0},
-        {"objective": "best"},
-    ],
-)
-def test_nonsense_is_refused(wrong: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=next(iter(wrong)).partition("_")[0]):
-        scenario(**wrong)
 
 
 @pytest.mark.parametrize(
@@ -118,11 +68,11 @@ def test_nonsense_is_refused(wrong: dict[str, object]) -> None:
         ({"led": True, "mains_hz": 50.0}, [20, 30]),
     ],
 )
-def test_whole_periods(rules: dict[str, float], expected: list[float]) -> None:
+def test_whole_periods(rules, expected):
     assert [round(1e3 * time, 4) for time in Limits(**rules).candidates(1e-4, 1.0)] == expected
 
 
-def test_frames_leds_and_whole_lines() -> None:
+def test_frames_leds_and_whole_lines():
     times = Limits(frame_rate_hz=50.0, readout_s=0.004).candidates(1e-3, 1.0)
     assert times[0] == 1e-3
     assert times[-1] == pytest.approx(0.016)
@@ -131,13 +81,6 @@ def test_frames_leds_and_whole_lines() -> None:
     lines = np.array(Limits(row_time_s=line_s, led=True).candidates(1e-4, 1.0)) / line_s
     assert np.abs(lines - lines.round()).max() < 1e-6
     assert 1 / 90 <= lines.min() * line_s < 1 / 90 + line_s
-
-
-def test_settles_on_what_is_allowed_and_not_longer() -> None:
-    limits = Limits(mains_hz=50.0)
-    assert limits.settled(0.029) == pytest.approx(0.02)
-    assert limits.settled(0.003) == pytest.approx(0.01)  # the shortest there is
-    assert limits.settled(0.2) == pytest.approx(0.03)
 
 
 @pytest.mark.parametrize(
@@ -153,12 +96,12 @@ def test_settles_on_what_is_allowed_and_not_longer() -> None:
         ({"mains_hz": 55.0}, "mains_hz = 55"),
     ],
 )
-def test_rules_that_leave_nothing_are_named(rules: dict[str, float], named: str) -> None:
+def test_rules_that_leave_nothing_are_named(rules, named):
     with pytest.raises(ValueError, match=named):
         Limits(**rules)
 
 
-def test_time_and_gain_make_the_total() -> None:
+def test_time_and_gain_make_the_total():
     metering = Metering(CAMERA, 0.217)
     total_s = metering.total_s(10.0)
     for time_s in (0.001, 0.01, 0.1):
@@ -168,7 +111,7 @@ def test_time_and_gain_make_the_total() -> None:
     assert metering.gain_db(10.0, 1e-6) == CAMERA.gain_max_db
 
 
-def test_mean_light_follows_from_gains() -> None:
+def test_mean_light_follows_from_gains():
     rows = []
     for image, light in {"a": 0.1, "b": 0.3}.items():
         for lux in (0.01, 10.0, 50.0, 1e5):  # at the first gain is at its most, at the last at none
@@ -177,3 +120,46 @@ def test_mean_light_follows_from_gains() -> None:
             rows.append({"image": image, "applied_gain_db": gain_db, **at})
     assert mean_light(rows, CAMERA) == pytest.approx(0.2, rel=1e-3)
     assert mean_light([row for row in rows if row["illuminance_lux"] in (0.01, 1e5)], CAMERA) is None
+
+
+GRID = {
+    "exposure_s": (0.008, 0.032),
+    "illuminance_lux": (0.0, 2.0, 5.0),
+    "velocity_x_px_s": (0.0, 200.0),
+    "velocity_y_px_s": (0.0,),
+    "gain_db": (AUTOMATIC,),
+}
+
+
+def inputs(folder: Path, grid: dict[str, tuple[float, ...]], **options: Any) -> Inputs:
+    """Of a sweep."""
+    plan = SweepPlan(GRID | grid, **options)
+    done = evaluate(
+        matched_detector(folder), TWO, CAMERA, plan, folder, threshold=0.5, refine=False, threads=1
+    )
+    with Store(folder) as store:
+        return inputs_of(store, done.criterion)
+
+
+def test_a_sweep_has_planes_for_its_lights_above_zero(tmp_path):
+    found = inputs(tmp_path, {})
+    asked = found.scenario
+    assert (asked.lights_lux[0], asked.lights_lux[-1], found.exposures_s) == (2.0, 5.0, (0.008, 0.032))
+    assert asked.speeds_px_s == {0.0: 0.5, 200.0: 0.5}
+    assert found.recommended_s in (0.008, 0.032)
+    # two exposures under two lights, at rest and moving, all at different places
+    assert [len(plane.places) for plane in found.planes.values()] == [8] * len(found.planes)
+    assert 0.05 < found.metering.mean_light < 0.9
+
+
+@pytest.mark.parametrize(
+    ("grid", "options", "reason"),
+    [
+        ({}, {"trajectory": "shake:6"}, "along shake:6 another exposure"),
+        ({"velocity_y_px_s": (0.0, 200.0)}, {}, "motion has 3 directions"),
+        ({"gain_db": (6.0,)}, {}, "gain 6 dB; a program needs a run with --gain auto"),
+    ],
+)
+def test_runs_without_a_program(tmp_path, grid, options, reason):
+    with pytest.raises(ValueError, match=reason):
+        inputs(tmp_path, grid, **options)

@@ -1,9 +1,6 @@
 """A run that is opened again answers what its sweep was asked; options replace parts of that question."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 from typing import Any
 
 import matched_filter
@@ -19,7 +16,7 @@ ASKED: dict[str, Any] = {"keep": 0.7, "score": "detection_rate", "cluster": r"\d
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     """A sweep of nine rendered pictures."""
     folder = tmp_path_factory.mktemp("asked")
     model = Detector(matched_filter.build(folder / "small.onnx", sizes_px=(100, 50, 32)))
@@ -32,31 +29,21 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("options", "level", "kept", "score", "cluster"),
     [
         ([], 0.7, True, "detection_rate", r"\d$"),
-        (["--keep", "0.9"], 0.9, True, "detection_rate", r"\d$"),
         (["--threshold", "0.5"], 0.5, False, "detection_rate", r"\d$"),
         (["--score", "target_confidence", "--cluster", ".*"], 0.7, True, "target_confidence", ".*"),
     ],
 )
 def test_a_report_asks_what_the_sweep_asked(
-    run: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    level: float,
-    kept: bool,
-    score: str,
-    cluster: str,
-) -> None:
+    run, tmp_path, monkeypatch, capsys, options, level, kept, score, cluster
+):
     monkeypatch.setattr(page, "write_report", lambda data, folder, progress: folder)
     assert main(["report", str(run), "-o", str(tmp_path), "--json", *options]) == 0
     told = json.loads(capsys.readouterr().out)
-    found = {name: told["criterion"][name] for name in ("level", "kept", "score")}
-    assert found == {"level": level, "kept": kept, "score": score}
+    assert told["criterion"].items() >= {"level": level, "kept": kept, "score": score}.items()
     assert (told["threshold"], told["cluster"]) == (level, cluster)
 
 
-def test_python_and_a_merged_run_ask_the_same(run: Path, tmp_path: Path) -> None:
+def test_python_and_a_merged_run_ask_the_same(run, tmp_path):
     opened = Evaluation(run)
     merge([run], tmp_path / "merged")
     assert Evaluation(tmp_path / "merged").criterion == opened.criterion

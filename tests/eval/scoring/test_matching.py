@@ -1,19 +1,22 @@
-"""Which detection answers for which target, average precision as COCO has it, and curves."""
+"""Which detection answers for which target, where the exposure has moved it."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval.datasets import Picture, Target
+from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring import matching
 from blurnoise_eval.scoring.boxes import iou, xywh
 from blurnoise_eval.scoring.matching import Targets, matched, target_confidences
+from blurnoise_eval.scoring.on_picture import View
 from coco_oracle import hits
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
+from signs_in_memory import BOX as SIGN
+from signs_in_memory import sign
 
 BOX = (10.0, 20.0, 30.0, 60.0)  # 20 x 40 px
 
@@ -31,51 +34,7 @@ def annotations(boxes_xyxy: Any) -> list[dict[str, Any]]:
     return [{"category_id": 7, "bbox": box, "area": box[2] * box[3]} for box in xywh(boxes_xyxy).tolist()]
 
 
-@pytest.mark.parametrize(
-    ("other", "expected"),
-    [
-        (BOX, 1.0),
-        ((10, 20, 30, 40), 0.5),  # its upper half
-        ((20, 20, 40, 60), 1 / 3),  # half a width aside: 400 of 1200 px^2
-        ((20, 40, 40, 80), 200 / 1400),  # a quarter shared
-        ((30, 20, 50, 60), 0.0),  # edge to edge
-        ((0, 0, 5, 5), 0.0),
-        ((15, 30, 15, 30), 0.0),  # without area
-    ],
-)
-def test_iou_by_hand(other: tuple[float, ...], expected: float) -> None:
-    assert iou([other], [BOX])[0, 0] == pytest.approx(expected, abs=1e-6)
-    assert iou([BOX], [other])[0, 0] == pytest.approx(expected, abs=1e-6)
-
-
-edges = st.tuples(*[st.integers(0, 50)] * 4).map(
-    lambda e: (min(e[0], e[2]), min(e[1], e[3]), max(e[0], e[2]), max(e[1], e[3]))
-)
-
-
-@given(edges, edges, st.integers(-1000, 1000))
-def test_iou_lies_in_0_to_1_and_ignores_the_origin(
-    a: tuple[int, ...], b: tuple[int, ...], shift: int
-) -> None:
-    found = float(iou([a], [b])[0, 0])
-    assert 0 <= found <= 1
-    moved = float(iou(np.array([a]) + shift, np.array([b]) + shift)[0, 0])
-    assert moved == pytest.approx(found, abs=1e-6)
-
-
-def test_highest_score_of_the_right_class_and_place() -> None:
-    found = detections(
-        (BOX, 0.4, 1),
-        ((11, 21, 31, 61), 0.7, 1),
-        (BOX, 0.9, 0),  # another class
-        ((40, 20, 60, 60), 0.95, 1),  # another place
-    )
-    assert confidence(found, 1) == pytest.approx(0.7)
-    assert confidence(found, 2) == 0.0
-    assert confidence(detections(), 1) == 0.0
-
-
-def test_half_an_overlap_is_enough_and_less_is_not() -> None:
+def test_half_an_overlap_is_enough_and_less_is_not():
     assert confidence(detections(((10, 20, 30, 40), 0.8, 0)), 0) == pytest.approx(0.8)
     assert confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), 0) == 0.0
 
@@ -91,20 +50,8 @@ def matches(found: Detections, targets_xyxy: Any) -> list[bool]:
     return every
 
 
-def test_a_target_takes_one_detection_and_a_detection_the_target_it_fits_best() -> None:
-    beside = (10.0, 25.0, 30.0, 65.0)  # overlaps BOX by 7/9
-    found = detections((BOX, 0.9, 0), (BOX, 0.8, 0), (beside, 0.7, 0), (BOX, 0.95, 1), (beside, 0.6, 0))
-    for targets, expected in (
-        ([BOX], [True, False, False, False]),
-        ([BOX, beside], [True, True, False, False]),
-        (np.zeros((0, 4)), [False] * 4),
-    ):
-        assert matches(found, targets) == hits(found, targets, 0).tolist() == expected
-    assert matches(detections(), [BOX]) == []
-
-
 @pytest.mark.parametrize("seed", range(3))
-def test_matches_are_those_of_a_search_box_by_box(seed: int) -> None:
+def test_matches_are_those_of_a_search_box_by_box(seed):
     """With targets that overlap each other, so that detections have a choice."""
     rng = np.random.default_rng(seed)
     for _ in range(20):
@@ -116,7 +63,7 @@ def test_matches_are_those_of_a_search_box_by_box(seed: int) -> None:
         assert matches(found, targets) == hits(found, targets, 0).tolist()
 
 
-def test_targets_are_held_against_any_number_of_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_targets_are_held_against_any_number_of_boxes(monkeypatch):
     """In pieces of a few boxes as all at once: the highest score of the class from an IoU of 0.5 on."""
     rng = np.random.default_rng(2)
     targets = _near(rng, 3)
@@ -134,3 +81,64 @@ def test_targets_are_held_against_any_number_of_boxes(monkeypatch: pytest.Monkey
 def _near(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
     corners = rng.uniform(0, 100, (count, 2))
     return np.concatenate([corners, corners + rng.uniform(30, 50, (count, 2))], axis=1)
+
+
+SHIFT_PX = 15
+MOVED = (SIGN[0] + SHIFT_PX, SIGN[1], SIGN[2] + SHIFT_PX, SIGN[3])
+
+
+def to_the_right(
+    boxes: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str]
+) -> NDArray[np.float64]:
+    assert boxes.shape == (1, 4)
+    assert len(labels) == 1
+    assert sizes_px.shape == (1, 2)
+    return boxes + np.array([SHIFT_PX, 0, SHIFT_PX, 0])
+
+
+def box_of(row: dict[str, Any]) -> tuple[float, ...]:
+    return tuple(row[edge] for edge in ("x0", "y0", "x1", "y1"))
+
+
+@pytest.mark.parametrize("labelled", [True, False], ids=["labelled", "found when clean"])
+def test_a_detector_is_held_against_moved_targets(detector, labelled):
+    targets = (Target("stop sign", "signs", SIGN),) if labelled else None
+    seen = View(detector, Picture("p", targets, sign, "p"), sign())
+    (clean,), (missed,) = seen.clean.targets, seen.evaluate(sign(right_px=SHIFT_PX)).targets
+    (found,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
+    assert clean["confidence"] > 0.8
+    assert missed["confidence"] < 0.3
+    assert found["confidence"] == pytest.approx(clean["confidence"], abs=0.1)
+    assert box_of(missed) == box_of(clean)
+    assert box_of(found) == pytest.approx(
+        [edge + d for edge, d in zip(box_of(clean), (15, 0, 15, 0), strict=True)]
+    )
+    assert found["width_px"] == pytest.approx(clean["width_px"])
+    (again,) = seen.evaluate(
+        sign(right_px=SHIFT_PX)
+    ).targets  # where targets stand is kept for one motion, not for all
+    assert {**again, "confidence": 0} == {**missed, "confidence": 0}
+    swept = seen.evaluate(sign(), None, to_the_right).targets[0]
+    assert (box_of(swept), swept["confidence"]) == (box_of(clean), clean["confidence"])
+    assert swept["confidence_swept"] < 0.3
+
+
+class Asked:
+    """A reader that notes where it is asked to read."""
+
+    name, sha256, non_finite_values_here, contract, path = "reader", "0" * 64, 0, None, Path("reader.onnx")
+
+    def __init__(self) -> None:
+        self.boxes: list[Any] = []
+
+    def read(self, image: NDArray[np.uint8], boxes_xyxy: Any) -> list[Reading]:
+        self.boxes.append([tuple(box) for box in boxes_xyxy])
+        return [Reading("STOP", 0.9) for _ in boxes_xyxy]
+
+
+def test_a_reader_reads_where_the_targets_stand():
+    reader = Asked()
+    seen = View(reader, Picture("p", (Target("text", "texts", SIGN, text="STOP"),), sign, "p"), sign())
+    (row,) = seen.evaluate(sign(right_px=SHIFT_PX), to_the_right).targets
+    assert reader.boxes == [[SIGN], [MOVED]]
+    assert (box_of(row), row["confidence"]) == (MOVED, 0.9)

@@ -1,25 +1,21 @@
 """Matching under blur: the box at mid-exposure and all that it covers during the exposure, told apart by detectors
 that box the one or the other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.on_picture import View
 from blurnoise_eval.sweep.exposing import Scene, frames
 from numpy.typing import NDArray
 
-from blurnoise import Camera, RandomExposure
+from blurnoise import Camera
 from blurnoise.scene.scene import Exposure
 
 CAMERA = Camera.preset("imx250")
@@ -39,13 +35,6 @@ def smear(image: NDArray[np.uint8]) -> tuple[float, float, float, float]:
     """The box of all that is clearly brighter than black."""
     rows, columns = np.nonzero(image.min(axis=2) > 40)
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
-
-
-def middle(image: NDArray[np.uint8]) -> tuple[float, float, float, float]:
-    """The square's own size about the middle of the smear: its place at mid-exposure."""
-    x0, y0, x1, y1 = smear(image)
-    x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    return x - SIDE_PX / 2, y - SIDE_PX / 2, x + SIDE_PX / 2, y + SIDE_PX / 2
 
 
 class Fake:
@@ -74,68 +63,13 @@ def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.6, -0.8)])
 @pytest.mark.parametrize("blur_px", [0.0, 6.0, 16.0, 26.0, 45.0])
-def test_who_boxes_the_smear_is_right_by_the_swept_box(
-    blur_px: float, direction: tuple[float, float]
-) -> None:
+def test_who_boxes_the_smear_is_right_by_the_swept_box(blur_px, direction):
     """At any blur; held to the place at mid-exposure only while the smear is less than twice the square's size."""
     x, y = (blur_px * along / EXPOSURE_S for along in direction)
     row = answers(smear, (x, y))
     assert row["confidence_swept"] == 1
     area = (SIDE_PX + blur_px * abs(direction[0])) * (SIDE_PX + blur_px * abs(direction[1]))
     assert row["confidence"] == float(SIDE_PX**2 / area > 0.5)
-
-
-@pytest.mark.parametrize("blur_px", [0.0, 6.0, 16.0, 26.0, 45.0])
-def test_who_boxes_the_middle_is_right_by_the_box_at_mid_exposure(blur_px: float) -> None:
-    row = answers(middle, (blur_px / EXPOSURE_S, 0.0))
-    assert row["confidence"] == 1
-    assert row["confidence_swept"] == float(SIDE_PX / (SIDE_PX + blur_px) > 0.5)
-
-
-def test_the_swept_box_is_what_training_boxes_grow_to() -> None:
-    """That of RandomExposure(grow_boxes=True), whose boxes end in the last pixel, ours at its outer edge."""
-    augment = RandomExposure(
-        "imx250", exposure_s=0.02, illuminance_lux=50.0, speed_px_s=(100.0, 900.0), grow_boxes=True, p=1.0
-    )
-    boxes = torch.tensor([[[20.0, 30.0, 80.0, 70.0], [100.0, 90.0, 159.0, 110.0]]]).expand(6, -1, -1)
-    torch.manual_seed(3)
-    params = augment.forward_parameters((6, 3, 120, 160))
-    corners = boxes[..., [[0, 1], [2, 1], [2, 3], [0, 3]]]
-    from kornia.geometry.boxes import Boxes
-
-    kornia = augment.apply_transform_box(Boxes(corners), params, augment.flags).data
-    for of_picture, before, speed, angle in zip(
-        kornia.numpy(), boxes.numpy(), params["speed_px_s"], params["direction_deg"].deg2rad(), strict=True
-    ):
-        velocity = float(speed * angle.cos()), float(-speed * angle.sin())
-        exposure = Exposure(CAMERA, 0.02, 50.0, velocity)
-        swept = swept_within(
-            box_sweeper(exposure)(before.astype(float), anywhere(len(before))), before, (159, 119)
-        )
-        expected = np.concatenate([of_picture.min(axis=1), of_picture.max(axis=1)], axis=1)
-        np.testing.assert_allclose(swept, expected, atol=1e-3)  # single precision there
-
-
-def anywhere(count: int) -> NDArray[np.float64]:
-    """Sizes of pictures that nobody knows."""
-    return np.full((count, 2), np.nan)
-
-
-def test_at_rest_nothing_is_swept_bit_for_bit() -> None:
-    boxes = np.random.default_rng(0).uniform(-20, 300, (50, 4))
-    still = Exposure(CAMERA, 0.02, 50.0, (0.0, 0.0))
-    assert box_mover(still) is None
-    np.testing.assert_array_equal(
-        swept_within(box_sweeper(still)(boxes, anywhere(50)), boxes, (280, 150)), boxes
-    )
-
-
-def test_sweeping_ends_at_the_border_of_the_picture() -> None:
-    moved = [[2.0, 10.0, 12.0, 20.0], [90.0, 30.0, 99.0, 48.0], [-5.0, 10.0, 30.0, 55.0]]
-    swept = box_sweeper(Exposure(CAMERA, 0.02, 50.0, (1000.0, -200.0)))(np.array(moved), anywhere(3))
-    np.testing.assert_allclose(
-        swept_within(swept, moved, (100, 50)), [[0, 8, 22, 22], [80, 28, 100, 50], [-5, 8, 40, 55]]
-    )
 
 
 def judged(box: NDArray[np.float64], speed_px_s: float) -> Evaluated:
@@ -160,7 +94,7 @@ def judged(box: NDArray[np.float64], speed_px_s: float) -> Evaluated:
 
 
 @pytest.mark.parametrize(("blur_px", "other"), [(6.0, 1.0), (26.0, 0.5 * 51 / 101), (100.0, 0.0)])
-def test_average_precision_by_the_swept_box(blur_px: float, other: float) -> None:
+def test_average_precision_by_the_swept_box(blur_px, other):
     """Boxes of the one kind are right by it, by the other as far as they overlap.
 
     At 26 px the square is 20/46 of its smear, but 20/38 where the picture's border cuts this: of two detections the
@@ -172,11 +106,3 @@ def test_average_precision_by_the_swept_box(blur_px: float, other: float) -> Non
     assert of_middle.average(ious=slice(1)).value == pytest.approx(1)
     assert of_middle.swept_ap50.value == pytest.approx(other)
     assert of_smear.average(ious=slice(1)).value == pytest.approx(other)
-
-
-def test_average_precision_at_rest_is_not_computed_twice(monkeypatch: pytest.MonkeyPatch) -> None:
-    still = judged(np.array(BOX), 0.0)
-    expected = still.average(ious=slice(1))
-    monkeypatch.setattr(Evaluated, "_precision", lambda *_: pytest.fail("was computed again"))
-    assert repr(still.swept_ap50) == repr(expected)
-    assert expected.value == pytest.approx(1)

@@ -1,25 +1,23 @@
-"""Results survive: whole or not at all, one writer, errors in words, tables that pandas reads."""
+"""Results survive: whole or not at all, one writer, errors in words, exports as people read them."""
 
-from __future__ import annotations
-
-import math
+import csv
 import subprocess
 import sys
-from pathlib import Path
+from itertools import product
 
 import numpy as np
-import pandas as pd
 import pytest
 from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
 from blurnoise_eval.store.schema import CONDITIONS
-from blurnoise_eval.store.store import PictureFacts, Store, StoreError
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
 
 
-def test_cells_and_detections_come_back(tmp_path: Path) -> None:
+def test_cells_and_detections_come_back(tmp_path):
     generator = np.random.default_rng(0)
     boxes = generator.uniform(0, 1e4, (7, 4)).astype(np.float32)
     found = Detections(boxes, generator.random(7, np.float32), generator.integers(0, 1000, 7))
@@ -42,7 +40,7 @@ def test_cells_and_detections_come_back(tmp_path: Path) -> None:
         assert list(store.targets())[1] == result(1).targets[0]
 
 
-def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path: Path) -> None:
+def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path):
     """Class 0 among them, which has no negative; what says nothing of it leads."""
     boxes, scores = np.zeros((4, 4), np.float32), np.array([0.9, 0.5, 0.4, 0.1], np.float32)
     ids, leads = np.array([0, 0, 79, 3]), np.array([True, False, False, True])
@@ -55,24 +53,7 @@ def test_classes_that_do_not_lead_their_box_come_back_as_such(tmp_path: Path) ->
     assert len(single.leading) == 4
 
 
-def test_facts_and_skipped_pictures_come_back(tmp_path: Path) -> None:
-    facts = {"seed": 3, "nested": [1, None, {"λ": 0.1}]}
-    with Store(tmp_path, create=True) as store:
-        assert store.about("facts") is None
-        store.set_about("facts", {"old": 1})
-        store.set_about("facts", facts)
-        store.skip("b.png", "first reason")
-        store.skip("b.png", "empty")
-        store.skip("a.png", "no picture")
-    with Store(tmp_path) as store:
-        assert store.about("facts") == facts
-        assert [(entry["image"], entry["reason"]) for entry in store.skipped()] == [
-            ("a.png", "no picture"),
-            ("b.png", "empty"),
-        ]
-
-
-def test_cells_are_added_all_or_none(tmp_path: Path) -> None:
+def test_cells_are_added_all_or_none(tmp_path):
     broken = result(1)
     broken.targets[0]["no such column"] = 1
     with Store(tmp_path, create=True) as store:
@@ -83,25 +64,15 @@ def test_cells_are_added_all_or_none(tmp_path: Path) -> None:
         assert [cell["cell_id"] for cell in store.cells()] == ["cell0"]
 
 
-def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> None:
-    conditions = [
-        {
-            "repeat": repeat,
-            "illuminance_lux": lux,
-            "exposure_s": t,
-            "velocity_x_px_s": x,
-            "velocity_y_px_s": y,
-            "temperature_c": temperature,
-            "gain_db": gain,
-        }
-        for repeat in (0, 1)
-        for lux in (5.0, 50.0)
-        for t in (0.01, 0.02)
-        for x in (-100.0, 0.0)
-        for y in (-7.0, 9.0)
-        for temperature in (-20.0, 25.0)
-        for gain in (0.0, 6.0)
-    ]
+def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path):
+    axes = {
+        "repeat": (0, 1),
+        "illuminance_lux": (5.0, 50.0),
+        "exposure_s": (0.01, 0.02),
+        "velocity_x_px_s": (-100.0, 0.0),
+    }
+    axes |= {"velocity_y_px_s": (-7.0, 9.0), "temperature_c": (-20.0, 25.0), "gain_db": (0.0, 6.0)}
+    conditions = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     results = [result(index, image="p", **at, targets=2) for index, at in enumerate(conditions)]
     for name, turn in (("up", 1), ("down", -1)):
         with Store(tmp_path / name, create=True) as store:
@@ -110,7 +81,7 @@ def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path: Path) -> N
             assert list(store.targets()) == [target for r in results for target in r.targets]
 
 
-def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> None:
+def test_second_connection_and_second_process_are_refused(tmp_path):
     code = (
         "import sys; from pathlib import Path; from blurnoise_eval.store.store import Store, StoreError\n"
         "try: Store(Path(sys.argv[1]), create=True)\n"
@@ -128,78 +99,13 @@ def test_second_connection_and_second_process_are_refused(tmp_path: Path) -> Non
         assert len(list(store.cells())) == 2
 
 
-def test_missing_run(tmp_path: Path) -> None:
-    with pytest.raises(StoreError, match="blurnoise sweep"):
-        Store(tmp_path / "nothing")
-    assert not (tmp_path / "nothing").exists()
-
-
-def test_file_that_is_no_database(tmp_path: Path) -> None:
+def test_file_that_is_no_database(tmp_path):
     (tmp_path / RUN_FILE).write_text("no database at all " * 100)
     with pytest.raises(StoreError, match="damaged"):
         Store(tmp_path)
 
 
-def test_damage_inside_is_told_when_it_is_met(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(index) for index in range(300)])
-    path = tmp_path / RUN_FILE
-    data = bytearray(path.read_bytes())
-    data[len(data) // 4 : len(data) // 2] = b"\xa5" * (len(data) // 2 - len(data) // 4)
-    path.write_bytes(data)
-    with pytest.raises(StoreError, match="damaged"), Store(tmp_path) as store:
-        write_exports(store)
-
-
-def test_tables_in_pandas(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([clean_result(0), result(1), result(2, targets=2)])
-        written = write_exports(store)
-    assert [path.name for path in written] == ["results.csv", "targets.csv"]
-    cells, targets = pd.read_csv(written[0]), pd.read_csv(written[1])
-    assert len(cells) == 3
-    assert len(targets) == 4
-    for table in (cells, targets):
-        assert table["clean"].dtype == bool
-        assert table["clean"].tolist() == [True] + [False] * (len(table) - 1)
-        assert pd.api.types.is_float_dtype(table["exposure_s"])
-        assert math.isnan(table["exposure_s"][0])
-        assert table["exposure_s"][1] == 0.002
-        assert table["image"][1] == 'picture 1, "quoted" λ.png'
-        assert pd.api.types.is_integer_dtype(table["repeat"])
-    assert cells["seed"].dtype == np.int64
-    assert cells["seed"].tolist() == [2**63 - 1, 2**63 - 2, 2**63 - 3]
-    assert "detections" not in cells
-    assert targets["confidence"].dtype == float
-
-
-def test_cells_of_several_models_stand_side_by_side(tmp_path: Path) -> None:
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0, model="b"), result(0, model="a"), result(1, model="a")])
-        assert [(c["cell_id"], c["model"]) for c in store.cells()] == [
-            ("cell0", "a"), ("cell0", "b"), ("cell1", "a"),
-        ]  # fmt: skip
-        assert [t["model"] for t in store.targets()] == ["a", "b", "a"]
-        assert [
-            store.count_different(*names) for names in (["model"], ["cell_id"], ["model", "cell_id"])
-        ] == [2, 2, 3]
-
-
-def test_pictures_are_what_their_cells_were_computed_from(tmp_path: Path) -> None:
-    facts = PictureFacts("2 bytes", "content", 64, 48, "")
-    with Store(tmp_path, create=True) as store:
-        store.note_picture("a", facts)
-        store.note_picture("b", facts)  # of which there are no cells
-        store.note_picture("a", facts._replace(identity="touched since"))
-        store.add([result(0, image="a")])
-        assert store.pictures() == {"a": facts._replace(identity="touched since")}
-        with pytest.raises(StoreError, match="picture 'a' is not what it was"):
-            store.note_picture("a", facts._replace(content="another"))
-        store.clear()
-        assert store.pictures() == {}
-
-
-def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
+def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path):
     """And a sweep keeps those out that would share."""
     refused = pytest.raises(StoreError, match="another process")
     with Store(tmp_path, create=True), refused, Store(tmp_path, shared=True):
@@ -208,7 +114,7 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path: Path) -> None:
         pass
 
 
-def test_the_time_of_a_frame_is_the_median(tmp_path: Path) -> None:
+def test_the_time_of_a_frame_is_the_median(tmp_path):
     with Store(tmp_path, create=True) as store:
         assert queries.median_simulate_ms(store) is None
         timed = [result(number) for number in range(3)]
@@ -218,7 +124,7 @@ def test_the_time_of_a_frame_is_the_median(tmp_path: Path) -> None:
         assert queries.median_simulate_ms(store) == 2.0
 
 
-def test_targets_as_columns(tmp_path: Path) -> None:
+def test_targets_as_columns(tmp_path):
     """Of every target the values of its own row and of its cell's; anew once the store has grown."""
     taken = [result(number, targets=2) for number in range(3)]
     for place, each in enumerate(taken):
@@ -242,3 +148,28 @@ def test_targets_as_columns(tmp_path: Path) -> None:
                 cell["saturated"],
                 cell["brightness"],
             )
+
+
+def test_csv_has_the_rows_of_the_store(tmp_path, monkeypatch):
+    """In their order, choices by name, "auto" where the camera sets a value, nothing where nothing is known."""
+    monkeypatch.setattr("blurnoise_eval.store.store._AT_ONCE", 7)
+    with Store(tmp_path, create=True) as store:
+        for model in ("m", "a/b c=1.onnx"):
+            every = [result(index, model=model, targets=2, moves=float(index % 3)) for index in range(40)]
+            every[3] = result(3, model=model, targets=0, exposure_s=AUTOMATIC, gain_db=AUTOMATIC)
+            every[4].cell["error"] = 'said "no",\nλ'
+            store.add([*every, *(clean_result(50 + index, model=model) for index in range(3))])
+        written = write_exports(store)
+        held = [list(store.cells()), list(store.targets())]
+    for path, rows in zip(written, held, strict=True):
+        with path.open(newline="", encoding="utf-8") as file:
+            found = list(csv.DictReader(file))
+        expected = [
+            {
+                name: "auto" if value == AUTOMATIC else "" if value is None else str(value)
+                for name, value in named(row).items()
+            }
+            for row in rows
+        ]
+        assert found == expected
+        assert {row["moves"] for row in found} == {"", *MOVES.choices}

@@ -1,30 +1,20 @@
-"""Ways into a network compared: a network that takes pictures in a known way, with contracts right and wrong.
-
-The network, made here, finds squares of one red: rgb, 0-1. Nodes
-before it turn the way under test into its own.
-"""
-
-from __future__ import annotations
+"""Ways into a network that finds squares of one red, behind nodes that turn each way into its own: rgb, 0-1."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import onnx
 import pytest
-from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract
+from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.sweep import contract_checks
-from blurnoise_eval.sweep.contract_checks import Known, Variant, compared, output_problems
-from numpy.typing import NDArray
+from blurnoise_eval.sweep.contract_checks import Known, compared, output_problems
+from constant_graphs import constant_graph
 from onnx import helper, numpy_helper
 
-SHARED = Path(__file__).resolve().parents[3].parent / "shared" / "real"
 ASSUMED = "assumed: preset x, which the graph suggests"
 
 
@@ -90,7 +80,7 @@ def squares(count: int = 4, colours: Sequence[tuple[int, int, int]] = (RED,)) ->
 
 
 @pytest.fixture(scope="module")
-def reds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def reds(tmp_path_factory):
     """A YOLOX of one class on 128 x 128 px, whose boxes are of 32 px, at stride 8. Their score is the share of pixels
     that are of that red: 1 in the very colour, 0 from 0.2 off in all channels together."""
     weight = np.zeros((6, 1, 32, 32), np.float32)
@@ -127,46 +117,36 @@ def reds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(scope="module")
-def own() -> Contract:
-    return Contract("yolox", ("red",), input_size_px=(128, 128))
-
-
-@pytest.fixture(scope="module")
-def pictures() -> list[Known]:
-    return squares()
+OWN = Contract("yolox", ("red",), input_size_px=(128, 128))
+PICTURES = squares()
 
 
 @pytest.mark.parametrize("taken", list(ways()))
-def test_what_nothing_states_is_chosen_and_its_source_says_so(
-    taken: tuple[str, str], tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
-) -> None:
-    detector = assumed(behind(reds, ("rgb", "0-1"), taken, tmp_path / "m.onnx"), own)
-    found = compared(detector, pictures)
+def test_what_nothing_states_is_chosen_and_its_source_says_so(taken, tmp_path, reds):
+    detector = assumed(behind(reds, ("rgb", "0-1"), taken, tmp_path / "m.onnx"), OWN)
+    found = compared(detector, PICTURES)
     assert {name: getattr(found.contract, name) for name in fields(*taken)} == fields(*taken)
     assert found.contract.sources["colour"].startswith("chosen by comparing 11 variants on 4 pictures")
     assert "do not tell it from others, by which much the same" in found.contract.sources["resize"]
     assert found.doubts == ()
     assert found.inferences <= 120
-    assert found == compared(detector, pictures)
+    assert found == compared(detector, PICTURES)
 
 
-def test_what_is_stated_is_only_doubted(
-    tmp_path: Path, reds: Path, own: Contract, pictures: list[Known]
-) -> None:
+def test_what_is_stated_is_only_doubted(tmp_path, reds):
     path = behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx")
-    stated = Detector(path, contract=own)
-    found = compared(stated, pictures)
-    assert found.contract == own
+    stated = Detector(path, contract=OWN)
+    found = compared(stated, PICTURES)
+    assert found.contract == OWN
     (doubt,) = found.doubts
     assert "(given): read as rgb, 0-255, " in doubt
-    right = Detector(path, contract=replace(own, value_range="0-255"))
-    assert compared(right, pictures).doubts == ()
+    right = Detector(path, contract=replace(OWN, value_range="0-255"))
+    assert compared(right, PICTURES).doubts == ()
 
 
-def test_what_the_pictures_leave_open_is_doubted(reds: Path, own: Contract) -> None:
+def test_what_the_pictures_leave_open_is_doubted(reds):
     """Of red and blue squares the network finds the red ones, and as many blue ones where it is fed with bgr."""
-    found = compared(assumed(reds, own), squares(8, (RED, BLUE)))
+    found = compared(assumed(reds, OWN), squares(8, (RED, BLUE)))
     (doubt,) = found.doubts
     assert f"colour may be wrong ({ASSUMED}): read as " in doubt
     assert "; if the former is right: --contract yolox,classes=red," in doubt
@@ -174,90 +154,29 @@ def test_what_the_pictures_leave_open_is_doubted(reds: Path, own: Contract) -> N
     assert found.contract.sources["value_range"].startswith("chosen")
 
 
-def test_what_an_exporter_s_code_fixes_is_not_questioned(tmp_path: Path, reds: Path, own: Contract) -> None:
-    path = behind(reds, ("rgb", "0-1"), ("rgb", "0-255"), tmp_path / "m.onnx")
-    known = replace(own, nms_iou=None, sources=dict.fromkeys(Contract.names(), f"preset yolov8 ({EXPORTER})"))
-    found = compared(Detector(path, contract=known), squares(1))
-    assert (found.doubts, found.inferences, found.text) == ((), 1, "")
-
-
-def test_pictures_that_tell_nothing_leave_what_was_assumed(reds: Path, own: Contract) -> None:
+def test_pictures_that_tell_nothing_leave_what_was_assumed(reds):
     grey = np.full((96, 130, 3), 118, np.uint8)
-    found = compared(assumed(reds, own), [(grey, None)] * 20)
-    assert found.contract == own
+    found = compared(assumed(reds, OWN), [(grey, None)] * 20)
+    assert found.contract == OWN
     assert found.doubts == (
         "nothing is found again in 8 pictures, however they enter: nothing confirms the contract",
     )
     assert all(found.contract.sources[name].startswith(ASSUMED) for name in ("colour", "value_range"))
 
 
-def test_garbage_in_any_way_is_doubted(reds: Path, own: Contract) -> None:
-    """What is fed with noise in the picture's place answers the same, wherever things are."""
-    noise = np.random.default_rng(0)
-
-    class Guessing(Detector):
-        def decode(self, *_: Any, **__: Any) -> Detections:
-            corners = noise.uniform(0, 80, (40, 2))
-            boxes = np.concatenate([corners, corners + 8], axis=1).astype(np.float32)
-            return Detections(boxes, np.full(40, 0.7, np.float32), np.zeros(40, np.int64))
-
-    found = compared(Guessing(reds, contract=own), squares(2))
-    assert "family, input or export are probably wrong" in found.doubts[0]
-
-
-def test_labels_are_one_more_view(reds: Path, own: Contract) -> None:
-    """Labels where nothing is found take from what agrees; those that are found again add to it."""
-    (picture, _), detector = squares(1)[0], Detector(reds, contract=own)
-    found = detector.detect(picture, min_score=0.25)
-    right = Detections(found.boxes_xyxy[:1], np.ones(1, np.float32), found.class_ids[:1])
-    wrong = Detections(np.array([[0, 0, 9, 9]], np.float32), np.ones(1, np.float32), np.zeros(1, np.int64))
-    shares = []
-    for labels in (wrong, None, right):
-        variant = Variant(own)
-        assert variant.show(detector, [(picture, labels)]) == 2
-        shares.append(variant.agreed[0] / variant.found[0])
-    assert shares[0] < 0.8 * shares[1] < 0.8 * 1
-    assert shares[2] > shares[0]
-
-
-def test_a_view_shows_what_was_found_where_it_is_in_it() -> None:
-    image = np.zeros((50, 100, 3), np.uint8)
-    image[20:30, 30:50] = 255
-    found = Detections(np.array([[30, 20, 50, 30], [0, 0, 3, 9]], np.float32), np.ones(2), np.zeros(2))  # type: ignore[arg-type]
-    seen, moved = contract_checks._view(image, found)
-    rows, columns = np.nonzero(seen[..., 0] == 255)
-    box = (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)
-    np.testing.assert_allclose(moved.boxes_xyxy, [box])  # 4 % of 100 px are cut from the second
-
-
 def answering(path: Path, value: float, top: float) -> Detector:
     """A YOLOX of one class for 64 x 64 px whose columns are all ``value``, the scores ``top``."""
     rows = np.full((1, 84, 6), value, np.float32)
     rows[..., 4:] = top
-    graph = helper.make_graph(
-        [
-            helper.make_node("ReduceMin", ["images"], ["least"], keepdims=0),
-            helper.make_node("Mul", ["least", "none"], ["nothing"]),
-            helper.make_node("Add", ["rows", "nothing"], ["output"]),
-        ],
-        "fixed",
-        [helper.make_tensor_value_info("images", onnx.TensorProto.FLOAT, [1, 3, 64, 64])],
-        [helper.make_tensor_value_info("output", onnx.TensorProto.FLOAT, rows.shape)],
-        [numpy_helper.from_array(rows, "rows"), numpy_helper.from_array(np.float32(0), "none")],
-    )
-    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), path)
+    constant_graph(path, [rows], (64, 64))
     return Detector(path, contract=replace(preset("yolox"), classes=("red",)))
 
 
 @pytest.mark.parametrize(
     ("value", "top", "words"),
-    [
-        (0.5, 0.0, "every score is exactly 0"),
-        (0.5, 1.5, "score 2.25 > 1"),
-        (np.nan, 0.5, "336 NaN or"),
-    ],
+    [(0.5, 0.0, "every score is exactly 0"), (0.5, 1.5, "score 2.25 > 1"), (np.nan, 0.5, "336 NaN or")],
 )
-def test_outputs_that_no_picture_explains(value: float, top: float, words: str, tmp_path: Path) -> None:
+def test_outputs_that_no_picture_explains(value, top, words, tmp_path):
     """An int8 export whose scores are all 0 is doubted, and nothing is said to be chosen for it."""
     detector = answering(tmp_path / "m.onnx", value, top)
     image = np.zeros((40, 60, 3), np.uint8)
@@ -268,45 +187,3 @@ def test_outputs_that_no_picture_explains(value: float, top: float, words: str, 
     assert words in found.doubts[0]
     assert found.doubts[0].startswith("3 of 3 pictures: ")
     assert not any(source.startswith("chosen") for source in found.contract.sources.values())
-
-
-def photographs(places: Sequence[int]) -> list[Known]:
-    paths = sorted((SHARED / "photos").glob("*.jpg"))
-    images = [cv2.imread(str(paths[place])) for place in places]
-    return [(np.ascontiguousarray(image[..., ::-1]), None) for image in images]
-
-
-REAL = pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared models and photos")
-NETWORKS = (("yolox_nano", "yolox", ("bgr", "0-255")), ("fastestdet_upstream", "fastestdet", ("bgr", "0-1")))
-
-
-def same_input(one: Contract, other: Contract) -> NDArray[np.bool_]:
-    """Whether colour, and whether range, mean and std are the same."""
-    values = [
-        (each.value_range, each.mean and sorted(each.mean), each.std and sorted(each.std))
-        for each in (one, other)
-    ]
-    return np.array([one.colour == other.colour, values[0] == values[1]])
-
-
-@REAL
-@pytest.mark.slow
-@pytest.mark.parametrize(("file", "family", "own"), NETWORKS)
-def test_real_networks_behind_every_way(file: str, family: str, own: tuple[str, str], tmp_path: Path) -> None:
-    """Nothing that is chosen is wrong, whatever is wrong is doubted; the right contract, stated, is not."""
-    source = SHARED / "models" / f"{file}.onnx"
-    some = photographs(range(0, 35, 2))
-    chosen = 0
-    for taken in list(ways())[::3]:
-        detector = assumed(behind(source, own, taken, tmp_path / "m.onnx"), preset(family))
-        right = replace(detector.contract, **fields(*taken), sources={})
-        found = compared(detector, some)
-        told = np.array(
-            [found.contract.sources[name].startswith("chosen") for name in ("colour", "value_range")]
-        )
-        assert same_input(found.contract, right)[told].all(), (taken, found.text)
-        all_right = same_input(found.contract, right).all() and found.contract.resize == right.resize
-        assert found.doubts or all_right
-        chosen += int(told.sum())
-        assert compared(Detector(tmp_path / "m.onnx", contract=right), some).doubts == ()
-    assert chosen >= 2  # of 8

@@ -1,81 +1,81 @@
-"""A sweep survives its own death, a picture that cannot be used, and a set larger than memory."""
+"""A sweep survives its own death, pictures that cannot be used and a set larger than memory."""
 
-from __future__ import annotations
-
+import os
+import pickle
+import random
+import subprocess
+import sys
 import weakref
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from blurnoise_eval import evaluate
+from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.engines import ThreadEngine
+from blurnoise_eval.sweep.run_folder import begun_or_gone
 from blurnoise_eval.sweep.work import count_cells
+from blurnoise_eval.system import working_folder
+from blurnoise_eval.system.urls import location
 from numpy.typing import NDArray
 from plans import plan as swept
+from processes import limited, with_helpers
+from s3_servers import BUCKET, at, s3_server
 from signs_in_memory import (
     CAMERA,
     PLAN,
     TWO,
+    computed,
     everything,
-    matched_detector,
-    n_done,
     noise,
     picture,
     picture_set,
     rows_of,
+    sign,
+    some_pictures,
     unreadable,
 )
+from stored_rows import result
 
-from blurnoise import Camera
-
-
-@pytest.fixture(scope="module")
-def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    return matched_detector(tmp_path_factory.mktemp("model"))
-
-
-@pytest.fixture(scope="module")
-def uninterrupted(detector: Detector, tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
-    return rows_of(tmp_path_factory.mktemp("run"), [detector], CAMERA, TWO, PLAN)
+ONE = swept((0.01,), (50.0,), repeats=2)
 
 
 @pytest.mark.parametrize(("threads", "after"), [(1, 1), (1, 20), (3, 25)])
-def test_interrupted_sweep_goes_on(
-    detector: Detector, tmp_path: Path, uninterrupted: list[Any], threads: int, after: int
-) -> None:
-    settled = 0
+def test_interrupted_sweep_goes_on(detector, tmp_path, threads, after):
+    settled: list[int] = []
 
     def interrupt(cells: int) -> None:
-        nonlocal settled
-        settled += cells
-        if settled >= after:
+        settled.append(cells)
+        if sum(settled) >= after:
             raise KeyboardInterrupt
 
+    def run(**options: Any) -> sweep.Outcome:
+        return computed(tmp_path / "run", [detector], TWO, ThreadEngine(threads), PLAN, **options)
+
     total = count_cells(TWO, PLAN)
-    with Store(tmp_path, create=True) as store:
-        with pytest.raises(KeyboardInterrupt):
-            sweep.run([detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=interrupt)
-        kept = n_done(store)  # the store is whole: it can be read at once
-        assert after <= kept < total
+    with pytest.raises(KeyboardInterrupt):
+        run(progress=interrupt)
+    with Store(tmp_path / "run") as store:  # it is whole: it can be read at once
+        kept = len({row["cell_id"] for row in store.rows("SELECT cell_id FROM cells")})
+    assert after <= kept < total
     told: list[int] = []
-    with Store(tmp_path) as store:
-        outcome = sweep.run(
-            [detector], CAMERA, TWO, PLAN, store, engine=ThreadEngine(threads), progress=told.append
-        )
-        assert (outcome.resumed, outcome.computed) == (kept, total - kept)
-        assert sum(told) == total
-        assert everything(store) == uninterrupted
-        again = sweep.run([detector], CAMERA, TWO, PLAN, store)
-        assert (again.resumed, again.computed) == (total, 0)
+    outcome = run(progress=told.append)
+    assert (outcome.resumed, outcome.computed, sum(told)) == (kept, total - kept, total)
+    assert everything(tmp_path / "run") == rows_of(tmp_path / "whole", [detector], CAMERA, TWO, PLAN)
+    again = run()
+    assert (again.resumed, again.computed) == (total, 0)
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_pictures_in_memory_do_not_grow_with_the_set(
-    detector: Detector, tmp_path: Path, threads: int
-) -> None:
+def test_pictures_in_memory_do_not_grow_with_the_set(detector, tmp_path, threads):
+    """Scenes that are kept, and one that each task at work may still hold."""
     live: set[int] = set()
     most = 0
 
@@ -88,34 +88,147 @@ def test_pictures_in_memory_do_not_grow_with_the_set(
         return image
 
     many = picture_set(*[picture(f"p{index}", load) for index in range(40)])
-    plan = swept((0.01,), (50.0,), repeats=2)
-    with Store(tmp_path, create=True) as store:
-        sweep.run([detector], CAMERA, many, plan, store, engine=ThreadEngine(threads))
-        assert n_done(store) == count_cells(many, plan) == 120
-    # Scenes that are kept, and one that each task at work may still hold.
+    assert computed(tmp_path, [detector], many, ThreadEngine(threads), ONE).computed == 120
     assert most <= 2 * threads + 2
 
 
-@pytest.mark.parametrize("threads", [1, 3])
-def test_unreadable_picture_is_named_and_skipped(detector: Detector, tmp_path: Path, threads: int) -> None:
-    pictures = picture_set(picture("a"), picture("bad.png", unreadable), picture("z"))
-    told: list[int] = []
-    for turn in ("first", "again"):
+def test_unreadable_picture_is_named_and_skipped_until_it_is_mended(detector, tmp_path):
+    bad, told = picture("bad.png", unreadable), list[int]()
+    for mended in (False, False, True):
         told.clear()
-        with Store(tmp_path, create=True) as store:
-            outcome = sweep.run(
-                [detector], CAMERA, pictures, PLAN, store, engine=ThreadEngine(threads), progress=told.append
-            )
-            assert outcome.skipped == {"bad.png": "bad.png: is empty (0 bytes)"}
-            assert [entry["image"] for entry in store.skipped()] == ["bad.png"]
-            assert {cell["image"] for cell in store.cells()} == {"a", "z"}, turn
-            assert sum(told) == count_cells(pictures, PLAN)
+        shown = picture_set(picture("a"), replace(bad, load=sign) if mended else bad, picture("z"))
+        outcome = computed(tmp_path, [detector], shown, ThreadEngine(2), ONE, progress=told.append)
+        assert outcome.skipped == ({} if mended else {"bad.png": "bad.png: is empty (0 bytes)"})
+        with Store(tmp_path) as store:
+            assert [entry["image"] for entry in store.skipped()] == ([] if mended else ["bad.png"])
+            assert ("bad.png" in {cell["image"] for cell in store.cells()}) == mended
+        assert sum(told) == count_cells(shown, ONE)
 
 
-def test_a_picture_too_thin_for_a_mosaic_is_skipped_and_named(detector: Detector, tmp_path: Path) -> None:
-    shown = picture_set(picture("thin", lambda: noise(1, 40)), picture("whole", lambda: noise(43, 61)))
-    plan = swept((0.004,), (33.3,), examples=False)
-    with Store(tmp_path / "mosaic", create=True) as store:
-        outcome = sweep.run([detector], Camera.preset("imx250c"), shown, plan, store)
-    assert list(outcome.skipped) == ["thin"]
-    assert "40 x 1 px; behind a mosaic it must be at least 2 x 2" in outcome.skipped["thin"]
+# --- which folder is whose ---
+
+
+class Unreachable:
+    def map(self, *_: Any) -> Iterator[Any]:
+        raise ChildProcessError("no cluster")
+        yield
+
+
+def test_a_sweep_whose_engine_cannot_begin_leaves_nothing(tmp_path):
+    with pytest.raises(ChildProcessError, match="no cluster"):
+        evaluate(pictures=TWO, plan=ONE, output=tmp_path / "of/runs", engine=Unreachable())  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def begin(
+    folder: Path, *, cells: int = 0, skipped: bool = False, before: str = "", meanwhile: str = ""
+) -> list[str]:
+    """Fail after so much was stored; what is there then."""
+    if before:
+        folder.mkdir(exist_ok=True)
+        (folder / before).write_text("mine")
+    with suppress(KeyboardInterrupt), begun_or_gone(folder), Store(folder, create=True) as store:
+        (folder / "coco").mkdir(exist_ok=True)
+        (folder / "coco/instances.json").write_text("{}")
+        if meanwhile:
+            (folder / meanwhile).write_text("mine, too")
+        store.add([result(number) for number in range(cells)])
+        if skipped:
+            store.skip("a.png", "cannot be read")
+        raise KeyboardInterrupt
+    return sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+
+
+def test_what_has_begun_and_what_was_there_stay(tmp_path):
+    whole = ["coco", "results.sqlite"]
+    assert begin(tmp_path / "new") == []
+    assert not (tmp_path / "new").exists()
+    assert begin(tmp_path / "cell", cells=1) == whole
+    assert begin(tmp_path / "skipped", skipped=True) == whole
+    assert begin(tmp_path / "mine", before="notes.txt") == ["notes.txt"]
+    assert begin(tmp_path / "ours", meanwhile="download.zip") == ["download.zip"]
+    with Store(tmp_path / "held", create=True) as store:
+        store.set_about("identity", {})
+    assert begin(tmp_path / "held") == whole
+    used = pytest.raises(ValueError, match="another process is using it")
+    with Store(tmp_path / "used", create=True), used:
+        begin(tmp_path / "used")
+    assert (tmp_path / "used/results.sqlite").is_file()
+
+
+# --- drivers that are killed over and over, at cells by a fixed seed, and begun again ---
+
+LONG = swept(tuple(ms / 1e3 for ms in range(1, 13)), (50.0, 200.0), (0.0, 300.0))
+_DRIVER = """
+import pickle, sys
+from pathlib import Path
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.engines import RayEngine, ThreadEngine
+from blurnoise_eval.sweep.run import run
+from blurnoise_eval.system import working_folder
+from blurnoise_eval.system.urls import location
+from signs_in_memory import CAMERA
+given, where, address = sys.argv[1:]
+detector, pictures, plan = pickle.loads(Path(given).read_bytes())
+engine = RayEngine(2, address) if address else ThreadEngine(2)
+with working_folder.written_run(location(where)) as folder, Store(folder.path, create=True) as store:
+    run(
+        [detector], CAMERA, pictures, plan, store, engine=engine, progress=lambda cells: print(cells, flush=True)
+    )
+"""
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    shown = some_pictures(tmp_path_factory.mktemp("pictures"))
+    return replace(shown, pictures=shown.pictures[:2])
+
+
+@pytest.fixture(scope="module")
+def unbroken(detector, two, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("unbroken")
+    computed(folder, [detector], two, ThreadEngine(2), LONG)
+    return everything(folder)
+
+
+def driven(command: list[str], kill_at: int | None, env: dict[str, str]) -> int:
+    """Begin a driver and kill it once it has settled so many cells, None: never. How many it was heard to have."""
+    settled, pipe = 0, subprocess.PIPE
+    env = {**os.environ, "PYTHONPATH": with_helpers(), **env}
+    with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True, env=env) as driver:
+        for line in driver.stdout:
+            settled += int(line)
+            if kill_at is not None and settled >= kill_at:
+                driver.kill()
+                break
+        _, complaint = driver.communicate()
+    assert kill_at is not None or driver.returncode == 0, complaint
+    assert kill_at is None or settled >= kill_at, complaint
+    return settled
+
+
+def moments(two: PictureSet, seed: int, count: int) -> list[int]:
+    """When to kill: at the first sign of life, and later and later."""
+    return [1, *sorted(random.Random(seed).sample(range(2, count_cells(two, LONG) - 10), count - 1))]
+
+
+def command(detector: Detector, two: PictureSet, folder: Path, where: object, address: str = "") -> list[str]:
+    (folder / "given").write_bytes(pickle.dumps((detector, two, LONG)))
+    return [sys.executable, "-c", _DRIVER, str(folder / "given"), str(where), address]
+
+
+@pytest.mark.slow
+def test_killed_with_a_run_on_s3(detector, two, tmp_path, unbroken, monkeypatch):
+    """What is killed goes on from what its machine has, and is put in the end; another machine reads it."""
+    s3fs = pytest.importorskip("s3fs")
+    where = f"s3://{BUCKET}/run"
+    with limited(550), s3_server() as server:
+        at(server, monkeypatch.setenv)
+        s3fs.S3FileSystem(skip_instance_cache=True).mkdir(BUCKET)
+        driver = command(detector, two, tmp_path, where)
+        for kill_at in [*moments(two, 8, 3), None]:
+            settled = driven(driver, kill_at, {"BLURNOISE_CACHE": str(tmp_path / "machine")})
+        assert settled == count_cells(two, LONG)
+        monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "reader"))
+        with working_folder.read_run(location(where)) as folder:
+            assert everything(folder.path) == unbroken

@@ -1,10 +1,6 @@
-"""A run's identity: the content of everything that reaches a pixel or a box, and the software that computed it."""
+"""A run is that of its contents: all that reaches a pixel or a box, and its software; it is read back as it was."""
 
-from __future__ import annotations
-
-import csv
-import json
-import re
+import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -12,25 +8,32 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
-from blurnoise_eval.datasets import Picture, PictureSet, Target
-from blurnoise_eval.evaluation import Evaluation, evaluate
+from blurnoise_eval.datasets import Image, Picture, PictureSet, Target, image_folder, write_picture
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.grid.objects import Crossing, Objects
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep import run_folder
 from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.sweep.open import Batch, Run, ask
+from blurnoise_eval.sweep.run_folder import open_run
 from blurnoise_eval.system.machine import versions
+from onnx import numpy_helper
+from plans import plan as swept
+from signs_in_memory import CAMERA, TWO
 
+from blurnoise.motion.ego import Vehicle
+from blurnoise.scene.metering import AutoExposure
+
+SMALL = swept((0.004,), (33.3,), (0.0, 333.3), examples=False)
 GRID: Mapping[str, Any] = {"exposure_s": (0.005,), "illuminance_lux": (50.0,), "velocity_x_px_s": (100.0,)}
-PLAN = SweepPlan(GRID)
-TARGET = Target(
-    "stop sign",
-    "signs",
-    (20.0, 20.0, 60.0, 60.0),
-    annotation={"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 60.0]]},
-)
+CUTTING = SweepPlan({**GRID, "moves": ("targets",)}, objects=Objects())
+OUTLINE = {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 60.0]]}
+TARGET = Target("stop sign", "signs", (20.0, 20.0, 60.0, 60.0), annotation=OUTLINE)
 CHANGED: Mapping[str, Any] = {
     "label": "car",
     "group": "cars",
@@ -40,95 +43,194 @@ CHANGED: Mapping[str, Any] = {
     "text": "STOP",
     "annotation": {"segmentation": [[20.0, 20.0, 60.0, 20.0, 20.0, 59.0]]},
 }
-IN_IDENTITY = {
-    "model", "contract", "dictionary", "text_detector",  # the model's sha256 and contract
-    "images", "labels",  # pictures, choice of targets, annotations
-    "camera", "objects", "trajectory",  # camera, and the plan
-}  # fmt: skip
 HARMLESS = {"split", "engine"}  # words of data.yaml; nothing that is computed
-NAMES_FILES = re.compile(r"FILE|DIR|PATH|RUN|\.onnx|\bfile\b|\bfolder\b")
 
 
-def image() -> Any:
-    return np.random.default_rng(3).integers(0, 255, (80, 90, 3), np.uint8)
+def noise(seed: int) -> Image:
+    return np.random.default_rng(seed).integers(0, 256, (41, 53, 3), np.uint8)
 
 
-def pictures(*targets: Target, name: str = "a.png") -> PictureSet:
-    return PictureSet(
-        "coco", "a", (Picture(name, targets or (TARGET,), image, name, 1),), {"stop sign": 1, "car": 2}
-    )
+def labelled(target: Target = TARGET) -> PictureSet:
+    one = Picture("a.png", (target,), lambda: np.resize(noise(3), (80, 90, 3)), "a.png", 1)
+    return PictureSet("coco", "a", (one,), {"stop sign": 1, "car": 2})
 
 
-def cutting(**how: Any) -> SweepPlan:
-    return SweepPlan({**GRID, "moves": ("targets",)}, objects=Objects(**how))
+@pytest.fixture
+def photos(tmp_path):
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for seed, name in enumerate("ab"):
+        write_picture(folder / f"{name}.bmp", noise(seed))
+    return folder
 
 
-def swept(run: Path, shown: PictureSet, plan: SweepPlan, part: str | None = None) -> None:
-    evaluate(pictures=shown, plan=plan, output=run, threads=1, part=part, refine=False)
+def computed(
+    detector: Detector, photos: Path, run: Path, plan: SweepPlan = SMALL, **changed: Any
+) -> tuple[int, int]:
+    """Computed and resumed cells."""
+    pictures = replace(image_folder(photos), **changed)
+    with Store(run, create=True) as store:
+        open_run(store, [detector], CAMERA, pictures, plan, {})
+        done = sweep.run([detector], CAMERA, pictures, plan, store)
+    return done.computed, done.resumed
+
+
+def test_a_picture_of_the_same_size_is_another(detector, photos, tmp_path):
+    file, run = photos / "b.bmp", tmp_path / "run"
+    assert computed(detector, photos, run) == (6, 0)
+    before = file.stat()
+    write_picture(file, noise(7))
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert file.stat().st_size == before.st_size
+    with pytest.raises(StoreError, match=r"holds a run with another picture 'b\.bmp'"):
+        computed(detector, photos, run)
+    file.unlink()
+    write_picture(file, noise(1))  # the old one, in a new file
+    assert computed(detector, photos, run) == (0, 6)
+    file.write_bytes(b"")
+    with pytest.raises(StoreError, match=r"another picture 'b\.bmp'"):
+        computed(detector, photos, run)
+
+
+def test_a_copied_set_is_the_same(detector, photos, tmp_path, monkeypatch):
+    """Every picture is read once to learn it, and then not again."""
+    assert computed(detector, photos, tmp_path / "run") == (6, 0)
+    shutil.copytree(photos, tmp_path / "copy")
+    assert computed(detector, tmp_path / "copy", tmp_path / "run") == (0, 6)
+    unread = "blurnoise_eval.datasets.folder.read_picture"
+    monkeypatch.setattr(unread, lambda path, _: pytest.fail(f"read {path}"))
+    assert computed(detector, tmp_path / "copy", tmp_path / "run") == (0, 6)
+
+
+def test_a_picture_that_changes_under_the_sweep_ends_it(detector, photos, tmp_path):
+    """The rows of both would stand under one name; those of the first stay."""
+    first, second = image_folder(photos)
+    seen: list[int] = []
+
+    def changing() -> Image:
+        seen.append(1)
+        return noise(len(seen))
+
+    pictures = (replace(first, load=changing), second)
+    assert computed(detector, photos, tmp_path / "run", pictures=pictures) == (6, 0)
+    shown = replace(image_folder(photos), pictures=pictures)
+    with Store(tmp_path / "run") as store:
+        before = list(store.cells())
+        with pytest.raises(StoreError, match=r"picture 'a\.bmp' is not what it was"):
+            sweep.run([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
+        after = list(store.cells())
+    assert [row for row in after if row["image"] == "a.bmp"] == [
+        row for row in before if row["image"] == "a.bmp"
+    ]
+
+
+def with_weights_beside(detector: Detector, folder: Path, gain: float) -> Path:
+    folder.mkdir(exist_ok=True)
+    model = onnx.load(detector.path)
+    largest = max(model.graph.initializer, key=lambda tensor: len(tensor.raw_data))
+    weights = numpy_helper.to_array(largest)
+    largest.CopyFrom(numpy_helper.from_array((weights * gain).astype(weights.dtype), largest.name))
+    beside = folder / "m.onnx.data"
+    beside.unlink(missing_ok=True)  # which would be appended to
+    onnx.save(model, folder / "m.onnx", save_as_external_data=True, location=beside.name, size_threshold=1000)
+    return folder / "m.onnx"
+
+
+def test_weights_beside_the_model_are_the_model(detector, photos, tmp_path):
+    path = with_weights_beside(detector, tmp_path / "model", 1.0)
+    graph = path.read_bytes()
+    computed(Detector(path), photos, tmp_path / "run")
+    with_weights_beside(detector, tmp_path / "model", 0.5)
+    assert path.read_bytes() == graph
+    with pytest.raises(StoreError, match="another model"):
+        computed(Detector(path), photos, tmp_path / "run")
+
+
+def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
+    """The fields of targets, too, but for what changes nothing; threads may differ."""
+    shown = labelled()
+
+    def opened(
+        camera: Any = CAMERA, pictures: PictureSet = shown, plan: SweepPlan = CUTTING, threads: int = 1
+    ) -> None:
+        open_run(store, [detector], camera, pictures, plan, {"threads": threads})
+
+    with Store(shutil.copytree(cut, tmp_path / "run")) as store:
+        opened(threads=2)
+        opened()
+        assert store.about("manifest")["threads"] == 1
+        fewer = replace(shown, pictures=(replace(shown.pictures[0], name="b.png"),))
+        for named, changes in {
+            "another camera": {"camera": replace(CAMERA, f_number=2.0)},
+            "another plan": {"plan": replace(CUTTING, seed=1)},
+            "another pictures": {"pictures": fewer},
+            "another choice of targets": {
+                "pictures": replace(shown, pictures=(replace(shown.pictures[0], targets=None),))
+            },
+        }.items():
+            with pytest.raises(StoreError, match=named):
+                opened(**changes)  # type: ignore[arg-type]
+        assert CHANGED.keys() == {field.name for field in fields(Target)}
+        for name, value in CHANGED.items():
+            with pytest.raises(StoreError, match=r"another (choice of targets|annotations)"):
+                opened(pictures=labelled(replace(TARGET, **{name: value})))
+        for harmless in run_folder.HARMLESS:
+            opened(pictures=labelled(replace(TARGET, annotation={**OUTLINE, harmless: 7})))
 
 
 @pytest.fixture(scope="module")
-def cut(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cut(tmp_path_factory, detector):
     run = tmp_path_factory.mktemp("cut") / "run"
-    swept(run, pictures(), cutting())
+    evaluate(detector, labelled(), CAMERA, CUTTING, run, threads=1, refine=False)
     return run
 
 
-def test_every_setting_that_names_files_is_in_the_identity() -> None:
-    named = {
-        each.name
-        for each in fields(PlanFile)
-        if NAMES_FILES.search(f"{each.metadata['metavar']} {each.metadata['about']}")
-    }
-    assert named - HARMLESS <= IN_IDENTITY
-
-
-@pytest.mark.parametrize("name", [field.name for field in fields(Target)])
-def test_every_field_of_a_target_is_in_the_identity(cut: Path, name: str) -> None:
-    changed = replace(TARGET, **{name: CHANGED[name]})
-    from blurnoise_eval.detectors.detector import Detector
-    from blurnoise_models.detector import STOP_SIGN
-
-    from blurnoise.optics.camera import Camera
-
-    with Store(cut) as store:
-        camera = Camera.from_dict(store.about("manifest")["camera"])
-        model, plan = Detector(STOP_SIGN), cutting()
-        run_folder.open_run(store, [model], camera, pictures(), plan, {})
-        with pytest.raises(StoreError, match=r"another (choice of targets|annotations)"):
-            run_folder.open_run(store, [model], camera, pictures(changed), plan, {})
-        for harmless in run_folder.HARMLESS:
-            also = replace(TARGET, annotation={**TARGET.annotation, harmless: 7})
-            run_folder.open_run(store, [model], camera, pictures(also), plan, {})
-
-
-def computed_with(run: Path, **others: str) -> None:
-    """Have the run say that other versions computed it."""
-    with Store(run) as store:
-        store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), **others}})
-
-
 @pytest.mark.parametrize("name", ["torch", "blurnoise", "sources"])
-def test_other_software_is_named(cut: Path, tmp_path: Path, name: str) -> None:
+def test_other_software_is_named(cut, detector, tmp_path, name):
     run = shutil.copytree(cut, tmp_path / "run")
-    computed_with(run, **{name: "0.0.7"})
+    with Store(run) as store:
+        store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), name: "0.0.7"}})
     with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
-        swept(run, pictures(), cutting())
+        evaluate(detector, labelled(), CAMERA, CUTTING, run, threads=1, refine=False)
     with pytest.raises(StoreError, match=rf"differs from .* in software\.{name} \(.*0\.0\.7"):
         merge([cut, run], tmp_path / "merged")
 
 
-def test_rows_state_what_computed_them(cut: Path, tmp_path: Path) -> None:
-    """In the store, in its exports and in a merged run."""
-    merge([cut], tmp_path / "merged")
-    with Store(tmp_path / "merged") as store:
-        assert list(store.software().values()) == [versions()]
-        (key,) = store.software()
-        assert {row["computed_by"] for row in store.cells()} == {key}
-    Evaluation(cut, output=tmp_path / "page").report()
-    assert json.loads((tmp_path / "page" / "summary.json").read_text())["software"] == {key: versions()}
-    with (tmp_path / "page" / "results.csv").open(newline="") as file:
-        assert {row["computed_by"] for row in csv.DictReader(file)} == {key}
-    page = (tmp_path / "page" / "report.html").read_text()
-    assert key in page
-    assert versions()["sources"] in page
+PLAN = swept((0.01, 0.02), (50.0,), (0.0, 300.0))
+MOVED = swept((0.01,), (50.0,), (0.0, 300.0), gain_db=("auto",), moves=(0.0, 1.0))
+NODES = SweepPlan({"gain_db": (6.0,)}, repeats=2, direction=(0.6, 0.8))
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        replace(PLAN, repeats=3, seed=7, grey_anchor="mean", examples=False, trajectory="shake:6"),
+        replace(MOVED, auto_exposure=AutoExposure(target=0.3), objects=Objects(speeds={"stop sign": 0.5})),
+        replace(MOVED, objects=Objects(crossings={"stop sign": Crossing(30.0, width_m=0.9)})),
+        replace(swept((0.01,), (50.0,), ego_speed_m_s=(20.0,)), ego=Vehicle(height_m=2.0)),
+        NODES,
+    ],
+)
+def test_a_plan_is_read_back(plan, detector, tmp_path):
+    with Store(tmp_path, create=True) as store:
+        open_run(store, [detector], CAMERA, TWO, plan, {})
+        assert (Run(store).plan, Run(store).camera) == (plan, CAMERA)
+
+
+def test_what_is_missing_is_counted(detector, tmp_path):
+    """Of a grid with the exposures that were asked for beside it; of a search for the pictures that it took."""
+    (extra,) = swept((0.015,), (50.0,)).conditions()
+    for plan, n_pictures, expected in ((PLAN, len(TWO), 2 * (1 + 4 + 1)), (NODES, 1, 1 * (1 + 2 * 1))):
+        with Store(tmp_path / str(n_pictures), create=True) as store:
+            open_run(store, [detector], CAMERA, TWO, plan, {})
+            ask(store, Batch(n_pictures, (), (extra,)))
+            assert Run(store).missing_cells() == expected
+            store.skip(TWO.pictures[0].name, "cannot be read")
+            assert Run(store).missing_cells() == expected // n_pictures * (n_pictures - 1)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(StoreError, match=r"holds no results.sqlite"), Run.open(tmp_path):
+        pass
+    with Store(tmp_path, create=True) as store, pytest.raises(StoreError, match="no sweep has begun here"):
+        Run(store)

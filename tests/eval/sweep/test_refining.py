@@ -1,7 +1,5 @@
 """Refining: further exposures about the ends of windows, by a score whose ends are known in closed form."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -13,26 +11,19 @@ import pytest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Cell, SweepPlan
+from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.merging import merge
 from blurnoise_eval.sweep.open import asked
 from blurnoise_eval.sweep.refining import STOPS
 from blurnoise_eval.sweep.work import Block, Work
-from commands import main
-from signs_in_memory import CAMERA, matched_detector, picture, picture_set
+from plans import plan as swept_plan
+from signs_in_memory import CAMERA, picture, picture_set
 from stored_rows import clean_result, result
 
 EXPOSURES_S = (0.001, 0.003, 0.01, 0.03, 0.1)
 LIGHTS_LUX, SPEEDS_PX_S = (5.0, 50.0), (0.0, 300.0)
-PLAN = SweepPlan(
-    {
-        "exposure_s": EXPOSURES_S,
-        "illuminance_lux": LIGHTS_LUX,
-        "velocity_x_px_s": SPEEDS_PX_S,
-        "gain_db": (AUTOMATIC,),
-    }
-)
+PLAN = swept_plan(EXPOSURES_S, LIGHTS_LUX, SPEEDS_PX_S, gain_db=(AUTOMATIC,))
 PICTURES = picture_set(*(picture(f"{number}.png", labels=None) for number in range(24)))
 KEPT, STEEP = 0.9, 12.0  # of the logistic curves, per stop
 
@@ -80,18 +71,13 @@ def scored(model: str, cell: Cell) -> CellResult:
     return replace(found, targets=tuple({**row, "confidence": 0.9 * kept} for row in found.targets))
 
 
-@pytest.fixture(scope="module")
-def detector(tmp_path_factory: pytest.TempPathFactory) -> Detector:
-    return matched_detector(tmp_path_factory.mktemp("model"))
-
-
 def swept(folder: Path, detector: Detector, engine: ClosedForm | None = None, **options: Any) -> Evaluation:
     options = {"keep": KEPT, "refine": True} | options
     return evaluate(detector, PICTURES, CAMERA, PLAN, folder, engine=engine or ClosedForm(), **options)
 
 
 @pytest.fixture(scope="module")
-def refined(detector: Detector, tmp_path_factory: pytest.TempPathFactory) -> Evaluation:
+def refined(detector, tmp_path_factory):
     return swept(tmp_path_factory.mktemp("run"), detector)
 
 
@@ -101,7 +87,7 @@ def rows(run: Evaluation) -> list[Any]:
         return [sorted(found, key=repr), asked(store)]
 
 
-def test_every_end_lies_in_its_interval(refined: Evaluation) -> None:
+def test_every_end_lies_in_its_interval(refined):
     """Seven of the eight ends stand between two tested exposures, 1.6 to 1.7 stops apart; one is below the shortest.
     Straight lines between these miss most of them by more than a quarter of a stop."""
     seen = 0
@@ -121,31 +107,22 @@ def test_every_end_lies_in_its_interval(refined: Evaluation) -> None:
     assert seen == 8
 
 
-def test_it_costs_a_few_conditions_of_that_light_and_speed(refined: Evaluation) -> None:
+def test_it_costs_a_few_conditions_of_that_light_and_speed(refined):
     """Less than half of a grid of quarter stops, 27 exposures for each of four lines."""
     with Store(refined.folder) as store:
         more = [at for batch in asked(store) for at in batch.conditions]
     assert len(set(more)) == len(more) == refined.summary["refined"]
     assert 8 * 3 <= len(more) <= 4 * 27 / 2
     assert refined.summary["missing_cells"] == 0
-    assert refined.outcome is not None
     assert refined.outcome.computed == 24 * (1 + 20 + len(more))
     lines = {(at.illuminance_lux, at["velocity_x_px_s"]) for at in more}
     assert lines == {(lux, speed) for lux in LIGHTS_LUX for speed in SPEEDS_PX_S}
 
 
-def test_asked_again_it_computes_nothing(refined: Evaluation, detector: Detector) -> None:
-    before, engine = rows(refined), ClosedForm()
-    swept(refined.folder, detector, engine)
-    assert engine.cells == 0
-    assert rows(refined) == before
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [50, 110])
-def test_stopped_it_goes_on_with_the_same_cells(
-    refined: Evaluation, detector: Detector, tmp_path: Path, after: int
-) -> None:
-    """In the grid, which has 96 blocks, or while it is refined."""
+def test_stopped_it_goes_on_with_the_same_cells(refined, detector, tmp_path, after):
+    """In the grid, which has 96 blocks, or while it is refined. Asked again it computes nothing."""
     stopped = 0
     while True:
         try:
@@ -155,28 +132,16 @@ def test_stopped_it_goes_on_with_the_same_cells(
             stopped += 1
     assert stopped
     assert rows(run) == rows(refined)
+    swept(tmp_path, detector, engine := ClosedForm())
+    assert engine.cells == 0
+    assert rows(run) == rows(refined)
 
 
-def test_a_part_refines_nothing_and_the_merged_run_does(
-    refined: Evaluation, detector: Detector, tmp_path: Path
-) -> None:
+@pytest.mark.slow
+def test_a_part_refines_nothing_and_the_merged_run_does(refined, detector, tmp_path):
     for part in ("1/2", "2/2"):
         assert swept(tmp_path / part[0], detector, part=part).summary["refined"] == 0
     merge([tmp_path / "1", tmp_path / "2"], tmp_path / "run")
     assert Evaluation(tmp_path / "run", keep=KEPT).summary["refined"] == 0
     whole = swept(tmp_path / "run", detector)
     assert [set(map(repr, each)) for each in rows(whole)] == [set(map(repr, each)) for each in rows(refined)]
-
-
-def test_the_command_announces_its_cells(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of eight rendered signs, which stand still."""
-    command = [
-        "sweep",
-        *["--limit", "8", "--exposure-ms", "0.05,1,30", "--lux", "20", "--dx", "0", "--threads", "1"],
-    ]
-    assert main([*command, "-o", str(tmp_path / "run")]) == 0
-    told = capsys.readouterr().err
-    with Store(tmp_path / "run") as store:
-        assert ("refine: " in told) == bool(asked(store))
-    assert main([*command, "--no-refine", "-o", str(tmp_path / "plain")]) == 0
-    assert "refine: " not in capsys.readouterr().err

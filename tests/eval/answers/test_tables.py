@@ -1,12 +1,11 @@
-"""Tables of AP: means and intervals are those of the score and its jackknife."""
-
-from __future__ import annotations
+"""Tables of AP by size of targets, and of models: means and intervals are those of the score and its jackknife."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 from blurnoise_eval.answers.curves import Curve
+from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.per_condition import Scored
 from blurnoise_eval.answers.table import tables_by_size
 from blurnoise_eval.scoring import uncertainty
@@ -44,7 +43,7 @@ def scored() -> list[Scored]:
 
 
 @pytest.mark.parametrize("kept", [False, True])
-def test_values_and_intervals_are_the_scores_own(kept: bool) -> None:
+def test_values_and_intervals_are_the_scores_own(kept):
     (table,) = tables_by_size(scored(), kept)
     assert (table.group, table.n_targets, table.clean) == ("large", 5, 0.5)
     assert table.reference == pytest.approx(2.5)
@@ -55,20 +54,44 @@ def test_values_and_intervals_are_the_scores_own(kept: bool) -> None:
     assert table.brightness[0] == 0.3
     for (exposure_s, speed), own in CONDITIONS.items():
         (line,) = table.take([at.index((exposure_s, speed))]).along("exposure_s")
-        assert own.value is not None
-        assert own.influence is not None
         assert line.mean[0] == pytest.approx(own.value / (0.5 if kept else 1.0))
         curve = Curve.over("exposure_s", line)
         ends = curve.interval()
-        assert ends is not None
         away = own.influence
         if kept:
-            assert CLEAN.influence is not None
             away = (away - own.value / 0.5 * CLEAN.influence) / 0.5
         expected = uncertainty.of_level(line.mean[0], away, table.most)
         assert (ends.low[0], ends.high[0]) == pytest.approx((float(expected.low), float(expected.high)))
 
 
-def test_a_size_without_targets_has_no_table() -> None:
+def test_a_size_without_targets_has_no_table():
     """There is no AP of small targets, and none of medium ones in the original pictures."""
     assert [table.group for table in tables_by_size(scored(), kept=False)] == ["large"]
+
+
+def rows_of(clean: np.ndarray, exposed: np.ndarray) -> list[dict[str, Any]]:
+    """Of models whose AP in the clean and in the exposed pictures is a mean over pictures, (pictures, models)."""
+    models: list[dict[str, Any]] = [
+        {"name": f"m{place}", "kind": "detector"} for place in range(clean.shape[1])
+    ]
+    scores, performances = [], []
+    for place, model in enumerate(models):
+        for values, is_clean in ((clean, True), (exposed, False)):
+            own = values[:, place]
+            light = {"illuminance_lux": 0.0, "exposure_s": 0.01}  # no light: no place on the plane
+            scores.append({"model": model["name"], "clean": is_clean, **light})
+            performances.append(Estimate(float(own.mean()), own - own.mean()))
+    return model_rows(models, scores, performances, [], (), True)
+
+
+@pytest.mark.slow
+def test_of_many_models_alike_hardly_ever_one_is_behind():
+    """16 models of one quality, 400 samples: one of them surely less than the best in at most 5 %, give or take 2
+    standard deviations (2.2 %). Corrected for the 15 comparisons with the best alone, though the same pictures
+    choose it, it was 14 %."""
+    generator = np.random.default_rng(0)
+    wrong = 0
+    for _ in range(400):
+        values = 0.5 + 0.1 * generator.normal(size=(20, 1)) + 0.05 * generator.normal(size=(20, 16))
+        wrong += any((row["mpc_behind_low"] or 0.0) > 0 for row in rows_of(values, values))
+    assert wrong / 400 <= 0.05 + 0.022
