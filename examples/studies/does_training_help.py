@@ -1,7 +1,8 @@
 """Does training with RandomExposure help? One network, three augmentations, several seeds, on scenes none has seen.
 
 It trains without photometric augmentation, with Kornia's motion blur and noise, and with RandomExposure. A training
-that was stopped goes on where it was. The default sizes take an hour or more; `--pictures 480 --held-out 8` takes minutes.
+that was stopped goes on where it was. The default sizes take an hour;
+`--pictures 480 --held-out 8` takes minutes.
 """
 
 import argparse

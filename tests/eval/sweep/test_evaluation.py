@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from band_readers import band_reader
 from blurnoise_eval import Evaluation, datasets, evaluate
+from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.report.run import TABLES
@@ -16,7 +17,7 @@ from blurnoise_eval.store.store import StoreError
 from blurnoise_eval.sweep import run_folder
 from blurnoise_models.detector import STOP_SIGN
 from plans import plan as swept
-from signs_in_memory import CAMERA, some_pictures
+from signs_in_memory import some_pictures
 
 PLAN = swept((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
 OPTIONS = [
@@ -105,7 +106,7 @@ def test_not_told_it_is_the_default_sweep(monkeypatch, tmp_path):
         evaluate(output=tmp_path / "python")
     by_command, by_python = seen
     assert [each.path for each in by_command[0]] == [each.path for each in by_python[0]] == [STOP_SIGN]
-    assert by_command[1] == by_python[1] == CAMERA
+    assert by_command[1] == by_python[1] == default_camera(colour=True)
     assert [each.identity for each in by_command[2]] == [each.identity for each in by_python[2]]
     assert by_command[3] == by_python[3] == usual_plan()
     assert by_command[-1] == by_python[-1]
