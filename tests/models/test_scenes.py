@@ -188,15 +188,6 @@ def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
         assert 0.15 < white[inside].mean() < 0.6
 
 
-def test_an_occluder_hides_about_a_third_at_most() -> None:
-    shares = []
-    for number in range(500):
-        hidden = signs.occluder(paint.Draws(SEED, number), 48)[..., 3]
-        shares.append(hidden[signs.face_mask(48) > 0.5].mean())
-    assert 0.2 < max(shares) <= 0.36
-    assert np.mean(shares) > 0.04
-
-
 @pytest.mark.parametrize("font", drawing.FONTS)
 def test_every_font_has_every_letter_that_is_written(font: str) -> None:
     letters = {letter for word in paint.WORDS for letter in word} | set(
