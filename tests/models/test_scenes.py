@@ -260,8 +260,3 @@ def test_an_interrupted_run_leaves_no_listing(tmp_path: Path, monkeypatch: pytes
         write_coco(tmp_path, SEED + 1, 4, size_px=64)
     assert not (tmp_path / "instances.json").exists()
     assert (tmp_path / "000001.png").exists()
-
-
-def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="count = 0"):
-        write_coco(tmp_path, SEED, 0)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -103,36 +100,6 @@ def test_stopped_and_continued_is_unbroken_bit_for_bit(saved_often: None, tmp_pa
     assert steps == unbroken
     other = train(exposures(), **{**SMALL, "seed": 4}).state_dict()
     assert not all(torch.equal(whole[name], other[name]) for name in whole)
-
-
-@trains
-def test_killed_at_any_step_it_goes_on_to_the_same_losses(tmp_path: Path) -> None:
-    file = tmp_path / "training.checkpoint"
-    script = (
-        f"import sys; sys.path[:0] = {sys.path!r}\n"
-        "from pathlib import Path; from blurnoise_models import training\n"
-        "training._SAVED_EVERY_S = 0.0\n"
-        f"training.train(**{ {**SMALL, 'pictures': 16000} }, checkpoint=Path({str(file)!r}))"
-    )
-    with subprocess.Popen([sys.executable, "-c", script]) as process:
-        while not file.is_file() and process.poll() is None:
-            time.sleep(0.02)
-        process.kill()
-    last = (len(torch.load(file, weights_only=True)["losses"]) + 4) * BATCH
-
-    def losses(checkpoint: Path | None) -> list[float]:
-        found: list[float] = []
-
-        def add(pictures: int, loss: float) -> None:
-            found.append(loss)
-            if pictures == last:
-                raise Stopped
-
-        with pytest.raises(Stopped):
-            train(**{**SMALL, "pictures": 16000}, checkpoint=checkpoint, progress=add)
-        return found
-
-    assert losses(file) == losses(None)
 
 
 @trains

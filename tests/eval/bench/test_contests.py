@@ -98,14 +98,6 @@ def test_truth_of_straight_motion_is_sinc() -> None:
     assert int(np.argmax(seen)) == int(np.argmax(sharp))
 
 
-def test_truth_moves_to_the_right_and_down() -> None:
-    fine = np.zeros((40 * motion.FINE, 40 * motion.FINE, 3), np.float32)
-    fine[80:84, 80:84] = 1  # pixel (20, 20)
-    seen = motion.truth(fine, lambda x, y, time: (x - 5, y - 3), np.zeros((1, 1, 1)))
-    assert seen[23, 25, 0] == pytest.approx(1, abs=1e-3)
-    assert seen[..., 0].sum() == pytest.approx(1, abs=0.01)
-
-
 @pytest.mark.parametrize("blur", edges.BLURS.values(), ids=edges.BLURS)
 def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     """By an independent antiderivative of the normal distribution; a shift in the wrong direction is far off."""
@@ -127,18 +119,6 @@ def test_exact_law_has_the_closed_forms_moments() -> None:
         assert variance == pytest.approx(
             mean_e + read_noise_e**2 + 1 / 12, abs=1e-3 if read_noise_e > 0.5 else 0.2
         )
-
-
-def test_exact_samples_are_near_and_wrong_ones_are_not() -> None:
-    shape, law = (1, 1, 512, 512), noise.exact_law(30.0, 2.44)
-    generator = torch.Generator().manual_seed(0)
-    means = torch.full(shape, 30.0)
-    read = 2.44 * torch.randn(shape, generator=generator)
-    exact = noise.digital(torch.poisson(means, generator) + read)
-    # the mean distance of exact samples is taken off; what is left scatters by 0.5 / sqrt(n) = 0.001
-    assert noise.distance(exact, law) < 0.005
-    wrong = noise.digital(torch.poisson(1.1 * means, generator) + read)
-    assert noise.distance(wrong, law) > 0.1
 
 
 def test_ours_are_exact_and_others_are_not() -> None:
@@ -178,17 +158,3 @@ def test_command_decides_on_a_dense_sweep(tmp_path: Path, capsys: Output) -> Non
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert rows[0]["contender"] == "decide's search"
     assert (tmp_path / "dense" / "results.sqlite").is_file()
-
-
-def test_a_model_goes_with_contests_of_models(tmp_path: Path, capsys: Output) -> None:
-    assert main(["bench", "blur", "--model", "m.onnx", "-o", str(tmp_path / "b")]) == 2
-    assert "--model: goes with 'decide and sweep'" in capsys.readouterr().err
-    assert not (tmp_path / "b").exists()
-
-
-def test_wrong_pictures_leave_no_folder(tmp_path: Path, capsys: Output) -> None:
-    (tmp_path / "empty").mkdir()
-    for what in ("sweep", "decide"):
-        assert main(["bench", what, "--images", str(tmp_path / "empty"), "-o", str(tmp_path / "b")]) == 2
-        assert "holds no picture" in capsys.readouterr().err
-        assert not (tmp_path / "b").exists()

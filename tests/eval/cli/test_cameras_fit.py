@@ -49,14 +49,6 @@ def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys
     assert main(["cameras", str(path)]) == 0
 
 
-def test_another_base(folder: Path, tmp_path: Path) -> None:
-    path = tmp_path / "mine.json"
-    assert main(["cameras", "fit", str(folder), "-o", str(path), "--base", "ar0237"]) == 0
-    camera = Camera.load(path)
-    assert camera.pixel_pitch_um == 3.0
-    assert camera.sources["pixel_pitch_um"] == "assumed, as of the preset ar0237"
-
-
 def test_what_deceives_a_fit_is_said_on_the_console_and_in_the_file(tmp_path: Path, capsys: Output) -> None:
     planes = made_frames.exposed(CAMERA, 1, size=(64, 81), levels=4)
     for (_, exposure_s), frames in planes.items():

@@ -9,9 +9,7 @@ import pytest
 import torch
 from blurnoise_eval.datasets import (
     Picture,
-    PictureSet,
     Target,
-    check_cut,
     cut_out,
     rendered_signs,
     rendered_texts,
@@ -69,11 +67,6 @@ def test_a_segmentation_is_the_target() -> None:
     assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
 
 
-def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
-    (layer,) = found(made(box(10, 10, 40, 40, annotation=TRIANGLE))).cut.layers
-    assert torch.equal(layer.light, light(image())[0, :, 10:40, 10:40])
-
-
 def test_what_stands_is_background() -> None:
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
     boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
@@ -115,35 +108,3 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
         level = float(light(np.full((1, 1, 3), rear, np.uint8))[0, 0, 0, 0])
         torch.testing.assert_close(behind.light[:, 6:, 21:], torch.full((3, 24, 19), level))
         assert torch.equal(front.light, light(seen)[0, :, 20:55, 30:60])
-
-
-def test_crowds_stay_and_texts_are_boxes() -> None:
-    crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
-    told = found(
-        made(crowd, text),
-    )
-    assert told.targets == (1,)
-    assert float(told.cut.layers[0].alpha.sum()) == 200
-    assert found(made()).cut.layers == ()
-
-
-def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
-    told = found(made(box(0, 0, WIDTH, HEIGHT)))
-    assert torch.equal(told.cut.background, light(image()))
-    assert told.cut.invented.all()
-
-
-def test_speeds_are_by_class() -> None:
-    picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
-    told = found(picture, speeds={"person": 0.25})
-    assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
-
-
-def test_what_is_missing_is_said_before_anything_is_computed() -> None:
-    unlabelled = PictureSet("folder", "here", (Picture("a.png", None, image, "a"),))
-    labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
-    with pytest.raises(ValueError, match="needs to know where targets are"):
-        check_cut(unlabelled, Objects())
-    with pytest.raises(ValueError, match="speeds: lorry: no target is one"):
-        check_cut(labelled, Objects(speeds={"lorry": 1.0}))
-    check_cut(labelled, Objects())

@@ -108,47 +108,6 @@ def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("boxes", "seen"),
-    [
-        ([(0, 0, 140, 91)], [0.0]),  # the border goes on, and so does what ends there
-        ([(0, 30, 40, 60)], [20 / 320]),  # on one side alone
-        ([(0, 0, 140, 40)], [0.0]),
-        (
-            [(40, 20, 80, 60), (60, 20, 100, 60)],
-            [20 / 320, 20 / 320],
-        ),  # as one of 60 px, each with one end of it
-    ],
-)
-def test_borders_and_other_objects_hide_what_is_behind(
-    boxes: list[tuple[int, int, int, int]], seen: list[float]
-) -> None:
-    layers = tuple(
-        Layer(torch.ones(3, y1 - y0, x1 - x0), torch.ones(y1 - y0, x1 - x0), place_px=(x0, y0))
-        for x0, y0, x1, y1 in boxes
-    )
-    scene = CutScene(Cut(ground(), layers, np.ones((HEIGHT, WIDTH), bool)))
-    assert scene.invented(taken("targets", velocity=(2000.0, 0.0))) == pytest.approx(seen, abs=0.004)
-
-
-def test_a_velocity_of_its_own_stands_beside_the_exposures() -> None:
-    """With speed 0 it is what the object does against the background, whether that stands or moves."""
-    still, own = (0.0, 0.0), VELOCITY
-    crosses = CutScene(cut(), [0.0], [own])
-    assert np.array_equal(
-        frame(crosses, taken("targets", velocity=still)), frame(CutScene(cut()), taken("targets"))
-    )
-    against = tuple(-along for along in own)  # a background that moves so is passed by an object that stays
-    tracked = frame(CutScene(cut(), [1.0]), taken("background", velocity=against))
-    assert np.array_equal(frame(crosses, taken("background", velocity=against)), tracked)
-    assert rms(tracked, frame(crosses, taken("targets", velocity=against))) > 4.0
-    assert np.array_equal(frame(crosses, taken("all")), frame(CutScene(cut()), taken("all")))
-    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
-    scene = CutScene(Cut(ground(), (layer,), np.ones((HEIGHT, WIDTH), bool)), [0.0], [(2000.0, 0.0)])
-    for moves, velocity in (("targets", still), ("background", (500.0, 0.0))):
-        assert scene.invented(taken(moves, velocity=velocity)) == pytest.approx((20 / 160,), abs=0.004)
-
-
 @pytest.mark.parametrize("shutter", ["global", "rolling", "global-reset"])
 def test_parts_shake_with_the_camera_row_by_row(shutter: Any) -> None:
     """Where nothing moves but the camera, cut parts and whole pictures are the same; else the target moves beside."""

@@ -59,16 +59,6 @@ def test_coco_boxes_become_targets(tmp_path: Path) -> None:
     assert found.notes == ("1 box of no area left out",)
 
 
-def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
-    """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
-    beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
-    entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
-    targets = coco(instances(tmp_path, annotations=[*entries, ANNOTATION])).pictures[0].targets or ()
-    kept = [dict(target.annotation) for target in targets]
-    assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}, {}]
-    assert [target.area_px2 for target in targets] == [6.0] * 6 + [None]
-
-
 def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
     """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one too far
     away, one of no size."""
@@ -109,16 +99,6 @@ def test_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
     crowd = {**ANNOTATION, "image_id": 8, "iscrowd": 1}
     file = instances(tmp_path, annotations=[ANNOTATION, crowd])
     assert [picture.name for picture in coco(file, labels=["stop sign"])] == ["a.png"]
-
-
-def test_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
-    (tmp_path / "pictures" / "sub").mkdir(parents=True)
-    write_picture(tmp_path / "real.png", np.zeros((4, 4), np.uint8))
-    (tmp_path / "pictures" / "a.png").symlink_to(tmp_path / "real.png")  # as subsets of COCO are made
-    found = coco(instances(tmp_path), images=tmp_path / "pictures")
-    assert found.pictures[0].load().shape == (4, 4, 3)
-    with pytest.raises(UnreadablePicture, match=r"b\.png.*No such file"):
-        found.pictures[1].load()
 
 
 @pytest.mark.parametrize("wrapped", [False, True])

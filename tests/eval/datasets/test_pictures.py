@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
-import warnings
 import zlib
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +15,15 @@ import PIL.Image
 import pytest
 from blurnoise_eval.datasets import (
     PictureSet,
-    Target,
     UnreadablePicture,
     bdd,
     coco,
     decode,
     decode_linear,
-    eight_bit,
     folder,
     image_folder,
     images,
     read_picture,
-    rendered_signs,
-    size_group,
-    size_px,
     texts,
     write_picture,
     yolo,
@@ -97,15 +90,6 @@ def test_exif_orientation(
     assert np.abs(seen.astype(int) - expected).max() <= 2  # of 255: JPEG's rounding
 
 
-@pytest.mark.parametrize("orientation", [1, 4, 5, 8])
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".tiff", ".bmp"])
-def test_size_of_a_file_is_that_of_its_decoded_picture(tmp_path: Path, suffix: str, orientation: int) -> None:
-    path = saved(tmp_path / f"turned{suffix}", pixels((11, 17, 3)), orientation)
-    height, width = decode(path).shape[:2]
-    assert size_px(path) == (width, height)
-    assert sorted(size_px(path)) == [11, 17]
-
-
 @pytest.mark.parametrize(
     ("name", "options"), [("a.png", {}), ("a.webp", {"lossless": True, "exact": True}), ("a.tif", {})]
 )
@@ -116,33 +100,6 @@ def test_colours_are_those_under_the_transparency(
     seen = decode(saved(tmp_path / name, np.full((5, 7, 4), (*COLOUR, alpha), np.uint8), **options))
     assert seen.shape == (5, 7, 3)
     assert (seen == COLOUR).all()
-
-
-@pytest.mark.parametrize("compression", ["raw", "tiff_lzw"])
-@pytest.mark.parametrize("orientation", [2, 5, 6, 7, 8])
-def test_a_turned_tiff_with_transparency(tmp_path: Path, orientation: int, compression: str) -> None:
-    """Turned as OpenCV turns an opaque one, whose colours nothing multiplies."""
-    picture = pixels((5, 7, 4))
-    opaque = saved(tmp_path / "opaque.tif", picture[..., :3].copy(), orientation, compression=compression)
-    sheer = saved(tmp_path / "sheer.tif", picture, orientation, compression=compression)
-    assert np.array_equal(decode(sheer), decode(opaque))
-    assert size_px(sheer) == decode(opaque).shape[1::-1]
-
-
-def test_eight_bit_rounds() -> None:
-    codes = np.arange(256, dtype=np.uint16)
-    np.testing.assert_array_equal(eight_bit(codes * 257), codes)
-    np.testing.assert_array_equal(eight_bit(np.array([128, 129, 65535], np.uint16)), [0, 1, 255])
-    picture = pixels((3, 4))
-    assert eight_bit(picture) is picture
-
-
-def test_size_comes_from_the_header_and_nobody_is_warned(tmp_path: Path) -> None:
-    """Of a picture that cannot be decoded, too; no pixel of a huge one is read."""
-    (tmp_path / "huge.png").write_bytes(png(12_000, 9_000))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert size_px(tmp_path / "huge.png") == (12_000, 9_000)
 
 
 def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
@@ -212,20 +169,6 @@ def test_labels_are_for_the_upright_picture(tmp_path: Path, orientation: int) ->
                 picture.load()
 
 
-@pytest.mark.parametrize(
-    ("name", "dtype", "fault"),
-    [
-        ("picture", np.uint8, "suffix"),
-        ("picture.foo", np.uint8, "suffix"),
-        ("picture.jpg", np.uint16, "16 bits"),
-    ],
-)
-def test_what_cannot_be_written_is_refused(tmp_path: Path, name: str, dtype: type, fault: str) -> None:
-    with pytest.raises(ValueError, match=fault):
-        write_picture(tmp_path / name, pixels((4, 4), dtype))
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
     """What is no file is passed: a circle of folders, links to nowhere."""
     (tmp_path / "sub").mkdir()
@@ -247,48 +190,6 @@ def test_a_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
     assert [picture.identity for picture in image_folder(tmp_path)] == before
     write_picture(tmp_path / "b.png", pixels((9, 9)))
     assert [picture.identity for picture in image_folder(tmp_path)][1] != before[1]
-
-
-def test_missing_and_empty_folders(tmp_path: Path) -> None:
-    (tmp_path / "file.png").write_bytes(b"x")
-    (tmp_path / "empty").mkdir()
-    for name, fault in (
-        ("nothing", "no such folder"),
-        ("file.png", "no such folder"),
-        ("empty", "holds no picture"),
-    ):
-        with pytest.raises(ValueError, match=fault):
-            image_folder(tmp_path / name)
-
-
-def test_name_that_is_no_utf8_can_be_stored(tmp_path: Path) -> None:
-    try:
-        (tmp_path / os.fsdecode(b"caf\xe9.png")).write_bytes(b"")
-    except OSError:
-        pytest.skip("this file system takes only UTF-8")
-    (picture,) = image_folder(tmp_path)
-    assert picture.name.encode("utf-8") == b"caf\\udce9.png"
-    with pytest.raises(UnreadablePicture, match="0 bytes"):
-        picture.load()
-
-
-def test_names_are_unique_and_annotations_change_no_target() -> None:
-    """Runs are told apart by their targets: what a file says beside them is no difference."""
-    picture = rendered_signs([50]).pictures[0]
-    with pytest.raises(ValueError, match=r"folder = 'here': lists 'stop-signs-50px-01' twice"):
-        PictureSet("folder", "here", (picture, picture))
-    plain = Target("sign", "signs", (0.0, 0.0, 1.0, 1.0))
-    annotated = replace(plain, annotation={"segmentation": [[1, 2]]})
-    assert (plain, repr(plain), hash(plain)) == (annotated, repr(annotated), hash(annotated))
-    assert replace(plain, crowd=True) != plain != replace(plain, text="STOP")
-
-
-@pytest.mark.parametrize(
-    ("width", "height", "group"),
-    [(31, 33, "small"), (32, 32, "medium"), (16, 64, "medium"), (95, 97, "medium"), (96, 96, "large")],
-)
-def test_size_groups_follow_the_area(width: float, height: float, group: str) -> None:
-    assert size_group(width, height, "sign").startswith(f"sign, {group}")
 
 
 # --- linear light from OpenEXR files ---

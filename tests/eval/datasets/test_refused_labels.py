@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from blurnoise_eval.datasets import PictureSet, bdd, coco, texts, write_picture, yolo
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 Read = Callable[..., PictureSet]
@@ -52,47 +52,23 @@ def folder(tmp_path: Path) -> Path:
     ("read", "content", "fault"),
     [
         (coco, "", "not a COCO instances file"),
-        (coco, "[" * 100_000, "nested too deeply"),
-        (coco, "1" * 10_000, "not a COCO instances file"),
-        (coco, [], "must be a valid dictionary"),
         (coco, {}, "has no 'images'"),
-        (coco, {**COCO, "images": {"id": 1}}, "images = .*: must be a valid list"),
         (coco, {**COCO, "images": [IMAGE, IMAGE]}, "images: id 7 twice"),
         (coco, {**COCO, "images": [{"id": 1}]}, r"images\[0\]: has no 'file_name'"),
         (coco, {**COCO, "images": [], "annotations": []}, "lists no pictures"),
         (coco, of_coco("images", file_name="\ud800.png"), r"images\[0\]: file_name = .*: must be a valid string"),
         (coco, of_coco("images", file_name="sub/../../secret.png"), "leaves the folder"),
-        (coco, of_coco("images", file_name="C:\\secret.png"), "leaves the folder"),
-        (coco, of_coco("images", id="seven"), "id = 'seven': must be a valid integer"),
-        (coco, of_coco("images", id=True), "id = True: must be a valid integer"),
-        (coco, of_coco("images", id=1.5), "id = 1.5: must be a valid integer"),
-        (coco, of_coco("images", id=2**63), "id = 9223372036854775808: must be less than"),
-        (coco, of_coco("images", width="9"), "width = '9': must be a valid number"),
         (coco, of_coco("categories", name=None), r"categories\[0\]: name = None: must be a valid string"),
-        (coco, {**COCO, "annotations": ["text"]}, r"annotations\[0\] = 'text': must be a valid dictionary"),
         (coco, of_coco("annotations", bbox=[1, 2, 3]), r"annotations\[0\]: bbox = \[1, 2, 3\]: must have at least 4"),
-        (coco, of_coco("annotations", bbox=[1, 2, "wide", 4]), r"bbox\[2\] = 'wide': must be a valid number"),
         (coco, of_coco("annotations", category_id=99), r"annotations\[0\]: category_id = 99: not among"),
-        (coco, of_coco("annotations", area=float("nan")), "area = nan: must be"),
         (bdd, {}, "frames = None: must be a list"),
-        (bdd, [3], r"frames\[0\] = 3: must be a valid dictionary"),
-        (bdd, [{}], r"frames\[0\]: has no 'name'"),
-        (bdd, [{"name": "../a.jpg"}], "leaves the folder"),
         (bdd, [{"name": "a.jpg"}, {"name": "./a.jpg"}], r"lists 'a\.jpg' twice"),
-        (bdd, [{"name": "a.jpg", "labels": {"0": 1}}], r"frames\[0\]: labels = .*must be a valid list"),
         (bdd, [{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: box2d: has no 'y1'"),
-        (bdd, [{"name": "a.jpg", "labels": [{"box2d": {**BOX, "x2": "9"}}]}], "box2d: x2 = '9': must be a "),
-        (bdd, [{"name": "a.jpg", "size": 3}], r"frames\[0\]: size = 3: must be a valid dictionary"),
-        (texts, "", "lists no pictures"),
         (texts, "a.png STOP", "line 1: 'a.png STOP': must be a picture's name, a tab and its text"),
         (texts, "a.png\tA\n./a.png\tB", r"lists 'a\.png' twice"),
-        (texts, "a.png\tA\n../a.png\tSTOP", "line 2: .*leaves the folder"),
         (texts, f"{of_text()}\nb.png\tB", "line 2: not a list of texts and points"),
-        (texts, "a.png\t[{" + "[" * 9_000, "line 1: not a list"),
-        (texts, 'a.png\t[{"points": []}]', r"line 1: texts\[0\]: has no 'transcription'"),
         (texts, of_text(transcription=5), r"texts\[0\]: transcription = 5: must be a valid string"),
         (texts, of_text(points=[[1, 2]]), r"points = \[\[1, 2\]\]: must have at least 2 items"),
-        (texts, of_text(points=[[1, 2], [3, "4"]]), r"points\[1\]\[1\] = '4': must be a valid number"),
     ],
 )  # fmt: skip
 def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) -> None:
@@ -109,11 +85,7 @@ def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) 
     ("line", "fault"),
     [
         ("0 0.5 0.5 0.5", "must be 'class x y width height' or"),
-        ("0 0.5 0.5 0.5 0.5 0.5 0.5 0.5", "must be 'class x y width height' or"),
-        ("0,0.5,0.5,0.5,0.5", "must be numbers"),
         ("2 0.5 0.5 0.5 0.5", "class 2: not among the 2 names"),
-        ("0.5 0.5 0.5 0.5 0.5", "class 0.5"),
-        ("nan 0.5 0.5 0.5 0.5", "class nan"),
         ("0 320 240 50 60", "no pixels"),
     ],
 )
@@ -132,25 +104,16 @@ def described(**entries: object) -> str:
     ("content", "fault"),
     [
         (None, "holds neither data.yaml nor classes.txt"),
-        ("", "must be a valid dictionary"),
         ("names: [", "while parsing"),
         ("!!python/object:os.system {}", "constructor"),
-        ("names: &a [x, &b [*a, *b]]", "names"),
-        ("names: [" * 100_000, "nested|recursion|longer"),
         ("val: images", "has no 'names'"),
         ("names: {zero: sign}", "names: zero: .*must be a valid integer"),
-        ("names: {-1: sign}", r"names\[-1\]: .*must be greater"),
         (
             "names: [yes, no]",
             r"names\[0\] = True: must be a valid string",
         ),  # which YAML takes for truth values
-        ('names: ["\\ud800"]', "names"),  # half a character
-        ("names: []", r"names = \[\]: must have at least 1 item"),
         (described(val="missing"), "missing': no such folder or list"),
-        (described(val=["images", None]), "split 'val'"),
-        (described(path=[1], val="images"), r"path = \[1\]: must be a valid string"),
         (described(val="list.txt"), r"list\.txt': line 1: .*leaves the folder"),
-        (described(val="twice.txt"), r"lists 'a\.png' twice"),
         (described(val="."), "no label file for any of 1 pictures"),
         (described(kpt_shape=[17, 3]), "poses"),
     ],
@@ -179,15 +142,6 @@ def test_files_that_are_none(folder: Path) -> None:
                     read(folder / name)
     with pytest.raises(ValueError, match="split 'test' = None"):
         yolo(folder, split="test")
-
-
-@pytest.mark.parametrize("read", [coco, bdd, yolo])
-def test_an_unknown_class_is_named_with_the_known_ones(folder: Path, read: Read) -> None:
-    (folder / "a.txt").write_text(LINE)
-    (folder / "labels.json").write_text(json.dumps(COCO if read is coco else BDD))
-    file = folder if read is yolo else folder / "labels.json"
-    with pytest.raises(ValueError, match=r"target = \['zebra'\]: not among the categories \['"):
-        read(file, labels=["zebra"])
 
 
 # --- anything in any place ---
@@ -235,29 +189,3 @@ def test_json_with_anything_in_any_place(
     file.write_text(before + json.dumps(replaced(sound, place, data.draw(JSON))))
     said = complaint(read, file)
     assert not said or said.startswith(f"{'text' if read is texts else read.__name__} = {str(file)!r}: ")
-
-
-@pytest.mark.parametrize("read", [coco, bdd, texts])
-@given(content=st.binary(max_size=40))
-@example(content=b"\xef\xbb\xbf")
-@example(content=b'a.png\t[{"a": ' + b"[" * 10_000)
-@settings(max_examples=40, deadline=None)
-def test_files_of_any_bytes(tmp_path_factory: pytest.TempPathFactory, read: Read, content: bytes) -> None:
-    file = tmp_path_factory.getbasetemp() / "bytes"
-    file.write_bytes(content)
-    said = complaint(read, file)
-    assert said.startswith(f"{'text' if read is texts else read.__name__} = ") or (read is texts and not said)
-
-
-@pytest.mark.slow
-@given(line=st.lists(st.floats(width=16).map(str) | st.text(max_size=3), max_size=9).map(" ".join))
-@example(line="0 nan inf 0.1 0.1")
-@settings(max_examples=200, deadline=None)
-def test_yolo_lines_of_anything(tmp_path_factory: pytest.TempPathFactory, line: str) -> None:
-    folder = tmp_path_factory.getbasetemp() / "yolo"
-    folder.mkdir(exist_ok=True)
-    write_picture(folder / "a.png", np.zeros((9, 9), np.uint8))
-    (folder / "classes.txt").write_text("sign\n")
-    (folder / "a.txt").write_text(line, encoding="utf-8", errors="replace")
-    said = complaint(yolo, folder)
-    assert not said or said.startswith(f"yolo = {str(folder)!r}: labels = {str(folder / 'a.txt')!r}: ")

@@ -47,17 +47,6 @@ def test_polygons_take_their_area() -> None:
     assert abs(np.mean(off)) < 1e-3
 
 
-def test_polygons_are_joined_and_end_with_the_picture() -> None:
-    one, other = [5, 5, 15, 5, 15, 15, 5, 15], [10, 10, 20, 10, 20, 20, 10, 20]
-    both = segmentation.of_polygons([one, other], SIZE)
-    assert float(both[12, 12]) == 1.0  # where they overlap, too
-    assert float(both.sum()) == pytest.approx(175, abs=5)
-    assert float(segmentation.of_polygons([[-10, -10, 4, -10, 4, 4, -10, 4]], SIZE).sum()) == pytest.approx(
-        16, abs=1
-    )
-    assert float(segmentation.of_polygons([[-10, -10, -4, -10, -4, -4]], SIZE).sum()) == 0
-
-
 def test_polygons_mean_what_cocos_tools_mean() -> None:
     polygon = [12.0, 8.0, 60.0, 15.0, 48.0, 50.0, 20.0, 41.0]
     theirs = coco_masks.decode(coco_masks.frPyObjects([polygon], *SIZE))[..., 0]

@@ -9,7 +9,7 @@ import numpy as np
 import PIL.Image
 import pytest
 import yaml
-from blurnoise_eval.datasets import Target, UnreadablePicture, write_picture, yolo
+from blurnoise_eval.datasets import Target, write_picture, yolo
 
 NAMES = {0: "sign", 1: "<b>car</b>"}
 
@@ -120,13 +120,6 @@ def test_folders(tmp_path: Path, files: Mapping[str, str | tuple[int, int]]) -> 
     assert only(picture.targets).label == "sign"
 
 
-def test_splits_of_several_folders_keep_their_names_apart(tmp_path: Path) -> None:
-    files = {f"{part}/images/a.png": (8, 8) for part in ("day", "night")}
-    labels = {f"{part}/labels/a.txt": LINE for part in ("day", "night")}
-    make(tmp_path, {"data.yaml": described(val=["day/images", "night/images"]), **files, **labels})
-    assert [picture.name for picture in yolo(tmp_path)] == ["day/images/a.png", "night/images/a.png"]
-
-
 def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path: Path) -> None:
     make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
     for path in ("/nowhere", "..", "../moved", f"{tmp_path}/../moved"):  # named by the file, not by the user
@@ -136,16 +129,3 @@ def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path: Path) -> No
     assert len(yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images")) == 1
     make(tmp_path, {"data.yaml": described(path=str(tmp_path / "moved"), val="images")})
     assert len(yolo(tmp_path / "data.yaml")) == 1
-
-
-def test_unreadable_picture_says_so_when_it_is_loaded(tmp_path: Path) -> None:
-    make(tmp_path, {"classes.txt": "sign", "a.png": "no picture", "a.txt": LINE, "b.png": (8, 8)})
-    broken, _ = yolo(tmp_path)
-    assert broken.targets == ()
-    with pytest.raises(UnreadablePicture, match=r"a\.png"):
-        broken.load()
-
-
-def test_names_may_be_numbers(tmp_path: Path) -> None:
-    make(tmp_path, {"data.yaml": "names: [0, 1]", "images/a.png": (8, 8), "labels/a.txt": LINE})
-    assert list(yolo(tmp_path).categories) == ["0", "1"]

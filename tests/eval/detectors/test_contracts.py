@@ -42,10 +42,7 @@ def test_what_differs_is_typed_after_the_preset(typed: str) -> None:
     ("typed", "field", "value"),
     [
         ("yolox,size=416x640", "input_size_px", (416, 640)),
-        ("yolox,size=320", "input_size_px", (320, 320)),
         ("yolox,iou=none", "nms_iou", None),
-        ("yolox,iou=0.5", "nms_iou", 0.5),
-        ("yolox,pad=0", "pad_value", 0),
         ("nanodet,mean=none", "mean", None),
         ("yolox,classes=stop sign/yield", "classes", ("stop sign", "yield")),
         ("detr,classes=coco80", "classes", COCO80),
@@ -59,11 +56,8 @@ def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
     ("typed", "words"),
     [
         ("yolox,mean=0.5", "mean = .*: must be three numbers"),
-        ("yolox,mean=a/b/c", "mean = .*: must be three numbers"),
         ("yolox,tint=rgb", "key 'tint' is unknown"),
-        ("yolox,colour=grb", "colour = 'grb'"),
         ("yolo99,colour=rgb", "contract 'yolo99': neither a file nor a preset"),
-        ("yolox,colour", "contract 'yolox,colour': neither a file nor a preset"),
     ],
 )
 def test_what_cannot_be_typed(typed: str, words: str) -> None:
@@ -75,13 +69,6 @@ def test_a_text_reader_s_contract_is_typed_alike() -> None:
     found = load_contract("ppocr,height_px=32,margin=0.25,colour=rgb,dictionary=keys.txt", TEXT_PRESETS)
     assert (found.height_px, found.margin, found.colour, found.dictionary) == (32, 0.25, "rgb", "keys.txt")
     assert (found.sources["margin"], found.sources["mean"]) == ("--contract ppocr,...", "preset ppocr")
-
-
-def test_a_file_is_varied_like_a_preset(tmp_path: Path) -> None:
-    path = tmp_path / "mine.json"
-    path.write_text('{"family": "yolox", "classes": ["a", "b"], "pad_value": 7}')
-    found = load_contract(f"{path},colour=rgb")
-    assert (found.colour, found.pad_value, found.classes) == ("rgb", 7, ("a", "b"))
 
 
 def test_a_file_may_say_what_differs_from_its_base() -> None:
@@ -101,20 +88,12 @@ def test_a_file_may_say_what_differs_from_its_base() -> None:
         ({"colours": "rgb"}, "did you mean 'colour'. Known are"),
         ({"colour": "grb"}, "colour = 'grb': must be one of"),
         ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
-        ({"mean": [10**400, 0, 0]}, "mean = .*: must be three numbers"),
         ({"std": [1, 0, 1]}, "std = .1, 0, 1.: must be three numbers > 0"),
         ({"pad_value": 300}, "pad_value = 300: must be finite and >= 0 and <= 255"),
-        ({"pad_value": "114"}, "pad_value = '114': must be an integer"),
-        ({"nms_iou": "high"}, "nms_iou = 'high'"),
         ({"input_size_px": 10**400}, "input_size_px = 1.*0: must be .height, width."),
-        ({"input_size_px": [0, 32]}, "input_size_px = "),
         ({"classes": ["stop", "\ud800"]}, r"classes = '\\ud800': must be text"),
         ({"classes": ["a", ["b"] * 10**5]}, "classes = .*: must be a list of names"),
-        ({"classes": "stop sign"}, "classes = 'stop sign'"),
-        ({"classes": []}, "classes = "),
-        ({"classes": {"one": "a"}}, "classes: ids must be integers, got .'one'."),
         ({"classes": {"1": "a", "3": "b"}}, "classes: ids must be 0 to 1"),
-        ({"family": ["yolox"]}, "family .'yolox'. is unknown"),
     ],
 )
 def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:

@@ -1,12 +1,16 @@
+"""Decoding against answers worked out by hand, suppression against plain loops, pictures laid into the input."""
+
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.contract import Contract
-from blurnoise_eval.detectors.contract_files import preset
-from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, lay_in, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
 from blurnoise_eval.detectors.formats.grids import (
@@ -17,27 +21,11 @@ from blurnoise_eval.detectors.formats.grids import (
     YOLOV8,
     YOLOX,
 )
+from blurnoise_eval.scoring.on_picture import View
+from constant_graphs import constant_graph
 from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---
-
-
-def test_yolov5_score_is_objectness_times_class() -> None:
-    rows = np.zeros((1, 9, 7), np.float32)
-    rows[0, 4] = [100, 50, 20, 10, 0.5, 0.25, 0.75]
-    found = YOLOV5.decode([rows], (64, 96), 0.001)
-    np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(found.scores, [0.375])
-    assert found.class_ids.tolist() == [1]
-
-
-def test_yolov8_has_no_objectness() -> None:
-    columns = np.zeros((1, 6, 21), np.float32)
-    columns[0, :, 7] = [100, 50, 20, 10, 0.25, 0.75]
-    found = YOLOV8.decode([columns], (32, 32), 0.001)
-    np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(found.scores, [0.75])
-    assert found.class_ids.tolist() == [1]
 
 
 @pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12)])
@@ -172,16 +160,6 @@ def test_suppression_equals_the_plain_reference(count: int, classes: int, most: 
     assert (np.diff(kept.scores) <= 0).all()
 
 
-def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
-    """Nine apart, enough copies of the first to fill the first look, and a tenth: all ten are kept."""
-    corners = np.stack([20.0 * np.arange(10), np.zeros(10)], axis=1)
-    apart = np.hstack([corners, corners + 10]).astype(np.float32)
-    boxes = np.concatenate([apart[:9], np.tile(apart[:1], (60, 1)), apart[9:]])
-    scores = np.linspace(0.9, 0.1, len(boxes), dtype=np.float32)
-    kept = suppress(Candidates(boxes, scores, np.zeros(len(boxes), np.int64)), 0.5, 10)
-    np.testing.assert_array_equal(kept.boxes_xyxy, apart)
-
-
 def test_of_equal_scores_the_first_are_kept() -> None:
     corners = np.stack([20.0 * np.arange(60), np.zeros(60)], axis=1)
     boxes = np.hstack([corners, corners + 10]).astype(np.float32)
@@ -242,37 +220,101 @@ def test_pictures_are_laid_in_as_the_contract_says(
     np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 48, 16]])
 
 
-@pytest.mark.parametrize(("resize", "colour"), [("letterbox", "rgb"), ("stretch", "bgr"), ("none", "rgb")])
-def test_every_form_of_input_holds_the_same_picture(resize: str, colour: str) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (50, 90, 3), dtype=np.uint8)
-    contract = Contract("tfod", ("a",), colour=colour, value_range="0-255", resize=resize)
-    plain, placement = lay_in(image, contract, (64, 96))
-    size_px = (50, 90) if resize == "none" else (64, 96)
-    assert plain.shape == (1, 3, *size_px)
-    for axes, shape, turned in (
-        ("nhwc", (1, *size_px, 3), plain.transpose(0, 2, 3, 1)),
-        ("chw", (3, *size_px), plain[0]),
-    ):
-        for dtype in (np.float32, np.uint8):
-            out = np.full(shape, 7, dtype)
-            blob, same = lay_in(image, contract, (64, 96), out, axes=axes, dtype=dtype)
-            assert blob is out
-            assert (blob.dtype, same) == (dtype, placement)
-            np.testing.assert_array_equal(blob, turned)
-    other = np.empty((1, 3, 5, 5), np.float32)
-    assert lay_in(image, contract, (64, 96), other)[0] is not other
+# --- several classes of one box ---
+
+SIDES_PX, NAMES = (64, 96), ("lorry", "car", "bus")
+CELLS = 8 * 12 + 4 * 6 + 2 * 3
 
 
-@pytest.mark.parametrize(
-    ("image", "error"),
-    [
-        (np.zeros((8, 8, 3), np.float32), TypeError),
-        ("picture.png", TypeError),
-        (np.zeros((8, 8), np.uint8), ValueError),
-        (np.zeros((3, 8, 8), np.uint8), ValueError),
-        (np.zeros((0, 8, 3), np.uint8), ValueError),
-    ],
-)
-def test_other_things_are_no_pictures(image, error: type[Exception]) -> None:
-    with pytest.raises(error, match="image: "):
-        lay_in(image, preset("yolov8"), (64, 96))
+def constant_detector(path: Path, family: str, answer: NDArray[np.float32]) -> Detector:
+    """A graph that answers the same to every picture."""
+    constant_graph(path, [answer[None]], SIDES_PX)
+    return Detector(path, contract=Contract(family, NAMES, resize="stretch", nms_iou=0.5))
+
+
+def boxes_with_scores(
+    family: str, boxes_cxcywh: NDArray[np.float64], scores: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """An answer in the family's layout that holds these boxes (N, 4), px, with class scores (N, 3)."""
+    rows = np.zeros((3 * CELLS if family == "yolov5" else CELLS, 8), np.float32)
+    rows[:, 4] = 1 if family == "yolov6" else 0
+    count = len(scores)
+    rows[:count, :4], rows[:count, 4], rows[:count, 5:] = boxes_cxcywh, 1, scores
+    if family == "yolox":  # the first cells are those of stride 8, row by row
+        column_row = np.stack([np.arange(count) % 12, np.arange(count) // 12], axis=1)
+        rows[:count, :2] = boxes_cxcywh[:, :2] / 8 - column_row
+        rows[:count, 2:4] = np.log(boxes_cxcywh[:, 2:] / 8)
+    return np.delete(rows, 4, axis=1).T.copy() if family == "yolov8" else rows
+
+
+PLACE = np.array([[50.0, 30.0, 20.0, 10.0]])
+
+
+@pytest.mark.parametrize("family", ["yolov8", "yolox", "yolov5"])
+@pytest.mark.parametrize("leading", [0.4999, 0.5001, 0.9])
+def test_a_target_s_confidence_is_its_own_class_s_whichever_leads(
+    family: str, leading: float, tmp_path: Path
+) -> None:
+    """No jump where the lorry's score passes the car's, which is 0.5 throughout."""
+    scores = np.array([[leading, 0.5, 0.0005]])
+    detector = constant_detector(tmp_path / "m.onnx", family, boxes_with_scores(family, PLACE, scores))
+    image = np.zeros((*SIDES_PX, 3), np.uint8)
+    picture = Picture("p", (Target("car", "cars", (40.0, 25.0, 60.0, 35.0)),), lambda: image, "p")
+    sight = View(detector, picture, image).clean
+    assert sight.targets[0]["confidence"] == pytest.approx(0.5, rel=1e-5)
+
+
+def evaluated(
+    boxes: NDArray[np.float64], scores: NDArray[np.float64], iou: float, most: int
+) -> set[tuple[int, int]]:
+    """Boxes and classes that a plain evaluator with several classes a box keeps: one by one, the best first."""
+    pairs = [(scores[b, c], b, c) for b in range(len(boxes)) for c in range(3) if scores[b, c] >= 0.001]
+    kept: list[tuple[int, int]] = []
+    for _, b, c in sorted(pairs, key=lambda pair: -pair[0]):
+        if len(kept) < most and all(c != d or overlap(boxes[b], boxes[a]) <= iou for a, d in kept):
+            kept.append((b, c))
+    return set(kept)
+
+
+def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    (ax, ay, aw, ah), (bx, by, bw, bh) = a, b
+    width = min(ax + aw / 2, bx + bw / 2) - max(ax - aw / 2, bx - bw / 2)
+    height = min(ay + ah / 2, by + bh / 2) - max(ay - ah / 2, by - bh / 2)
+    shared = max(width, 0) * max(height, 0)
+    return float(shared / (aw * ah + bw * bh - shared))
+
+
+@pytest.mark.parametrize("most", [7, 40, 300])
+@pytest.mark.parametrize("family", ["yolov8", "yolov5"])
+def test_what_is_kept_is_what_a_plain_evaluator_keeps(family: str, most: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(most)
+    boxes = np.concatenate([rng.uniform((20, 20), (76, 44), (60, 2)), rng.uniform(8, 24, (60, 2))], axis=1)
+    boxes = np.round(boxes, 3)
+    scores = rng.uniform(0, 1, (60, 3)).astype(np.float32) ** 6  # a third below the threshold
+    detector = constant_detector(tmp_path / "m.onnx", family, boxes_with_scores(family, boxes, scores))
+    found = detector.detect(np.zeros((*SIDES_PX, 3), np.uint8), max_detections=most)
+    expected = evaluated(boxes, scores, 0.5, most)
+    assert len(found) == len(expected)
+    assert sorted(found.scores.tolist()) == pytest.approx(sorted(float(scores[pair]) for pair in expected))
+    leading = {(b, c) for b, c in expected if c == scores[b].argmax()}
+    assert sorted(found.leading.scores.tolist()) == pytest.approx(
+        sorted(float(scores[pair]) for pair in leading)
+    )
+
+
+def test_what_is_left_out_below_a_score_changes_nothing_above_it() -> None:
+    """300 boxes about 12 places, 5 classes: doubles are there to suppress, with equal scores among them."""
+    rng = np.random.default_rng(3)
+    corners = rng.uniform(0, 90, (12, 2))[rng.integers(0, 12, 300)] + rng.normal(0, 4, (300, 2))
+    boxes = np.concatenate([corners, corners + rng.uniform(20, 40, (300, 2))], axis=1).astype(np.float32)
+    each = (rng.uniform(0, 1, (300, 5)).round(2) ** 2).astype(np.float32)
+    candidates = Candidates(boxes, *best_class(each), each)
+    asked, above = np.array([1, 4]), np.array([0.3, 0.0], np.float32)
+    every = suppress(candidates.with_classes(0.01, asked), 0.5, 200, per_class=100)
+    some = suppress(candidates.with_classes(0.01, asked, above), 0.5, 200, per_class=100)
+    higher = every[every.scores > np.where(every.class_ids == 1, above[0], above[1])]
+    assert 20 < len(some) == len(higher) < len(every)
+    assert (some.class_ids == 1).any()
+    np.testing.assert_array_equal(some.boxes_xyxy, higher.boxes_xyxy)
+    np.testing.assert_array_equal(some.scores, higher.scores)
+    np.testing.assert_array_equal(some.class_ids, higher.class_ids)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.model import OnnxModel
 from blurnoise_eval.detectors.ocr import (
     Recogniser,
     TextSpotter,
     character_error_rate,
-    is_recogniser,
     rapidocr_models,
 )
 from numpy.typing import NDArray
@@ -43,11 +41,6 @@ def sign(size_px: int, blur_px: float = 0.0) -> tuple[NDArray[np.uint8], tuple[f
     return image, stop_sign_text_box(size_px, height_px=SIDE_PX, width_px=SIDE_PX)
 
 
-def test_the_files_are_told_apart() -> None:
-    assert MODELS is not None
-    assert [is_recogniser(OnnxModel(path)) for path in MODELS] == [False, True]
-
-
 @pytest.mark.parametrize("size_px", [100, 50, 32])
 def test_the_known_box_is_read(recogniser: Recogniser, size_px: int) -> None:
     image, box = sign(size_px)
@@ -71,9 +64,3 @@ def test_a_smeared_word_is_not_read(recogniser: Recogniser, spotter: TextSpotter
         (reading,) = reader.read(image, [box])
         assert reading.text != "STOP"
         assert character_error_rate(reading.text, "STOP") >= 0.75
-
-
-def test_grey_holds_no_text(recogniser: Recogniser, spotter: TextSpotter) -> None:
-    image = np.full((SIDE_PX, SIDE_PX, 3), 118, np.uint8)
-    for reader in (recogniser, spotter):
-        assert reader.read(image, [(100, 100, 200, 140)])[0].text == ""

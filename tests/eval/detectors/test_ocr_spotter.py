@@ -11,7 +11,7 @@ from band_readers import COLOURS, band_reader, saved
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.ocr import Reading, Recogniser, TextSpotter
 from blurnoise_eval.detectors.ocr.recogniser import RegionContract
-from blurnoise_eval.detectors.ocr.spotter import find_regions, in_reading_order, straighten
+from blurnoise_eval.detectors.ocr.spotter import find_regions, straighten
 from constant_graphs import answering_graph
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
@@ -90,16 +90,6 @@ def test_regions_are_rectangles_moved_outwards(angle_deg: float) -> None:
     np.testing.assert_allclose(region.mean(0), centre, atol=0.5)
 
 
-def test_an_upright_region_is_exact() -> None:
-    probabilities = np.zeros((64, 96), np.float32)
-    probabilities[10:26, 20:60] = 0.8
-    (region,) = find_regions(probabilities, RegionContract())
-    grown = 1.6 * 39 * 15 / (39 + 15)
-    np.testing.assert_allclose(region, corners_of((40, 18), (39 + grown, 15 + grown), 0), atol=1e-3)
-    (unmoved,) = find_regions(probabilities, RegionContract(unclip=0))
-    np.testing.assert_allclose(unmoved, corners_of((40, 18), (39, 15), 0), atol=1e-3)
-
-
 def test_thresholds() -> None:
     probabilities = np.zeros((64, 96), np.float32)
     probabilities[10:20, 10:50] = 0.45
@@ -109,16 +99,6 @@ def test_thresholds() -> None:
     probabilities[30:32, 10:50] = 1  # 2 px high: its outline is 1 px high
     assert find_regions(probabilities, RegionContract()) == []
     assert find_regions(np.full((64, 96), np.nan, np.float32), RegionContract()) == []
-
-
-def test_regions_come_best_first_and_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    probabilities = np.zeros((200, 200), np.float32)
-    for place, value in enumerate([0.6, 0.9, 0.7]):
-        probabilities[20 + 50 * place : 40 + 50 * place, 20:100] = value
-    found = find_regions(probabilities, RegionContract())
-    assert [round(float(region.mean(axis=0)[1])) for region in found] == [80, 130, 30]
-    monkeypatch.setattr("blurnoise_eval.detectors.ocr.spotter._MOST_REGIONS", 2)
-    assert len(find_regions(probabilities, RegionContract())) == 2
 
 
 @pytest.mark.parametrize("angle_deg", [-44, 5, 30])
@@ -163,24 +143,6 @@ def test_lines_are_found_and_read(tmp_path: Path, contract: dict[str, object]) -
     assert whole(spotter(tmp_path, **contract), picture()) == ""
 
 
-@pytest.mark.parametrize(
-    ("size", "contract", "expected"),
-    [
-        ((480, 640), {}, (736, 992)),
-        ((500, 650), {"min_side_px": 1}, (512, 640)),
-        ((3000, 4000), {}, (1504, 1984)),
-        ((10, 4000), {}, (32, 1984)),
-        ((5, 5), {"min_side_px": 1}, (32, 32)),
-    ],
-)
-def test_sides_are_multiples_of_32(
-    tmp_path: Path, size: tuple[int, int], contract: dict[str, int], expected: tuple[int, int]
-) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "rec.onnx"))
-    made = TextSpotter(brightness_detector(tmp_path / "det.onnx"), recogniser, contract=contract)
-    assert made.input_size_px(*size) == expected
-
-
 # --- known boxes ---
 
 
@@ -207,40 +169,25 @@ def test_known_boxes_take_the_lines_whose_centres_they_hold(tmp_path: Path) -> N
     assert made.read(image, []) == []
 
 
-def test_reading_order() -> None:
-    def line(x: float, y: float) -> NDArray[np.float32]:
-        return np.array([(x, y), (x + 30, y), (x + 30, y + 20), (x, y + 20)], np.float32)
-
-    lines = [line(5, 40), line(110, 0), line(60, 9), line(10, 5)]
-    assert in_reading_order(lines, [0, 1, 2, 3]) == [3, 2, 1, 0]
-    assert in_reading_order(lines, []) == []
-
-
 # --- contract, identity, failures ---
 
 
 def test_contract_and_identity_are_those_of_both(tmp_path: Path) -> None:
     recogniser = Recogniser(band_reader(tmp_path / "rec.onnx"))
     path = brightness_detector(tmp_path / "det.onnx")
-    made = TextSpotter(path, recogniser)
-    assert made.name == "det+rec"
-    others = Recogniser(band_reader(tmp_path / "other.onnx", softmax=False)), recogniser
-    sums = {TextSpotter(path, other).sha256 for other in others}
-    sums.add(TextSpotter(brightness_detector(tmp_path / "d2.onnx", shape=(64, 64)), recogniser).sha256)
-    assert len(sums) == 3
-    assert made.sha256 in sums
+    made, other = (
+        TextSpotter(path, each)
+        for each in (recogniser, Recogniser(band_reader(tmp_path / "o.onnx", softmax=False)))
+    )
+    assert (made.name, made.sha256 == other.sha256) == ("det+rec", False)
     stated = made.contract.to_dict()
-    assert stated["regions.unclip"] == 1.6
-    assert stated["text.height_px"] == 48
+    assert (stated["regions.unclip"], stated["text.height_px"]) == (1.6, 48)
     assert set(stated["sources"]) == set(stated) - {"sources"}
-    assert stated["sources"]["regions.threshold"].startswith("assumed")
     assert "threshold = 0.3 is assumed" in " ".join(made.contract.assumptions)
     (tmp_path / "det.contract.json").write_text('{"threshold": 0.2}')
     beside = TextSpotter(path, recogniser).contract
-    assert (beside.regions.threshold, beside.to_dict()["sources"]["regions.threshold"]) == (
-        0.2,
-        "file det.contract.json",
-    )
+    assert beside.regions.threshold == 0.2
+    assert beside.to_dict()["sources"]["regions.threshold"] == "file det.contract.json"
 
 
 def constant_map(path: Path, value: NDArray[np.float32]) -> Path:
@@ -259,16 +206,3 @@ def test_answers_that_are_no_map(tmp_path: Path, value: NDArray[np.float64], fau
     path = constant_map(tmp_path / "no.onnx", value.astype(np.float32))
     with pytest.raises(ModelError, match=f"no.onnx: .*{fault}, to a picture; a text detector answers"):
         TextSpotter(path, recogniser)
-
-
-def test_nan_in_the_map_is_no_text_and_counted(tmp_path: Path) -> None:
-    value = np.zeros((1, 1, 64, 64), np.float32)
-    value[..., 10:30, 10:50] = np.nan
-    value[..., 12:28, 12:48] = np.inf
-    with pytest.warns(RuntimeWarning, match="NaN or Inf"):
-        made = TextSpotter(
-            constant_map(tmp_path / "nan.onnx", value), Recogniser(band_reader(tmp_path / "rec.onnx"))
-        )
-    before = made.non_finite_values_here
-    assert made.read(picture(), [(0, 0, 320, 160)]) == [Reading("", 0.0)]
-    assert made.non_finite_values_here == before + 800

@@ -10,7 +10,7 @@ from typing import Any
 import matched_filter
 import numpy as np
 import pytest
-from band_readers import LETTERS, band_reader
+from band_readers import band_reader
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser, TextSpotter
@@ -77,15 +77,3 @@ def test_kinds_are_told_apart_and_names_too(detector: Path, tmp_path: Path) -> N
         open_models([detector] * 3, ["yolox", "yolov8"])
     with pytest.raises(ValueError, match="dictionary, text-detector: go with text recognisers"):
         open_models([detector], text_detector=tmp_path / "det.onnx")
-
-
-def test_a_told_dictionary_makes_a_recogniser(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "rec.onnx", metadata={})
-    (tmp_path / "keys.txt").write_text(LETTERS)
-    (model,) = open_models([path], dictionary=tmp_path / "keys.txt")
-    assert isinstance(model, Recogniser)
-    (spotter,) = open_models(
-        [path], dictionary=tmp_path / "keys.txt", text_detector=finder(tmp_path / "det.onnx")
-    )
-    assert isinstance(spotter, TextSpotter)
-    assert spotter.path.name == "det.onnx"

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,11 +14,10 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.model import OnnxModel
 from commands import main
-from endless_graphs import SIZE_PX, endless_below, endless_loading
+from endless_graphs import SIZE_PX, endless_below
 
 DARK = np.zeros((1, 3, SIZE_PX, SIZE_PX), np.float32)
 BRIGHT = np.ones((1, 3, SIZE_PX, SIZE_PX), np.float32)
-ONE_CONDITION = ["--lux", "50", "--exposure-ms", "5", "--dx", "0"]
 
 
 @pytest.fixture(scope="module")
@@ -47,16 +45,6 @@ def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
         assert pool.submit(model.infer, BRIGHT).result()[0].shape == (1, 84, 8400)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-def test_an_interrupt_ends_an_inference_on_the_main_thread(endless: Path) -> None:
-    model = OnnxModel(endless)
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    began_s = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        model.infer(DARK)
-    assert time.monotonic() - began_s < 10
-
-
 @pytest.mark.parametrize("command", [["inspect"], ["explore", "-o", "seen.png", "--model"]])
 def test_commands_name_model_limit_and_option(
     endless: Path,
@@ -74,14 +62,6 @@ def test_commands_name_model_limit_and_option(
         == "blurnoise: error: endless.onnx: gives no answer within 0.3 s; --model-timeout-s allows more\n"
     )
     assert not any(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_loading_has_a_limit(tmp_path: Path) -> None:
-    path = endless_loading(tmp_path / "folded.onnx")
-    asked = [sys.executable, "-m", "blurnoise_eval.cli", "inspect", str(path), "--model-timeout-s", "1"]
-    done = subprocess.run(asked, capture_output=True, text=True, timeout=100)
-    assert "folded.onnx: does not load within 1 s; --model-timeout-s allows more" in done.stderr
 
 
 @pytest.mark.slow

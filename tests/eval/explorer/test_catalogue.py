@@ -56,27 +56,11 @@ def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
     assert catalogue.subject(state).size == (40, 52)
 
 
-def test_of_many_uploads_the_oldest_go(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogues, "_UPLOADS", 2)
-    names = [catalogue.take(f"{number}.png", PNG) for number in range(4)]
-    assert [*catalogue._uploads] == names[2:]
-    with pytest.raises(ValueError, match="is not here"):
-        catalogue.subject(State(picture=names[0]))
-
-
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "0f", "given"])
 @pytest.mark.parametrize("kind", ["picture", "camera", "model"])
 def test_a_url_names_no_files(kind: str, name: str, catalogue: Catalogue) -> None:
     with pytest.raises(ValueError, match=f"{kind} = '{name}': is not here"):
         catalogue.start(f"lux=7&{kind}={name}")
-
-
-@pytest.mark.parametrize(
-    ("query", "told"), [("cell=a", "cell: goes with a run"), ("read_noise_e=-1", "read_noise_e = -1")]
-)
-def test_what_does_not_go_is_refused(query: str, told: str, catalogue: Catalogue) -> None:
-    with pytest.raises(ValueError, match=told):
-        catalogue.start(query)
 
 
 def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:

@@ -116,25 +116,6 @@ def test_a_large_picture_is_seen_smaller_first(visit: Visit, large: State) -> No
     assert [kind for kind, _ in page.events] == ["preview", "picture", "seen"] * 2
 
 
-def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(visit: Visit, large: State) -> None:
-    async def steps(page: Told) -> None:
-        await until(lambda: page.of("seen"))
-        page.paints = False
-        for number in range(1, 9):
-            page.show(replace(large, seed=number))
-            await until(lambda: len(page.of("preview")) > 1)
-        page.paints = True
-        page._painted.set()
-        await until(lambda: len(page.of("seen")) == 2)
-
-    page = visit(large, steps)
-    assert (
-        len(page.of("preview")) == 3
-    )  # at the start, of the first change, of the newest once that is painted
-    assert len(page.of("picture")) == 2
-    assert page.of("seen")[-1].state.seed == 8
-
-
 def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:
     wrong = {
         "camera = 'gone'": replace(QUIET, camera="gone"),

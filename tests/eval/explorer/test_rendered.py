@@ -27,7 +27,7 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
 
-from blurnoise import Camera, Exposure, photoelectrons
+from blurnoise import Camera, photoelectrons
 
 CAMERA = Camera.preset("imx250")
 STATE = State()
@@ -54,14 +54,6 @@ def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
     assert values["blur_px"] == pytest.approx(0.02 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
     assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (20.0, 0.0, 0.0)
-
-
-def test_blur_of_a_driven_camera_is_that_in_the_middle_of_its_places(signs: Subject) -> None:
-    _, blur_px, _ = seen(STATE.put("ego_speed_m_s", 20.0), signs).numbers["blur_px"]
-    driven = Exposure(CAMERA, 0.02, 2.0, ego_speed_m_s=20.0)
-    lengths = driven.vehicle.flow_px_s(CAMERA, signs.size, 20.0).norm(dim=0) * 0.02
-    assert blur_px is not None
-    assert float(lengths.min()) < blur_px < float(lengths.max())
 
 
 def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs: Subject) -> None:
@@ -143,15 +135,6 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float, st
     assert math.log2(found[1] / best_ms) == pytest.approx(half, abs=0.2)
     most = window_sentence(curve(best_ms, stops), best_ms, standard).split(" at ")[-1]
     assert abs(math.log2(float(most.split()[0]) / best_ms)) < 0.4
-
-
-@pytest.mark.parametrize(("saturated_from", "low", "high"), [(15.0, 15 / 1.6, 15.0), (0.0, 16.0, 25.0)])
-def test_a_saturated_exposure_is_used_only_where_no_other_works(
-    saturated_from: float, low: float, high: float
-) -> None:
-    standard = Standard(0.9, True, 0.5, frozenset())
-    most = window_sentence(curve(20.0, 5.0, saturated_from), 20.0, standard).split(" at ")[-1]
-    assert low <= float(most.split()[0]) <= high
 
 
 def test_of_several_windows_the_one_around_the_exposure_or_the_widest() -> None:

@@ -25,11 +25,6 @@ def test_the_paper_s_light_is_the_grey_of_coded_values() -> None:
         torch.testing.assert_close(plane, 0.2989 * red + 0.5870 * green + 0.1140 * blue, atol=2e-5, rtol=0)
 
 
-def test_the_camera_s_light_is_the_sign() -> None:
-    scene = ExposedScene.of_picture(chains.picture("camera", 50))
-    torch.testing.assert_close(scene.light, charts.stop_sign(50, **SIDE), atol=4e-3, rtol=0)
-
-
 def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
     camera = chains.camera_of("paper")
     scene = ExposedScene.of_picture(chains.picture("paper", 50))
@@ -40,13 +35,3 @@ def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
     coded = float(srgb_from_linear(torch.tensor(0.18)))
     assert corner.mean() == pytest.approx(coded * white, rel=0.01)
     assert np.ptp(corner) > 0
-
-
-def test_signs_stand_where_their_boxes_say() -> None:
-    shown = chains.signs("camera", (50, 32), read=False)
-    for size, picture in zip((50, 32), shown, strict=True):
-        (target,) = picture.targets or ()
-        assert target.group == f"{size} px"
-        assert target.box_xyxy == pytest.approx((160 - size / 2,) * 2 + (160 + size / 2,) * 2)
-    (text,) = chains.signs("paper", (50,), read=True).pictures[0].targets or ()
-    assert text.text == "STOP"

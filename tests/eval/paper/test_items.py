@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.detectors.ocr import Reading
 from blurnoise_eval.paper import items
 from blurnoise_eval.paper.item import near
-from blurnoise_eval.paper.measurement import Grid, Measurements, NotRun
+from blurnoise_eval.paper.measurement import Grid, Measurements
 from blurnoise_eval.quality.measure import TILT_DEG
 from scipy.optimize import brentq
 
@@ -23,7 +21,6 @@ from blurnoise.optics.camera import Camera
 
 WITHHELD = Estimate(math.nan)
 ITEM = {item.name: item for item in items.ITEMS}
-CHART_ITEMS = ("mtf50", "mtf50-dx", "patch-snr", "edge-snr", "sic", "neq")
 METRICS = ("mtf50_x", "patch_snr_dark", "patch_snr_bright", "edge_snr_db", "sic_square", "neq_integral")
 AGREES = {"agrees": True, "differs": False}
 
@@ -81,25 +78,6 @@ def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verdicts("quanta") == [False]
 
 
-@pytest.mark.parametrize("name", [*CHART_ITEMS, "detection", "maps", "ocr", "ocr-dx"])
-def test_what_is_withheld_everywhere_is_not_run(name: str) -> None:
-    (row,) = rows(name)
-    assert row["verdict"] == "not run"
-    assert re.search(r"withheld (everywhere at \d+ (px/s|ms)|at all but 0 of 48 conditions)", row["found"])
-
-
-@pytest.mark.parametrize("name", CHART_ITEMS)
-def test_any_number_may_be_missing(name: str) -> None:
-    """Of the made-up metrics every third number; whatever is then judged, there are rows and figures."""
-
-    def value(metric: str, ms: float, v: float) -> Estimate:
-        return WITHHELD if (ms + v / 50) % 3 == 0 else Estimate(1 / (1 + ms + v))
-
-    assert rows(name, value)
-    for figure in ITEM[name].run(measured(value)).figures:
-        assert all(math.isfinite(y) for curve in figure.lines.values() for y in curve.values())
-
-
 def test_mtf50_over_exposure() -> None:
     def flat(slope: float = 0.0, by_speed: float = -1e-4, clips_ms: float = 25.0) -> list[bool | None]:
         def value(name: str, ms: float, v: float) -> Estimate:
@@ -150,31 +128,6 @@ def test_a_number_may_miss_within_its_interval(value: float, low: float, agrees:
     assert near("", "", [Estimate(value, low, 1.05)] * 7, [1.0] * 7, "", 0.01).agrees == agrees
 
 
-def test_snr_over_speed() -> None:
-    assert verdicts("patch-snr", lambda name, ms, v: 13 * (1 + 1e-5 * v)) == [True]
-    assert verdicts("patch-snr", lambda name, ms, v: 13 * (1 + 3e-5 * v)) == [False]
-    assert verdicts("edge-snr", lambda name, ms, v: 20 + ms + 4e-4 * v if ms < 25 else math.nan) == [True]
-    assert verdicts("edge-snr", lambda name, ms, v: 20 + ms + 6e-4 * v if ms < 25 else math.nan) == [False]
-
-
-@pytest.mark.parametrize(("exponent", "agrees"), [(1.0, True), (0.98, False)])
-def test_clipping(monkeypatch: pytest.MonkeyPatch, exponent: float, agrees: bool) -> None:
-    monkeypatch.setattr(items.measurement, "clips_from_ms", lambda lux: 1215 / lux**exponent)
-    assert verdicts("clipping") == [agrees]
-
-
-@pytest.mark.parametrize("name", ["sic", "neq"])
-def test_capacity_and_quanta(name: str) -> None:
-    def value(metric: str, ms: float, v: float, late: float = 0.0, peak: float = 24.0) -> float:
-        place = peak / (1 + v / 200) + late * v
-        return 2 / (1 + v / 200) - abs(ms - place) / 100 if ms < 27 else math.nan
-
-    assert verdicts(name, value) == [True, True]
-    assert verdicts(name, lambda *at: value(*at, late=0.02)) == [True, False]
-    assert verdicts(name, lambda *at: value(*at, peak=12.0)) == [False, True]
-    assert verdicts(name, lambda metric, ms, v: value(metric, ms, 0)) == [True, False]
-
-
 def test_detection_is_held_to_the_order_of_sizes() -> None:
     def found(first: dict[int, float], lost: dict[int, float]) -> list[dict[str, str]]:
         return rows("detection", lambda size, ms, dx: float(first[size] <= ms <= 70 and dx < lost[size]))
@@ -209,46 +162,3 @@ def test_reading() -> None:
     assert reads(0.6, 1.0)["to"] == [False] * 6
     assert reads(1.0, 2.1)["from"] == [False] * 3
     assert verdicts("ocr", lambda *at: 0.0) == [False] * 9
-
-
-@pytest.mark.parametrize(
-    ("fails", "last", "agrees"),
-    [(100.0, 350.0, True), (200.0, 500.0, True), (350.0, 100.0, False), (9e9, -1.0, False)],
-)
-def test_reading_over_speed(fails: float, last: float, agrees: bool) -> None:
-    found = verdicts("ocr-dx", lambda size, ms, dx: float(dx < fails if size == 32 else dx <= last))
-    assert found == [agrees, agrees]
-
-
-@pytest.mark.parametrize(("best", "agrees"), [("q", True), ("sic", False), ("mtf", False)])
-def test_maps_rank_by_metrics(best: str, agrees: bool) -> None:
-    """ "q" stands in the names of SIC, of the square, and NEQ, and in no other."""
-
-    def value(name: str | int, ms: float, v: float) -> float:
-        return ms + v if isinstance(name, int) or best in name else ms - v
-
-    assert verdicts("maps", value) == [agrees]
-
-
-class Reads:
-    """A reader that reads STOP in all but every third picture."""
-
-    name, path, sha256, non_finite_values_here = "reads", Path("reads.onnx"), "", 0
-
-    def __init__(self) -> None:
-        self.seen = 0
-
-    def read(self, image: Any, boxes_xyxy: Any) -> list[Reading]:
-        self.seen += 1
-        return [Reading("STEP" if self.seen % 3 == 0 else "STOP", 0.9)] * len(boxes_xyxy)
-
-
-def test_a_reading_counts_where_every_noise_field_does() -> None:
-    of = Grid((5, 20), (0.0,), chain="paper", sizes_px=(32,), read=True)
-    found = Measurements(None, Reads(), repeats=1)[of]  # type: ignore[arg-type]
-    assert {key: each.value for key, each in found.items()} == {
-        ("32 px", 5.0, 0.0): 0.0,
-        ("32 px", 20.0, 0.0): 0.0,
-    }  # of eight fields each, some are read wrong
-    with pytest.raises(NotRun, match=r"blurnoise\[ocr\]"):
-        Measurements(None, None)[of]  # type: ignore[arg-type]

@@ -5,12 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
-import torch
 from blurnoise_eval.system import machine
-from blurnoise_eval.system.machine import is_out_of_memory, limited_threads, usable_cores
+from blurnoise_eval.system.machine import usable_cores
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is Linux's")
@@ -23,14 +20,6 @@ def test_only_cores_that_may_be_used_count() -> None:
         os.sched_setaffinity(0, allowed)
 
 
-def test_who_lacks_memory_is_understood() -> None:
-    for allocate in (torch.empty, np.empty):
-        with pytest.raises((MemoryError, RuntimeError)) as raised:
-            allocate((1 << 28, 1 << 28))
-        assert is_out_of_memory(raised.value)
-    assert not is_out_of_memory(RuntimeError("some other fault"))
-
-
 def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "files", lambda package: tmp_path)
     (tmp_path / "below").mkdir()
@@ -40,17 +29,3 @@ def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.M
         found.append(machine.sources.__wrapped__())
     assert found[0] == found[1] != found[2]
     assert found[0] != machine.versions()["sources"]
-
-
-def settings() -> tuple[int, int]:
-    return torch.get_num_threads(), cv2.getNumThreads()
-
-
-def test_settings_hold_inside_and_come_back() -> None:
-    before = settings()
-    with limited_threads(before[0] + 1):
-        assert settings() == (before[0] + 1, before[0] + 1)
-        with limited_threads(1):
-            assert settings() == (1, 1)
-        assert settings() == (before[0] + 1, before[0] + 1)
-    assert settings() == before

@@ -10,7 +10,7 @@ import sys
 
 import pytest
 from blurnoise_eval.system import progress
-from blurnoise_eval.system.progress import ProgressBar, duration_text
+from blurnoise_eval.system.progress import ProgressBar
 
 Output = pytest.CaptureFixture[str]
 
@@ -34,16 +34,6 @@ def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Out
     assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
 
 
-def test_what_was_done_before_is_no_speed(now: list[float], capsys: Output) -> None:
-    """900 of 1000 steps were done before; the others take 2 s each."""
-    with ProgressBar("sweep", 1000) as advance:
-        advance.already(900)
-        for _ in range(10):
-            now[0] += 2.0
-            advance(1)
-    assert capsys.readouterr().err.splitlines()[0] == "sweep: 905 of 1000, 90 %, 0.5/s, 3 min left"
-
-
 def test_what_is_interrupted_says_where(now: list[float], capsys: Output) -> None:
     def work() -> None:
         with ProgressBar("sweep", 10) as advance:
@@ -57,13 +47,6 @@ def test_what_is_interrupted_says_where(now: list[float], capsys: Output) -> Non
     with ProgressBar("short", 9) as advance:
         advance(9)
     assert capsys.readouterr().err == ""
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(0, "0 s"), (89, "89 s"), (720, "12 min"), (12_000, "3 h 20 min")]
-)
-def test_durations_have_the_unit_that_fits(seconds: float, text: str) -> None:
-    assert duration_text(seconds) == text
 
 
 @pytest.mark.parametrize("columns", [40, 120])

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system import urls
 from blurnoise_eval.system.urls import (
     explained,
     listing,
@@ -82,12 +81,6 @@ def test_secrets_are_not_shown() -> None:
     assert without_secrets(command) == "sweep --images s3://b/a -o 'https://b/c' --lux 1,2"
 
 
-def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "upath", None)
-    with pytest.raises(OSError, match=r"needs more packages: pip install 'blurnoise\[s3\]'"):
-        location("s3://bucket/a")
-
-
 def test_a_listing_is_that_of_a_folder(bucket: Any, tmp_path: Path) -> None:
     """Names that lead elsewhere are left out, links to folders stay shut, broken links are no files."""
     for name in ("a.bin", "sub/größe b.bin", "sub/none"):
@@ -130,16 +123,3 @@ def test_what_a_storage_denies_by_a_status_is_denied(status: int) -> None:
     error.status = status  # type: ignore[attr-defined]
     with pytest.raises(PermissionError, match="denied"), explained("gs://bucket/a"):
         raise error
-
-
-def test_company_that_is_denied_is_missing(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As S3 denies what is not there in a bucket that must not be listed."""
-    known = urls.version
-
-    def denied(file: Any) -> str:
-        if file.name != "a.bin":
-            raise PermissionError(13, "denied", str(file))
-        return known(file)
-
-    monkeypatch.setattr(urls, "version", denied)
-    assert local_file(bucket / "a.bin", ["b.bin"]).read_bytes() == b"a.bin"

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system import urls
 from blurnoise_eval.system.urls import listing, local_file, location, version, versions
 from s3_servers import BUCKET, Wire, at, s3_server, wire_to
 
@@ -87,15 +86,6 @@ def test_a_connection_that_is_always_cut(wire: Wire, tmp_path: Path) -> None:
     assert not [file for file in (tmp_path / "cache").rglob("*") if file.is_file()], "nothing of it is kept"
 
 
-def test_a_server_that_is_silent_is_given_up(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    known = version(location(A))
-    wire.delay_s = 20.0
-    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 0.2)
-    with pytest.raises(OSError, match=r"failed.*[Tt]imeout") as told:
-        read(A, known)
-    assert told.value.filename == A
-
-
 def test_denied(wire: Wire) -> None:
     """At once, and named; a folder that must not be listed is asked for its objects one by one."""
     wire.requests.clear()
@@ -116,10 +106,3 @@ def test_missing(wire: Wire) -> None:
         with pytest.raises(FileNotFoundError, match="no such object") as told:
             read(url)
         assert told.value.filename == url
-
-
-def test_no_such_host(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
-    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 19)  # no file system that is at hand
-    with pytest.raises(OSError, match=r"failed.*[Cc]onnect"):
-        read(A)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system import working_folder
 from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.urls import listing, location
 from blurnoise_eval.system.working_folder import output_folder, read_run, written_run
@@ -105,14 +104,3 @@ def test_reading_leaves_the_results_as_they_are(tmp_path: Path) -> None:
         work(folder.path, a_json="{}")
     assert there()["coco/a.json"] == b"{}"
     assert not list((tmp_path / "cache/runs").iterdir())
-
-
-def test_errors_name_the_url(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=f"run = '{URL}': holds no rows"), read_run(RUN) as folder:
-        raise ValueError(f"run = {str(folder.path)!r}: holds no rows")
-
-
-def test_urls_in_python_say_how() -> None:
-    with pytest.raises(ValueError, match="open it with written_run") as told:
-        working_folder.working_folder("s3://k:secret@bucket/run")
-    assert "secret" not in str(told.value)
