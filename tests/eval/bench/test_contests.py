@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench import contest, edges, motion, noise
+from blurnoise_eval.bench import contest, edges, motion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
 from closed_edges import closed_edge, closed_mtf50
@@ -71,21 +71,6 @@ def test_table_json_and_chart_are_written(result: contest.Result, tmp_path: Path
     assert [text.get_text() for text in legend.get_texts()] == ["ours", "rival", "slow"]
 
 
-def test_all_are_called_in_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As many rounds as fit on average; a first call of each does not count."""
-    clock, calls = [0.0], list[str]()
-
-    def call(name: str, seconds: float) -> None:
-        calls.append(name)
-        clock[0] += seconds
-
-    monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
-    named = {name: partial(call, name, seconds) for name, seconds in (("fast", 0.1), ("slow", 1.0))}
-    times = contest.in_turns_ms(named, 2.2, lambda share: None)
-    assert calls == ["fast", "slow"] * 5
-    assert times["slow"] == pytest.approx([1000.0] * 4)
-
-
 def test_truth_of_straight_motion_is_sinc() -> None:
     """A sinusoid of period 16 px that moves 10 px keeps sinc(10 / 16) of its contrast, but for the pixel's area."""
     x = (np.arange(96 * motion.FINE) + 0.5) / motion.FINE - 0.5
@@ -106,19 +91,6 @@ def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     torch.testing.assert_close(edges.edge(*blur, (0.3, -0.2)), truth, rtol=0, atol=1e-6)
     assert float((edges.edge(*blur, (-0.3, -0.2)) - truth).abs().max()) > 0.05
     assert edges.mtf50(*blur) == pytest.approx(closed_mtf50(**known), rel=1e-9)  # type: ignore[arg-type]
-
-
-def test_exact_law_has_the_closed_forms_moments() -> None:
-    for mean_e, read_noise_e in ((10.0, 2.44), (100.0, 0.3)):
-        law, dn = noise.exact_law(mean_e, read_noise_e), np.arange(noise.FULL_SCALE_DN + 1)
-        mean = float(law @ dn)
-        assert law.sum() == pytest.approx(1, abs=1e-12)
-        assert mean == pytest.approx(mean_e + noise.BLACK_DN, abs=1e-6)
-        # rounding adds 1/12 to what is at least 0.5 DN wide, at most 1/4 to what is not
-        variance = float(law @ (dn - mean) ** 2)
-        assert variance == pytest.approx(
-            mean_e + read_noise_e**2 + 1 / 12, abs=1e-3 if read_noise_e > 0.5 else 0.2
-        )
 
 
 def test_ours_are_exact_and_others_are_not() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -118,19 +117,3 @@ def test_workers_fetch_what_they_need(
     assert untimed(there) == untimed(evaluated(folder, tmp_path / "plain"))
     assert len(there.cells) == 15
     assert not wire.cuts + wire.refusals
-
-
-def test_pictures_that_cannot_be_read_are_skipped(
-    folder: Path, tmp_path: Path, held: tuple[Path, Wire]
-) -> None:
-    """One is always cut off, one is denied; the others are seen."""
-    wire = held[1]
-    wire.named, wire.cuts, wire.cut_at = "GET /pictures/a.png", 99, 100
-    (skipped,) = evaluated(ROOT, tmp_path / "run").skipped
-    assert skipped["reason"].startswith(f"{ROOT}/a.png: failed: ConnectionClosed")
-    wire.mend()
-    assert not evaluated(ROOT, tmp_path / "run").skipped, "the cut one is read now, the others are done"
-    shutil.rmtree(tmp_path / "cache")
-    wire.named, wire.refusals, wire.status = "GET /pictures/sub", 99, "403 Forbidden"
-    (skipped,) = evaluated(ROOT, tmp_path / "run3").skipped
-    assert skipped["reason"].startswith(f"{ROOT}/sub/b c.png: denied")

@@ -49,18 +49,6 @@ def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys
     assert main(["cameras", str(path)]) == 0
 
 
-def test_what_deceives_a_fit_is_said_on_the_console_and_in_the_file(tmp_path: Path, capsys: Output) -> None:
-    planes = made_frames.exposed(CAMERA, 1, size=(64, 81), levels=4)
-    for (_, exposure_s), frames in planes.items():
-        for frame in frames:
-            frame[::16, ::27] += np.uint16(5000 * exposure_s)
-    folder, path = made_frames.save(tmp_path / "frames", planes), tmp_path / "mine.yaml"
-    assert main(["cameras", "fit", str(folder), "-o", str(path), "--bit-depth", "12"]) == 0
-    (warning,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
-    assert "hot pixels: 12 (0.23 %)" in warning
-    assert Camera.load(path).sources["dsnu_e"].endswith(f"; doubtful: {warning.removeprefix('warning: ')}")
-
-
 def test_a_dng(tmp_path: Path, capsys: Output) -> None:
     made_frames.write_dng(
         tmp_path / "photo.dng",

@@ -81,15 +81,6 @@ def test_help_is_light() -> None:
     assert done.stdout == "[]\n"
 
 
-def test_without_the_harness_the_script_says_what_to_install() -> None:
-    script = (
-        "import sys; sys.modules['typer'] = None; from blurnoise_eval.start import main; sys.exit(main())"
-    )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr == "blurnoise: error: needs typer: pip install 'blurnoise[eval]'\n"
-
-
 @pytest.mark.parametrize("each", AXES, ids=lambda axis: axis.name)
 def test_every_axis_has_its_option_and_its_setting(monkeypatch: pytest.MonkeyPatch, each: Any) -> None:
     text = ",".join(each.choices[::-1]) or "9,7"

@@ -120,11 +120,6 @@ def test_the_file_holds_the_numbers_that_python_gives(name: str, capsys: Output)
         assert facts["readout_ms"] == pytest.approx(1e3 * 2e-5 * 31 / max(31 / 2056, 44 / 2464))
 
 
-def test_another_lens(capsys: Output) -> None:
-    wide, narrow = (taken(capsys, "street.png", f"--f-number {n}")[0]["white_electrons"] for n in (2, 4))
-    assert wide == pytest.approx(4 * narrow)
-
-
 @pytest.mark.parametrize("anchor", ["", "mean", "p50", "1,2,9,8"])
 def test_what_light_on_a_photograph_means(capsys: Output, anchor: str) -> None:
     """Two photographs of one scene, 2 EV apart: with an anchor the same frame, without a quarter of it."""

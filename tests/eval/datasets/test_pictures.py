@@ -14,7 +14,6 @@ import numpy as np
 import PIL.Image
 import pytest
 from blurnoise_eval.datasets import (
-    PictureSet,
     UnreadablePicture,
     bdd,
     coco,
@@ -24,10 +23,9 @@ from blurnoise_eval.datasets import (
     image_folder,
     images,
     read_picture,
-    texts,
     write_picture,
-    yolo,
 )
+from blurnoise_eval.datasets.likeness import look, scenes
 from numpy.typing import NDArray
 
 ORIENTATION = 0x0112
@@ -127,26 +125,14 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
 def test_a_limit_of_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the header: nothing of such a picture is decoded."""
     (tmp_path / "a.png").write_bytes(png(1300, 1000, bytes(1301 * 1000)))
-    files = {
-        "classes.txt": "sign\n", "a.txt": "0 0.5 0.5 0.1 0.1\n", "texts": "a.png\tSTOP\n",
-        "bdd.json": '[{"name": "a.png"}]',
-        "coco.json": '{"images": [{"id": 1, "file_name": "a.png"}], "categories": [], "annotations": []}',
-    }  # fmt: skip
-    for name, content in files.items():
-        (tmp_path / name).write_text(content)
-    sources: list[tuple[Callable[..., PictureSet], str]] = [
-        (image_folder, "."), (yolo, "."), (texts, "texts"), (bdd, "bdd.json"), (coco, "coco.json"),
-    ]  # fmt: skip
     monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.3)
-    for read, name in sources:
-        (picture,) = read(tmp_path / name)
-        assert picture.load().shape == (1000, 1300, 3)
+    (picture,) = image_folder(tmp_path)
+    assert picture.load().shape == (1000, 1300, 3)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
     monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.29)
-    for read, name in sources:
-        (picture,) = read(tmp_path / name)
-        with pytest.raises(UnreadablePicture, match=r"a\.png: 1300 x 1000 px, 1 megapixels; must be at most"):
-            picture.load()
+    (picture,) = image_folder(tmp_path)
+    with pytest.raises(UnreadablePicture, match=r"a\.png: 1300 x 1000 px, 1 megapixels; must be at most"):
+        picture.load()
 
 
 @pytest.mark.parametrize("orientation", [1, 6])
@@ -195,32 +181,77 @@ def test_a_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
 # --- linear light from OpenEXR files ---
 
 
-@pytest.mark.parametrize(
-    ("channels", "fault"),
-    [
-        ({"RGB": 1.0, "Z": 0.0}, None),
-        ({"Y": 1.0}, None),
-        ({"Z": 1.0}, "must have R, G, B or Y"),
-        ({"Y": -1.0}, "negative or not finite"),
-    ],
-)
-def test_light_of_openexr(
-    tmp_path: Path, channels: dict[str, float], fault: str | None, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_light_of_openexr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     openexr = pytest.importorskip("OpenEXR")
     light = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float16)
-    planes = {name: gain * (light if name == "RGB" else light[..., 0]) for name, gain in channels.items()}
-    header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
     path = tmp_path / "a.exr"
-    openexr.File(header, {name: plane.astype(np.float16) for name, plane in planes.items()}).write(str(path))
-    if fault is None:
-        expected = light if "RGB" in channels else light[..., 0]
-        np.testing.assert_array_equal(decode_linear(path), expected.astype(np.float32))
-        with monkeypatch.context() as patch:
-            patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
-            with pytest.raises(UnreadablePicture, match="11 x 7 px"):
-                decode_linear(path)
-        path.write_bytes(path.read_bytes()[:200])
-        fault = r"a\.exr"
-    with pytest.raises(UnreadablePicture, match=fault):
+
+    def saved_light(**planes: NDArray[Any]) -> Path:
+        header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
+        openexr.File(header, planes).write(str(path))
+        return path
+
+    grey = light[..., 0].copy()
+    np.testing.assert_array_equal(decode_linear(saved_light(RGB=light, Z=grey)), light.astype(np.float32))
+    np.testing.assert_array_equal(decode_linear(saved_light(Y=grey)), grey.astype(np.float32))
+    with monkeypatch.context() as patch:
+        patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
+        with pytest.raises(UnreadablePicture, match="11 x 7 px"):
+            decode_linear(path)
+    for planes, fault in (({"Z": grey}, "must have R, G, B or Y"), ({"Y": -grey}, "negative or not finite")):
+        with pytest.raises(UnreadablePicture, match=fault):
+            decode_linear(saved_light(**planes))
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(UnreadablePicture, match=r"a\.exr"):
         decode_linear(path)
+
+
+# Pictures of one scene by their hashes: made scenes that are shifted, noisy and lit otherwise
+
+
+Pixels = NDArray[np.uint8]
+
+
+def scene(seed: int, size: tuple[int, int] = (213, 320)) -> Pixels:
+    """Smooth random light with a spectrum as photographs have it, in colour."""
+    rng = np.random.default_rng([seed, 1])
+    layers = [
+        cv2.resize(rng.normal(size=(n, n, 3)), size[::-1], interpolation=cv2.INTER_CUBIC) / n
+        for n in (3, 6, 12)
+    ]
+    whole = sum(layers)
+    return np.clip(128 + 45 * whole / np.std(whole), 0, 255).astype(np.uint8)
+
+
+def again(picture: Pixels, rng: np.random.Generator) -> Pixels:
+    """The same shifted by up to a fiftieth of the width, at half to 1.6 times the light, with 4 % noise."""
+    height, width = picture.shape[:2]
+    dx, dy = rng.integers(-width // 80, width // 80 + 1, 2).tolist()
+    shift = np.array([[1, 0, dx], [0, 1, dy]], np.float32)
+    moved = cv2.warpAffine(picture, shift, (width, height), borderMode=cv2.BORDER_REFLECT) / 255
+    lit = np.clip(moved**2.2 * 2 ** rng.uniform(-1, 0.7), 0, 1) ** (1 / 2.2)
+    return np.clip(255 * lit + rng.normal(0, 10, lit.shape), 0, 255).astype(np.uint8)
+
+
+def test_pictures_of_one_scene_are_found_together() -> None:
+    rng = np.random.default_rng(0)
+    found = scenes([look(again(scene(place // 5), rng)) for place in range(60)])
+    together = np.arange(60) // 5
+    assert (found[:, None] == found)[together[:, None] != together].sum() == 0
+    assert 12 <= len(set(found.tolist())) <= 14
+
+
+def test_hash_is_the_same_whatever_the_depth_size_and_colour() -> None:
+    picture = scene(3, (600, 901))
+    assert len(look(picture)) == 16
+    assert look(picture.astype(np.uint16) * 257) == look(picture)
+    for other in (picture.mean(axis=2).round().astype(np.uint8), cv2.resize(picture, (451, 300))):
+        assert (int(look(other), 16) ^ int(look(picture), 16)).bit_count() <= 4
+
+
+def test_links_make_a_scene() -> None:
+    """a and c are 16 bits apart, and b is between them; d is far from all."""
+    a, b, c, d = "00" * 8, "ff" + "00" * 7, "ffff" + "00" * 6, "0f" * 8
+    assert scenes([a, d, c, b]).tolist() == [0, 1, 0, 0]
+    assert scenes([a, d, c]).tolist() == [0, 1, 2]
+    assert scenes([]).tolist() == []

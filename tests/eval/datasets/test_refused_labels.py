@@ -12,23 +12,12 @@ import numpy as np
 import pytest
 import yaml
 from blurnoise_eval.datasets import PictureSet, bdd, coco, texts, write_picture, yolo
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 Read = Callable[..., PictureSet]
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner, max_size=4),
-    max_leaves=12,
-)
 IMAGE = {"id": 7, "file_name": "a.png", "width": 9, "height": 9}
 SIGN = {"id": 1, "name": "sign"}
 ANNOTATION = {"id": 1, "image_id": 7, "category_id": 1, "bbox": [1, 2, 3, 4], "area": 9, "iscrowd": 0}
 COCO: Any = {"images": [IMAGE], "categories": [SIGN], "annotations": [ANNOTATION]}
-BOX = {"x1": 1, "y1": 2, "x2": 3, "y2": 4}
-BDD = {
-    "frames": [{"name": "a.png", "labels": [{"id": 1, "category": "car", "box2d": BOX, "attributes": {}}]}]
-}
 TEXTS = [{"transcription": "STOP", "points": [[1, 2], [3, 2], [3, 4], [1, 4]]}]
 LINE = "0 0.5 0.5 0.5 0.5\n"
 
@@ -145,47 +134,3 @@ def test_files_that_are_none(folder: Path) -> None:
 
 
 # --- anything in any place ---
-
-
-def places(document: Any) -> list[tuple[Any, ...]]:
-    """The paths to every part of a document, the whole first."""
-    parts = document.items() if isinstance(document, dict) else enumerate(document)
-    inner = ((key, path) for key, part in parts if isinstance(part, (dict, list)) for path in places(part))
-    keys = document if isinstance(document, dict) else range(len(document))
-    return [(), *((key,) for key in keys), *((key, *path) for key, path in inner if path)]
-
-
-def replaced(document: Any, place: tuple[Any, ...], part: Any) -> Any:
-    if not place:
-        return part
-    copy = document.copy()
-    copy[place[0]] = replaced(document[place[0]], place[1:], part)
-    return copy
-
-
-def complaint(read: Read, file: Path) -> str:
-    """What ``read`` says against the file, as one line of ValueError; nothing where it takes it."""
-    try:
-        pictures = read(file)
-    except ValueError as error:
-        said = str(error)
-        return said if "\n" not in said and len(said) < 500 else f"too long: {said}"
-    for target in (target for picture in pictures for target in picture.targets or ()):
-        x0, y0, x1, y1 = target.box_xyxy
-        assert 0 < (x1 - x0) * (y1 - y0) < np.inf
-    return ""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("read", "sound"), [(coco, COCO), (bdd, BDD), (texts, TEXTS)])
-@given(data=st.data())
-@settings(max_examples=300, deadline=None)
-def test_json_with_anything_in_any_place(
-    tmp_path_factory: pytest.TempPathFactory, read: Read, sound: Any, data: st.DataObject
-) -> None:
-    file = tmp_path_factory.getbasetemp() / "labels.json"
-    before = "a.png\t" if read is texts else ""
-    place = data.draw(st.sampled_from(places(sound)[1 if read is texts else 0 :]))
-    file.write_text(before + json.dumps(replaced(sound, place, data.draw(JSON))))
-    said = complaint(read, file)
-    assert not said or said.startswith(f"{'text' if read is texts else read.__name__} = {str(file)!r}: ")

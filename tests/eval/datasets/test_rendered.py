@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import pickle
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import RENDERED_SIZE_PX, Picture, PictureSet, rendered_signs, rendered_texts
+from blurnoise_eval.datasets import RENDERED_SIZE_PX, Picture, rendered_signs, rendered_texts
 from numpy.typing import NDArray
 
 KINDS = 4  # of backgrounds, in turn: plain, graded, 1/f, cluttered
@@ -72,23 +71,18 @@ def test_a_picture_depends_on_seed_and_number_alone() -> None:
     assert all((a != b).any() for a, b in itertools.combinations(images, 2))
 
 
-@pytest.mark.parametrize("of", [rendered_signs, rendered_texts])
 @pytest.mark.parametrize(
-    ("given", "error", "message"),
+    ("given", "message"),
     [
-        ({"sizes_px": (400,)}, ValueError, "inside the picture, 320 x 320 px"),
-        ({"sizes_px": (200, 100)}, ValueError, r"sizes_px = \[200, 100\]: must fit beside each other"),
-        ({"sizes_px": (-5,)}, ValueError, "size_px = -5"),
-        ({"count": 0}, ValueError, "count = 0: must be >= 1"),
-        ({"count": 2.5}, TypeError, "count = 2.5: must be an integer"),
-        ({"seed": -1}, ValueError, "seed = -1: must be >= 0"),
+        ({"sizes_px": (400,)}, "inside the picture, 320 x 320 px"),
+        ({"sizes_px": (200, 100)}, r"sizes_px = \[200, 100\]: must fit beside each other"),
+        ({"count": 0}, "count = 0: must be >= 1"),
     ],
 )
-def test_bad_input_is_named(
-    of: Callable[..., PictureSet], given: dict[str, Any], error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error, match=message):
-        of(**given)
+def test_bad_input_is_named(given: dict[str, Any], message: str) -> None:
+    for of in (rendered_signs, rendered_texts):
+        with pytest.raises(ValueError, match=message):
+            of(**given)
 
 
 def test_the_text_is_the_white_word_on_the_red_sign() -> None:

@@ -17,7 +17,6 @@ from blurnoise_eval.detectors.contract_files import (
     preset,
 )
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.ocr.recogniser import TEXT_PRESETS
 
 OLD_YOLOX = replace(
     preset("yolox"), colour="rgb", value_range="0-1", mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225)
@@ -52,25 +51,6 @@ def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
     assert getattr(load_contract(typed), field) == value
 
 
-@pytest.mark.parametrize(
-    ("typed", "words"),
-    [
-        ("yolox,mean=0.5", "mean = .*: must be three numbers"),
-        ("yolox,tint=rgb", "key 'tint' is unknown"),
-        ("yolo99,colour=rgb", "contract 'yolo99': neither a file nor a preset"),
-    ],
-)
-def test_what_cannot_be_typed(typed: str, words: str) -> None:
-    with pytest.raises(ModelError, match=words):
-        load_contract(typed)
-
-
-def test_a_text_reader_s_contract_is_typed_alike() -> None:
-    found = load_contract("ppocr,height_px=32,margin=0.25,colour=rgb,dictionary=keys.txt", TEXT_PRESETS)
-    assert (found.height_px, found.margin, found.colour, found.dictionary) == (32, 0.25, "rgb", "keys.txt")
-    assert (found.sources["margin"], found.sources["mean"]) == ("--contract ppocr,...", "preset ppocr")
-
-
 def test_a_file_may_say_what_differs_from_its_base() -> None:
     stated = {"base": "yolox", "color": "rgb", "range": "0-1", "mean": OLD_YOLOX.mean, "std": OLD_YOLOX.std}
     assert parse_contract(stated, "file x") == OLD_YOLOX
@@ -101,16 +81,6 @@ def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str
         parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
-
-
-def test_classes_by_id_and_what_is_no_contract(tmp_path: Path) -> None:
-    for classes, names in (({"1": "b", "0": "a"}, ("a", "b")), ({1: "a", 2: "b"}, ("unused 0", "a", "b"))):
-        assert parse_contract({"family": "tfod", "classes": classes}, "file x").classes == names
-    for stated, fault in (({"family": "yolox"}, "missing key 'classes'"), (["yolox"], "must map")):
-        with pytest.raises(ModelError, match=fault):
-            parse_contract(stated, "file x")
-    with pytest.raises(ModelError, match="neither a file nor a preset"):
-        load_contract(tmp_path / "absent.json")
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
+import pickle
 import warnings
 from pathlib import Path
 from typing import Any
 
 import cv2
+import matched_filter
 import numpy as np
 import onnx
 import pytest
+from band_readers import band_reader
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.model import external_files, model_sha256
+from blurnoise_eval.detectors.ocr import Recogniser
+from blurnoise_eval.detectors.opening import open_models
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
@@ -149,19 +154,6 @@ def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message:
     assert "\n" not in str(caught.value)
 
 
-def test_weights_beside_a_model_are_part_of_its_identity(tmp_path: Path) -> None:
-    def saved(gain: float) -> str:
-        path, beside = tmp_path / "m.onnx", tmp_path / "m.onnx.data"
-        beside.unlink(missing_ok=True)  # which would be appended to
-        model = onnx.load(cell_graph(path))
-        model.graph.initializer.append(numpy_helper.from_array(np.full(64, gain, np.float32), "gain"))
-        onnx.save(model, path, save_as_external_data=True, location=beside.name, size_threshold=100)
-        assert external_files(path) == [beside.name]
-        return model_sha256(path)
-
-    assert saved(1.0) == saved(1.0) != saved(2.0)
-
-
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared models and photos")
 @pytest.mark.parametrize(
     ("file", "family", "least"), [("yolox_nano", "yolox", 0.9), ("fastestdet_upstream", "fastestdet", 0.5)]
@@ -180,3 +172,47 @@ def test_real_models_find_the_stop_sign(file: str, family: str, least: float) ->
     shared = np.clip(np.minimum(box[2:], truth[2:]) - np.maximum(box[:2], truth[:2]), 0, None).prod()
     union = (box[2:] - box[:2]).prod() + (truth[2:] - truth[:2]).prod() - shared
     assert shared / union > 0.7
+
+
+# Models from files, and models that travel: a copy elsewhere answers alike
+
+
+@pytest.fixture
+def detector(tmp_path: Path) -> Path:
+    return matched_filter.build(tmp_path / "small.onnx", sizes_px=(24, 16, 10), input_px=64)
+
+
+def travelled(model: Any) -> Any:
+    return pickle.loads(pickle.dumps(model))
+
+
+@pytest.mark.parametrize("how", ["as it is", "file", "contract"])
+def test_a_detector_travels_with_its_contract_and_name(detector: Path, tmp_path: Path, how: str) -> None:
+    own = Contract(Detector(detector).family.name, ("stop sign",), nms_iou=0.3)
+    (tmp_path / "own.json").write_text(json.dumps(own.to_dict()))
+    contract = {"as it is": None, "file": tmp_path / "own.json", "contract": own}[how]
+    model = Detector(detector, contract=contract)
+    model.name = "renamed"
+    copy = travelled(model)
+    assert (copy.name, copy.path, copy.sha256) == (model.name, model.path, model.sha256)
+    assert copy.contract.to_dict() == model.contract.to_dict()
+    image = np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8)
+    ours, theirs = model.detect(image), copy.detect(image)
+    assert len(ours) > 0
+    np.testing.assert_array_equal(theirs.boxes_xyxy, ours.boxes_xyxy)
+    np.testing.assert_array_equal(theirs.scores, ours.scores)
+
+
+def test_kinds_are_told_apart_and_names_too(detector: Path, tmp_path: Path) -> None:
+    reader = band_reader(tmp_path / "rec.onnx")
+    assert [type(model) for model in open_models([reader])] == [Recogniser]
+    (second := tmp_path / "small-2.onnx").write_bytes(detector.read_bytes())
+    names = [model.name for model in open_models([detector, detector, second, detector])]
+    assert names == ["small", "small-3", "small-2", "small-4"]
+    assert open_models([reader], ["ppocr"])[0].contract.sources["colour"].startswith("preset")
+    with pytest.raises(ValueError, match="detectors or text recognisers, not both"):
+        open_models([detector, reader])
+    with pytest.raises(ValueError, match="2 are given; must be one, or one for each of 3"):
+        open_models([detector] * 3, ["yolox", "yolov8"])
+    with pytest.raises(ValueError, match="dictionary, text-detector: go with text recognisers"):
+        open_models([detector], text_detector=tmp_path / "det.onnx")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
 from blurnoise_eval.detectors.contract import COCO80, Contract, ModelError
-from blurnoise_eval.detectors.contract_files import parse_contract, stated_contract
+from blurnoise_eval.detectors.contract_files import stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
 from blurnoise_eval.detectors.model import TensorInfo
@@ -87,16 +87,6 @@ def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: flo
     assert "on a drawn picture" in contract.sources["family"]
 
 
-def test_a_probe_that_tells_nothing_leaves_the_choice_to_the_user() -> None:
-    """Boxes in px and an objectness that varies: YOLOX with its boxes decoded, or anything."""
-    answer = rows(8400, 85, objectness=0.5, size=40)
-    unclear = signature((640, 640), (1, 8400, 85), answer=answer)
-    for graph in (unclear, replace(unclear, answer=None)):
-        with pytest.raises(ModelError, match=r"several output families \(yolox, yolov6\).*--contract"):
-            resolve(NOWHERE, graph)
-    assert resolve(NOWHERE, unclear, "yolov6")[0].name == "yolov6"
-
-
 @pytest.mark.parametrize(
     ("name", "shapes", "names"),
     [
@@ -160,17 +150,6 @@ def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "__import__('os')"}))
     with pytest.raises(ModelError, match=r"2 classes but the contract names 1 \(metadata\)"):
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
-
-
-def test_contract_and_graph_must_agree() -> None:
-    graph = signature((640, 640), (1, 6, 8400))
-    two = {"family": "yolov8", "classes": ["a", "b"]}
-    with pytest.raises(ModelError, match="says yolox"):
-        resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
-    with pytest.raises(ModelError, match=r"must be \(640, 640\), as the graph's input"):
-        resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
-    _, contract, _ = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
-    assert contract.input_size_px == (640, 640)
 
 
 def test_order_of_contracts(tmp_path: Path) -> None:

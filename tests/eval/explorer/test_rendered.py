@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +13,8 @@ import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.rendered import (
     POINTS,
     Point,
@@ -137,15 +142,6 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float, st
     assert abs(math.log2(float(most.split()[0]) / best_ms)) < 0.4
 
 
-def test_of_several_windows_the_one_around_the_exposure_or_the_widest() -> None:
-    points = [Point(2.0**x, held) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))]
-    widest = (2**1.8, 2 ** (4 + 1 / 6))  # where straight lines over the logarithm cross 0.6
-    assert window(points, 0.6, 10.0) == pytest.approx(widest)
-    assert window(points, 0.6, 1.0) == pytest.approx((1.0, 2 ** (3 / 7)))
-    assert window(points, 0.6, 32.0) == pytest.approx(widest)
-    assert window(points, 0.95, 1.0) is None
-
-
 @pytest.mark.parametrize(
     ("held", "told"),
     [
@@ -160,3 +156,34 @@ def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
     points = [Point(value, each) for value, each in zip((0.003, 1.64, 900.0), held, strict=True)]
     standard = Standard(0.6, False, 1.0, frozenset())
     assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
+
+
+# Boxes and the curve: what they show, and that names from files are only ever text
+
+
+def row(x: float, confidence: float) -> dict[str, object]:
+    place = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
+    return {**place, "confidence": confidence}
+
+
+def drawn(classes: tuple[str, ...], *targets: dict[str, object]) -> ET.Element:
+    places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
+    detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
+    found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
+    return ET.fromstring(charts.boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
+
+
+def test_boxes_are_found_missed_or_others() -> None:
+    tree = drawn(("sign",), row(10, 0.7), row(60, 0.2))
+    assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
+    assert [each.get("class") for each in tree] == ["other", "found", "missed"]
+    assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.70", "0.20"]
+
+
+def test_the_curve_has_a_point_for_each_exposure_that_was_tried() -> None:
+    curve = [Point(exposure_ms, mean) for exposure_ms, mean in ((1.0, 0.2), (4.0, 0.8), (16.0, 0.9))]
+    (mean,) = charts.confidences(curve, 20.0, 0.5)["series"]
+    assert mean["data"] == [[1.0, 0.2], [4.0, 0.8], [16.0, 0.9]]
+    ((low, high),) = mean["markArea"]["data"]
+    assert abs(low["xAxis"] - 2.0) < 1e-9
+    assert high["xAxis"] == 16.0

@@ -25,7 +25,7 @@ from blurnoise_eval.explorer.rendered import mean_confidence
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import Store
 
 GRID = {
     "exposure_s": (0.02, 0.06),
@@ -155,22 +155,3 @@ def test_files_outside_a_foreign_run_are_not_opened(
         with pytest.raises((ValueError, OSError), match=told):
             found.model(run.models[0]) if what == "model" else found.picture(run.pictures[0])
     assert set(asked) <= {"stat"}
-
-
-def changed(run: Run, folder: Path, key: str, value: object) -> Path:
-    """A copy of the run, something of what it is about changed."""
-    with Store(shutil.copytree(run.folder, folder)) as store:
-        store.set_about(key, value)
-    return folder
-
-
-def test_what_is_no_cell_or_no_run_of_detectors_is_refused(run: Run, tmp_path: Path) -> None:
-    clean = next(str(row["cell_id"]) for row in rows(run) if row["clean"])
-    for cell in ("nonsense", clean):
-        with pytest.raises(ValueError, match=f"cell_id = '{cell}': no simulated picture of the run"):
-            run.cell(cell_id=cell)
-    with pytest.raises(StoreError):
-        Run(tmp_path / "none")
-    manifest = {**run.manifest, "models": [{**run.manifest["models"][0], "kind": "reader"}]}
-    with pytest.raises(ValueError, match="text recognisers"):
-        Run(changed(run, tmp_path / "run", "manifest", manifest))

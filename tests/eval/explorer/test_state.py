@@ -16,16 +16,13 @@ from blurnoise_eval.explorer.state import (
     key,
     with_figures,
 )
-from blurnoise_eval.grid import axes, conditions
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, axis
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from blurnoise import Camera
 from blurnoise.optics.camera import PRESETS
 
 USUAL = State()
-IMX250 = Camera.preset("imx250")
 MOVED = (
     replace(USUAL, picture="picture-1f", camera="ar0237", model="none", seed=7)
     .put("exposure_s", AUTOMATIC)
@@ -111,25 +108,3 @@ def test_every_control_stands_where_the_state_is_and_moves_it(name: str) -> None
             assert held == pytest.approx(values[place], rel=1e-9)
             assert each.position(held) == pytest.approx(place, abs=0.6)
         assert values[-1] == pytest.approx(each.high, rel=1e-3)
-
-
-def test_a_made_up_axis_appears_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the page's controls, in the URL, in command and script, and in what is exposed."""
-    noise = replace(
-        axis("f_number"), name="read_noise_made_up", into="camera.read_noise_e", option="--read-noise-e",
-        title="Read noise, made up", unit="e-", low=0.0, high=1e3, own=lambda camera: camera.read_noise_e,
-    )  # fmt: skip
-    table = (*axes.AXES, noise)
-    monkeypatch.setattr(axes, "AXES", table)
-    monkeypatch.setattr(conditions, "AXES", table)
-    monkeypatch.setattr(conditions, "NAMES", (*axes.NAMES, noise.name))
-    monkeypatch.setitem(conditions._PLACE, noise.name, len(axes.NAMES))
-    every = controls(IMX250)
-    assert "read_noise_e" not in every  # the axis stands in the figure's place
-    assert every[noise.name].logarithmic
-    state = every[noise.name].put(State(), "33")
-    catalogue = Catalogue()
-    assert State.of_query(state.query(catalogue.base), catalogue.base) == state
-    assert "read-noise-e=33" in catalogue.command(state)
-    assert "read-noise-e=33" in catalogue.script(state)
-    assert state.at.exposure(IMX250).camera.read_noise_e == 33.0

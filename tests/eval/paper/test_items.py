@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.paper import items
-from blurnoise_eval.paper.item import near
-from blurnoise_eval.paper.measurement import Grid, Measurements
+import read_pages
+import torch
+from blurnoise_eval.paper import items, page
+from blurnoise_eval.paper import measurement as chains
+from blurnoise_eval.paper.item import Check, Figure, Item, Outcome, Parts, near
+from blurnoise_eval.paper.measurement import Grid, Measurements, NotRun
 from blurnoise_eval.quality.measure import TILT_DEG
 from scipy.optimize import brentq
 
 from blurnoise.blur import convolution
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import srgb_from_linear
+from blurnoise.optics.radiometry import photoelectrons
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 WITHHELD = Estimate(math.nan)
 ITEM = {item.name: item for item in items.ITEMS}
@@ -78,21 +86,6 @@ def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verdicts("quanta") == [False]
 
 
-def test_mtf50_over_exposure() -> None:
-    def flat(slope: float = 0.0, by_speed: float = -1e-4, clips_ms: float = 25.0) -> list[bool | None]:
-        def value(name: str, ms: float, v: float) -> Estimate:
-            at = Estimate(0.27 * (1 + slope * (ms - 15)) + by_speed * v, 0.0, 0.0)
-            return WITHHELD if ms > clips_ms else at
-
-        return verdicts("mtf50", value)
-
-    assert flat() == [True, True, True]
-    assert flat(slope=0.002) == [False, True, True]
-    assert flat(by_speed=1e-4) == [True, True, False]
-    assert flat(clips_ms=99) == [True, False, True]
-    assert flat(clips_ms=15) == [False, True, True]
-
-
 def test_mtf50_over_speed_is_that_of_the_closed_form() -> None:
     """Within 1 %, or its 95 % interval widened as Bonferroni does for seven speeds."""
     found = Measurements(None, None)[items.OVER_SPEED]  # type: ignore[arg-type]
@@ -149,16 +142,52 @@ def test_detection_is_held_to_the_order_of_sizes() -> None:
     assert "0 px/s (32 px)" in never[1]["found"]
 
 
-def test_reading() -> None:
-    ends = {(size, dx): stop for size, dx, _, _, stop in items.READ}
-    first = {32: 4.0, 50: 2.0, 100: 1.0}
+# The paper's chain, pixel by pixel
 
-    def reads(factor: float, later: float) -> dict[str, list[bool]]:
-        made = rows("ocr", lambda size, ms, dx: float(first[size] * later <= ms <= factor * ends[size, dx]))
-        of = {end: [row for row in made if end in row["what"]] for end in ("from", "to")}
-        return {end: [AGREES[row["verdict"]] for row in each] for end, each in of.items()}
 
-    assert reads(1.0, 1.0) == {"from": [True] * 3, "to": [True] * 6}
-    assert reads(0.6, 1.0)["to"] == [False] * 6
-    assert reads(1.0, 2.1)["from"] == [False] * 3
-    assert verdicts("ocr", lambda *at: 0.0) == [False] * 9
+def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
+    camera = chains.camera_of("paper")
+    scene = ExposedScene.of_picture(chains.picture("paper", 50))
+    (frame,) = scene.frames([Exposure(camera, 5e-3, 50.0)])
+    assert (frame.picture == frame.picture[..., :1]).all()
+    corner = frame.picture[:80, :80, 0]  # 18 % grey, coded as 0.461
+    white = photoelectrons(camera, 50.0, 5e-3) * camera.system_gain_dn_per_e / camera.full_scale_dn * 255
+    coded = float(srgb_from_linear(torch.tensor(0.18)))
+    assert corner.mean() == pytest.approx(coded * white, rel=0.01)
+    assert np.ptp(corner) > 0
+
+
+# What is written of items, and its verdicts
+
+
+NONE = Measurements(None, None)  # type: ignore[arg-type]
+
+
+def made(name: str, *agree: bool | None) -> Outcome:
+    def parts(measured: Measurements) -> Parts:
+        for place, each in enumerate(agree):
+            yield Check(f"{name} {place}", "1 <px>", "2 px", "equal", each)
+        lines = {"a line": {1.0: 0.2, 10.0: 0.4}}
+        yield Figure("Drawn", "Exposure / ms", "Found", lines, [(2.0, 2.0, "one place"), (3.0, 5.0, "range")])
+        if not agree:
+            raise NotRun("needs a thing")
+
+    return Item(name, f"Title of {name}", "Figure 1", "a setting", parts).run(NONE)
+
+
+def test_page_and_table(tmp_path: Path) -> None:
+    page.write([made("a", True, False, None), made("b")], "<b>0</b> fields", tmp_path)
+    rows = list(csv.DictReader((tmp_path / "paper.csv").open(newline="")))
+    assert [(row["item"], row["expected"], row["found"], row["rule"], row["verdict"]) for row in rows] == [
+        ("a", "1 <px>", "2 px", "equal", "agrees"),
+        ("a", "1 <px>", "2 px", "equal", "differs"),
+        ("a", "1 <px>", "2 px", "equal", "not judged"),
+        ("b", "", "needs a thing", "", "not run"),
+    ]
+    shown = read_pages.Page(tmp_path / "paper.html")
+    assert "1 of 2 statements of the paper agree; differ: 1; items not run: 1." in shown.text
+    assert "<b>0</b> fields" in shown.text
+    assert all(why in shown.text for why in items.NOT_COMPARED.values())
+    assert all(address.startswith("data:image/png") or address == "paper.csv" for address in shown.addresses)
+    assert shown.tags.count("img") == 1
+    assert not shown.scripts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
 
 import charts_of_squares as chart
@@ -89,19 +88,3 @@ def test_what_cannot_be_measured_is_not_found(image: Tensor, reason: Flag | None
     seen = found(image)
     assert seen.rois == []
     assert set(seen.turned_down) == ({reason} if reason else set())
-
-
-def test_bars_are_measured_as_far_as_each_edge_is_alone() -> None:
-    """Bars 24 px wide: their edges are found, in regions that end before the next one."""
-    bars = sum(
-        (1 if index % 2 else -1) * charts.slanted_edge(120, 300)[..., 24 * index : 24 * index + 160]
-        for index in range(5)
-    )
-    assert isinstance(bars, Tensor)
-    image = 0.1 + 0.8 * (bars - bars.min()) / (bars.max() - bars.min())
-    regions = found(image).rois
-    assert len(regions) == 5
-    leaning = 120 * math.tan(math.radians(5))
-    for place, roi in enumerate(sorted(regions)):
-        assert roi[2] < 2 * 24 + leaning or place in (0, 4)  # the outermost have one side free
-        assert edge_of(image, roi).mtf50 == pytest.approx(chart.mtf50(5.0), rel=0.005)

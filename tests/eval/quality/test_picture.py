@@ -17,7 +17,6 @@ import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.cli._options import region
 from blurnoise_eval.datasets import decode, write_picture
-from blurnoise_eval.quality import figures as edge_figures
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.linear import linear
 from blurnoise_eval.quality.picture import reading_text
@@ -166,18 +165,6 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 
 
-def test_figures_show_four_edges_and_every_region() -> None:
-    light = linear((4000 * chart.squares()[0, 0]).numpy().astype(np.uint16), full_scale=4095.0)
-    measured = measuring.measure(light, [(60, 20, 80, 45)] * 3 + [(0, 0, 20, 20)] * 3)
-    axes = edge_figures.draw_regions(light, measured).axes
-    assert len(axes) == 1 + 3 * edge_figures.MOST_EDGES
-    assert [text.get_text() for text in axes[0].texts] == ["1", "2", "3", "4", "5", "6"]
-    assert "6; below: 1 to 4" in axes[0].get_title()
-    assert axes[3].lines[0].get_ydata()[0] == pytest.approx(1)
-    assert f"{measured[0].edge.mtf50:.4g}" in axes[3].get_title()
-    assert Flag.NO_EDGE.value in axes[10].texts[0].get_text()
-
-
 def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
     path = raw(tmp_path / "edge.png", charts.slanted_edge(100, 100), 20.0)
     exact, iso = (told(capsys, path, *RAW, "--mode", mode) for mode in ("exact", "iso"))
@@ -257,18 +244,3 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> 
     assert bent["mtf50"] > 1.15 * at.mtf50
     assert right["mtf50"] == pytest.approx(at.mtf50, rel=0.02)
     assert right["flags"] == ""
-
-
-def test_a_grey_scale_that_is_none_is_named(tmp_path: Path, capsys: Output) -> None:
-    scale, path = tmp_path / "scale.csv", raw(tmp_path / "edge.png", charts.slanted_edge(60, 60))
-    for content, message, more in (
-        ("", "holds 0 samples", ()),
-        ("1,0\n2,x\n", "line 2", ()),
-        ("1,0\n2,0.5\n", "3 or more", ()),
-        ("0,0\n100,0.5\n100,0.6\n", "rising", ()),
-        ("0,0.9\n100,0.5\n200,1\n", "rising", ()),
-        ("0,0\n100,0.5\n4095,1\n", "coding", ("--linear",)),
-    ):
-        scale.write_text(content)
-        assert main(["measure", str(path), "--oecf", str(scale), *more]) == 2
-        assert message in capsys.readouterr().err

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
+import os
+import pty
+import re
+import subprocess
+import sys
 import warnings
 
 import pytest
+from blurnoise_eval.system import progress
+from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import (
     paragraph,
@@ -14,11 +21,9 @@ from blurnoise_eval.system.terminal import (
     plain_warnings,
     say,
     shortened,
-    show,
     table_lines,
 )
 from rich.cells import cell_len
-from rich.table import Table
 
 Output = pytest.CaptureFixture[str]
 
@@ -40,21 +45,6 @@ def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Out
     assert capsys.readouterr() == (f"{shown}\n{shown}\n", "")
     say(text, error=True)
     assert capsys.readouterr() == ("", f"{shown}\n")
-
-
-def test_tables_have_title_caption_and_sections(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
-    table = Table("name", title="what " * 30 + "it is", caption="as fast as that")
-    table.add_column("ms", justify="right")
-    table.add_row("a" * 90, "1", end_section=True)
-    table.add_row("b", "20", end_section=True)
-    show(table)
-    *title, heads, under, first, gap, second, caption, end = capsys.readouterr().out.splitlines()
-    assert " ".join(title) == "what " * 30 + "it is"
-    assert max(map(len, title)) <= 79
-    assert (heads, under) == (f"{'name':90}  ms", "-" * 94)
-    assert (first, gap, second) == ("a" * 90 + "   1", "", f"{'b':90}  20")
-    assert (caption, end) == ("as fast as that", "")
 
 
 def test_warnings_are_a_plain_line() -> None:
@@ -105,3 +95,45 @@ def test_csv_reads_back() -> None:
     read = csv.DictReader(io.StringIO(text, newline=""))
     found = [(row["name"], float(row["value"]), row["none"]) for row in read]
     assert found == [(row["name"], row["value"], "") for row in rows]
+
+
+# Progress: on a pipe a line now and then, on a terminal one that changes; how far, how fast, when it
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The clock, s."""
+    clock = [100.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
+    return clock
+
+
+def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Output) -> None:
+    with ProgressBar("draw \x1b", 100) as advance:
+        for _ in range(100):
+            now[0] += 4.0
+            advance(1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "draw ?: 3 of 100, 3 %, 0.25/s, 6 min left"
+    assert lines[-1] == "draw ?: 100 of 100, took 7 min"
+    assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
+
+
+@pytest.mark.parametrize("columns", [40, 120])
+def test_a_terminal_has_a_line_that_breaks_no_number(columns: int) -> None:
+    code = (
+        "from blurnoise_eval.system.progress import ProgressBar\n"
+        "with ProgressBar('[/] [red]', 12345) as advance:\n"
+        "    advance(12000)\n"
+    )
+    seen, own = pty.openpty()
+    here = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    subprocess.run([sys.executable, "-c", code], stderr=own, stdout=own, check=True, env=here)
+    os.close(own)
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(seen, 65536).decode())
+    os.close(seen)
+    lines = [line.rstrip() for line in re.split(r"[\r\n]+", shown)]
+    assert max(map(len, lines)) <= columns
+    assert "…" not in shown
+    assert "[/] [red]: 12000 of 12345," in shown
+    assert "97 %" in shown
