@@ -104,7 +104,7 @@ def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:
     assert "damaged" in complaint()
 
 
-# What a sweep prints first: plain, nothing cut at any width, the same facts as the page
+# --- what a sweep prints first ---
 
 
 WIDE = {
@@ -134,7 +134,7 @@ def test_the_first_screen_fits_and_has_no_colour(
         assert wide < 80 or len(lines) <= (20 if data.manifest["models"][1:] == [] else 40)
 
 
-# Names that files bring, of classes, models, cameras and pictures, are printed and drawn as they stan
+# --- names that files bring are printed as they stand ---
 
 
 FEW = "--exposure-ms 2,10 --lux 50 --dx 0 --threads 1 -o run"

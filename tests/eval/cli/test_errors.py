@@ -96,6 +96,14 @@ COMMANDS = {
         ("--camera hdr.yaml", "captures"),
         ("--moves targets", "moves: must be all"),
     ],
+    "cameras fit": [
+        ("-o x.yaml", "folder, --dng: must be one of them"),
+        ("frames -o x.txt", "suffix of x.txt"),
+        ("frames -o x.yaml --bit-depth 17", "--bit-depth = 17"),
+        ("--dng x.dng -o x.yaml --bit-depth 12", "--bit-depth, --temperature-c: go with a folder"),
+        ("missing -o x.yaml", "folder = 'missing'"),
+        ("--dng missing.dng -o x.yaml", "missing.dng"),
+    ],
     "cameras": [
         ("pinhole", "camera = 'pinhole': neither a preset nor a file; presets are ar0132at"),
         ("bad.yaml", "bad.yaml: field 'read_noise' is unknown; did you mean 'read_noise_e'"),

@@ -163,12 +163,3 @@ def test_without_labels(folder: Path) -> None:
 def test_settings_that_do_not_go_together(settings: Any, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         chosen(**settings)
-
-
-@pytest.mark.parametrize(("kind", "mebibytes"), [("coco", 2048), ("bdd", 2048), ("text", 2048), ("yolo", 64)])
-def test_label_files_have_a_largest_size(folder: Path, kind: str, mebibytes: int) -> None:
-    """Of holes alone, which take no room."""
-    with (folder / ("labels/a.txt" if kind == "yolo" else FILES[kind])).open("wb") as huge:
-        huge.truncate((mebibytes << 20) + 1)
-    with pytest.raises(ValueError, match=f"larger than {mebibytes << 20} bytes"):
-        chosen(labels=folder / FILES[kind])

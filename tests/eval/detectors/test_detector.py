@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import pickle
 import warnings
 from pathlib import Path
 from typing import Any
 
 import cv2
-import matched_filter
 import numpy as np
 import onnx
 import pytest
@@ -174,33 +171,7 @@ def test_real_models_find_the_stop_sign(file: str, family: str, least: float) ->
     assert shared / union > 0.7
 
 
-# Models from files, and models that travel: a copy elsewhere answers alike
-
-
-@pytest.fixture
-def detector(tmp_path: Path) -> Path:
-    return matched_filter.build(tmp_path / "small.onnx", sizes_px=(24, 16, 10), input_px=64)
-
-
-def travelled(model: Any) -> Any:
-    return pickle.loads(pickle.dumps(model))
-
-
-@pytest.mark.parametrize("how", ["as it is", "file", "contract"])
-def test_a_detector_travels_with_its_contract_and_name(detector: Path, tmp_path: Path, how: str) -> None:
-    own = Contract(Detector(detector).family.name, ("stop sign",), nms_iou=0.3)
-    (tmp_path / "own.json").write_text(json.dumps(own.to_dict()))
-    contract = {"as it is": None, "file": tmp_path / "own.json", "contract": own}[how]
-    model = Detector(detector, contract=contract)
-    model.name = "renamed"
-    copy = travelled(model)
-    assert (copy.name, copy.path, copy.sha256) == (model.name, model.path, model.sha256)
-    assert copy.contract.to_dict() == model.contract.to_dict()
-    image = np.random.default_rng(0).integers(0, 256, (50, 70, 3), np.uint8)
-    ours, theirs = model.detect(image), copy.detect(image)
-    assert len(ours) > 0
-    np.testing.assert_array_equal(theirs.boxes_xyxy, ours.boxes_xyxy)
-    np.testing.assert_array_equal(theirs.scores, ours.scores)
+# --- models from files ---
 
 
 def test_kinds_are_told_apart_and_names_too(detector: Path, tmp_path: Path) -> None:

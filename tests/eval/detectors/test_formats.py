@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, lay_in, suppress
+from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
 from blurnoise_eval.detectors.formats.grids import (
@@ -250,21 +250,3 @@ def test_what_is_kept_is_what_a_plain_evaluator_keeps(family: str, most: int, tm
     assert sorted(found.leading.scores.tolist()) == pytest.approx(
         sorted(float(scores[pair]) for pair in leading)
     )
-
-
-def test_what_is_left_out_below_a_score_changes_nothing_above_it() -> None:
-    """300 boxes about 12 places, 5 classes: doubles are there to suppress, with equal scores among them."""
-    rng = np.random.default_rng(3)
-    corners = rng.uniform(0, 90, (12, 2))[rng.integers(0, 12, 300)] + rng.normal(0, 4, (300, 2))
-    boxes = np.concatenate([corners, corners + rng.uniform(20, 40, (300, 2))], axis=1).astype(np.float32)
-    each = (rng.uniform(0, 1, (300, 5)).round(2) ** 2).astype(np.float32)
-    candidates = Candidates(boxes, *best_class(each), each)
-    asked, above = np.array([1, 4]), np.array([0.3, 0.0], np.float32)
-    every = suppress(candidates.with_classes(0.01, asked), 0.5, 200, per_class=100)
-    some = suppress(candidates.with_classes(0.01, asked, above), 0.5, 200, per_class=100)
-    higher = every[every.scores > np.where(every.class_ids == 1, above[0], above[1])]
-    assert 20 < len(some) == len(higher) < len(every)
-    assert (some.class_ids == 1).any()
-    np.testing.assert_array_equal(some.boxes_xyxy, higher.boxes_xyxy)
-    np.testing.assert_array_equal(some.scores, higher.scores)
-    np.testing.assert_array_equal(some.class_ids, higher.class_ids)

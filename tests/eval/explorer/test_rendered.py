@@ -158,7 +158,7 @@ def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
     assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
 
 
-# Boxes and the curve: what they show, and that names from files are only ever text
+# --- boxes and the curve ---
 
 
 def row(x: float, confidence: float) -> dict[str, object]:

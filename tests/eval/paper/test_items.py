@@ -142,7 +142,7 @@ def test_detection_is_held_to_the_order_of_sizes() -> None:
     assert "0 px/s (32 px)" in never[1]["found"]
 
 
-# The paper's chain, pixel by pixel
+# --- the paper's chain, pixel by pixel ---
 
 
 def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
@@ -157,7 +157,7 @@ def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
     assert np.ptp(corner) > 0
 
 
-# What is written of items, and its verdicts
+# --- what is written of items ---
 
 
 NONE = Measurements(None, None)  # type: ignore[arg-type]

@@ -16,7 +16,6 @@ from blurnoise_eval.quality import measure as quality
 from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
 from blurnoise_eval.quality.picture import Metric
 from closed_edges import closed_mtf, closed_mtf50
-from commands import main
 from plans import plan as swept
 
 from blurnoise import Camera
@@ -24,7 +23,6 @@ from blurnoise.metrics import information
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.radiometry import photoelectrons
 
-Output = pytest.CaptureFixture[str]
 CAMERA = Camera.preset("imx250")
 LUX = 50.0
 PLAN = swept((0.001, 0.004, 0.016, 0.1), (LUX,), (0.0, 500.0))
@@ -225,14 +223,3 @@ def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         json.loads((tmp_path / "quality.json").read_text())["metrics"]["weber"]["title"] == "Weber contrast"
     )
     assert quality_figures.against_exposure(rows, "").axes[16].get_title() == "Weber contrast"
-
-
-@pytest.mark.slow
-def test_command_writes_everything(tmp_path: Path, capsys: Output) -> None:
-    few = ["--exposure-ms", "4,16", "--lux", "50", "--dx", "0,500", "--repeats", "1", "--threads", "1"]
-    assert main(["quality", "-o", str(tmp_path / "q"), *few, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"] == 4 * len(METRICS)
-    assert [Path(path).name for path in told["figures"]] == ["exposure-50lux.png"]
-    assert all(Path(path).stat().st_size > 10_000 for path in told["figures"])
-    assert len(pd.read_csv(tmp_path / "q" / "quality.csv")) == told["rows"]

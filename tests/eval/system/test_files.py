@@ -89,7 +89,7 @@ def test_nothing_writes_files_in_place() -> None:
     assert not found
 
 
-# What is said of this machine
+# --- what is said of this machine ---
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is Linux's")

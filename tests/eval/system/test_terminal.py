@@ -97,7 +97,7 @@ def test_csv_reads_back() -> None:
     assert found == [(row["name"], row["value"], "") for row in rows]
 
 
-# Progress: on a pipe a line now and then, on a terminal one that changes; how far, how fast, when it
+# --- progress ---
 
 
 @pytest.fixture

@@ -50,18 +50,6 @@ def test_reads_once(wire: Wire) -> None:
     assert read(A, known) == CONTENT, "as it was"
 
 
-def test_listing_of_a_folder(wire: Wire) -> None:
-    bucket = location(f"s3://{BUCKET}")
-    found = listing(bucket)
-    assert list(found) == ["a.bin", "no bytes.bin", "sub/b.bin"]
-    assert list(listing(location(f"s3://{BUCKET}/sub/"))) == ["b.bin"]
-    assert versions(bucket, ["a.bin", "c.bin"]) == {"a.bin": found["a.bin"]}
-    assert (bucket / "sub").is_dir()
-    assert (bucket / "a.bin").is_file()
-    assert not (bucket / "c.bin").exists()
-    assert read(bucket / "no bytes.bin") == b""
-
-
 @pytest.mark.parametrize("name", ["with space.bin", "größe-日本.bin", "a+b&c=d#e%20.bin", "what?.bin"])
 def test_any_name(name: str, wire: Wire) -> None:
     url = location(f"s3://{BUCKET}/names") / name
