@@ -16,14 +16,7 @@ from urllib.request import urlopen
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
 )
-_FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--hide-scrollbars",
-    "--no-first-run",
-    "--disable-dev-shm-usage",
-)
+_FLAGS = "--headless --no-sandbox --disable-gpu --no-first-run --disable-dev-shm-usage --window-size=1280,800"
 _KEYS: Mapping[str, int] = {"ArrowRight": 39, "ArrowLeft": 37, "Enter": 13}
 
 
@@ -31,11 +24,10 @@ class Tab:
     """A tab of its own browser context, as another visitor has; ``failures``: its errors, ``asked``: URLs it
     asked for."""
 
-    def __init__(self, address: str, width: int = 1280, height: int = 800) -> None:
+    def __init__(self, address: str) -> None:
         self._open(address)
-        for domain in ("Page", "Runtime", "Network", "Log", "DOM"):
+        for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
-        self.resize(width, height)
 
     def _open(self, address: str) -> None:
         from websockets.sync.client import connect
@@ -66,20 +58,6 @@ class Tab:
             self.failures.append(f"{what['entry']['text']} {what['entry'].get('url', '')}")
         elif method == "Network.requestWillBeSent":
             self.asked.append(what["request"]["url"])
-
-    def resize(self, width: int, height: int) -> None:
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
-
-    def scheme(self, light_or_dark: str) -> None:
-        self.call(
-            "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": light_or_dark}]
-        )
 
     def open(self, url: str) -> None:
         self.call("Page.navigate", url=url)
@@ -118,12 +96,6 @@ class Tab:
         for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
             self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", clickCount=1)
 
-    def choose(self, selector: str, file: Path) -> None:
-        """Choose a file in an input."""
-        root = self.call("DOM.getDocument")["root"]["nodeId"]
-        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
-        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
-
     def close(self) -> None:
         self._opened.close()
 
@@ -138,12 +110,12 @@ class Browser:
             self._all._open(json.load(answer)["webSocketDebuggerUrl"])
         self._tabs: list[Tab] = []
 
-    def tab(self, width: int = 1280, height: int = 800) -> Tab:
+    def tab(self) -> Tab:
         context = self._all.call("Target.createBrowserContext")["browserContextId"]
         target = self._all.call("Target.createTarget", url="about:blank", browserContextId=context)[
             "targetId"
         ]
-        tab = Tab(f"ws://127.0.0.1:{self._port}/devtools/page/{target}", width, height)
+        tab = Tab(f"ws://127.0.0.1:{self._port}/devtools/page/{target}")
         self._tabs.append(tab)
         return tab
 
@@ -154,13 +126,12 @@ class Browser:
 
 
 @contextmanager
-def browser(*flags: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """A Chromium for as long as it is used."""
     folder = Path(tempfile.mkdtemp(prefix="blurnoise-browser-"))
     words = [
         str(CHROMIUM),
-        *_FLAGS,
-        *flags,
+        *_FLAGS.split(),
         "--remote-debugging-port=0",
         f"--user-data-dir={folder}",
         "about:blank",

@@ -10,7 +10,6 @@ from base64 import b64encode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from itertools import count
 from typing import Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
@@ -20,18 +19,13 @@ _PAGE = 2  # objects
 
 @contextmanager
 def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
-    """Of the objects by their names, as they are whenever it is asked; yields its address.
-
-    The generation of an object changes with whatever is put here, not with ``objects`` alone.
-    """
-    numbers = count(1)
-    generations: dict[str, int] = {}
+    """Of the objects by their names, as they are whenever it is asked; yields its address."""
     lock = threading.Lock()
 
     def about(name: str) -> dict[str, str]:
         data = objects[name]
         digest = hashlib.md5(data, usedforsecurity=False)
-        generation = str(generations.setdefault(name, next(numbers)))
+        generation = str(int(digest.hexdigest()[:12], 16))
         date = "2024-01-01T00:00:00.000Z"
         return {
             "kind": "storage#object", "bucket": BUCKET, "name": name, "size": str(len(data)), "updated": date,
@@ -90,7 +84,7 @@ def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
             if name not in objects:
                 return self.answer(404, "notFound")
             if self.command == "DELETE":
-                del objects[name], generations[name]
+                del objects[name]
                 return self.answer(200, b"")
             return self.answer(200, objects[name] if asked.get("alt") == "media" else about(name))
 
@@ -100,7 +94,6 @@ def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
             if asked.get("ifGenerationMatch") == "0" and name in objects:
                 return self.answer(412, "conditionNotMet")
             objects[name] = rest.split(b"\n\n", 1)[1].removesuffix(b"\n--==0==--")
-            generations[name] = next(numbers)
             return self.answer(200, about(name))
 
         do_GET = do_POST = do_DELETE = handle_any

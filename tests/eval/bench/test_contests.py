@@ -122,11 +122,3 @@ def test_command(tmp_path: Path, capsys: Output, what: str, options: list[str], 
     assert shown in out
     assert f"open {tmp_path / what}.png" in out
     assert {path.name for path in tmp_path.iterdir()} == {f"{what}.{kind}" for kind in ("csv", "json", "png")}
-
-
-@pytest.mark.slow
-def test_command_decides_on_a_dense_sweep(tmp_path: Path, capsys: Output) -> None:
-    assert main(["bench", "decide", "--quick", "-o", str(tmp_path), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    assert rows[0]["contender"] == "decide's search"
-    assert (tmp_path / "dense" / "results.sqlite").is_file()

@@ -13,14 +13,14 @@ import numpy as np
 import pandas
 import pytest
 from blurnoise_eval.cli.chart import CHARTS
-from blurnoise_eval.datasets import coco, read_picture, write_picture
+from blurnoise_eval.datasets import coco, write_picture
 from blurnoise_eval.deciding import decision
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.paper import items
 from blurnoise_eval.program.optimise import Stages
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.open import asked
-from commands import Output, main, pixels, told
+from commands import Output, main, told
 from signs_in_memory import matched_detector, sign
 
 from blurnoise.optics.camera import PRESETS, Camera
@@ -79,17 +79,6 @@ def test_motion_gives_table_2(capsys: Output) -> None:
     assert told(capsys, *CROSSING.split(), *view, "--lens", "rectilinear")["blur_px"] < facts["blur_px"]
     narrow = told(capsys, *CROSSING.split(), "--camera", "lin2024", "--hfov-deg", 60)
     assert narrow["blur_px"] == pytest.approx(facts["blur_px"] * 99.32 / 60)
-
-
-def test_explore_writes_a_picture_as_simulate_does(tmp_path: Path, capsys: Output) -> None:
-    write_picture(tmp_path / "a.png", pixels((40, 60, 3)))
-    at = ["--exposure-ms", "12", "--lux", "30", "--dx", "400", "--camera", "imx249", "--seed", "3"]
-    assert main(["simulate", tmp_path / "a.png", "-o", tmp_path / "s.png", *at]) == 0
-    capsys.readouterr()
-    query = "exposure-ms=12&lux=30&dx=400&gain=0&seed=3&camera=imx249"
-    words = ["explore", tmp_path / "a.png", "-o", tmp_path / "e.png", "--model", "none", "--at", query]
-    assert told(capsys, *words)["blur_px"] == pytest.approx(4.8)
-    assert np.array_equal(read_picture(tmp_path / "e.png"), read_picture(tmp_path / "s.png"))
 
 
 @pytest.mark.slow

@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.cli import in_options
 from blurnoise_eval.grid.axes import AXES
 from commands import main
 
@@ -164,21 +163,6 @@ def test_every_axis_is_told_by_its_option(axis: object, capsys: Output) -> None:
     assert told.startswith(f"blurnoise: error: {axis.option} = "), told
     assert f"<= {axis.shown(axis.high):g}" in told
     assert axis.name not in told or axis.name in axis.option
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("exposure_s: auto sets the gain", "--exposure-ms: auto sets the gain"),
-        ("keep = 2: must be <= 1", "--keep = 2: must be <= 1"),
-        ("keep, exposure_s: one", "--keep, --exposure-ms: one"),
-        ("well_e = 5 or 7: must be one", "well_e = 5 or 7: must be one"),
-        ("row_time_s, exposure_s = 0.02: too long", "row_time_s, exposure_s = 0.02: too long"),
-        ("gain_db = 5: goes without", "gain_db = 5: goes without"),
-    ],
-)
-def test_names_in_errors_are_those_of_the_options_that_there_are(text: str, expected: str) -> None:
-    assert in_options(text, ["--exposure-ms", "--keep"]) == expected
 
 
 def test_a_range_that_is_left_survives_the_way_from_a_worker() -> None:

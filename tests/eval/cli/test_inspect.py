@@ -105,19 +105,6 @@ def test_warnings(tmp_path: Path, capsys: Output, row: list[float], words: str) 
     assert words in capsys.readouterr().out
 
 
-def test_a_text_recogniser(tmp_path: Path, capsys: Output, sign: Path) -> None:
-    """Three steps over blank, a, b and the space: "ab"."""
-    steps = [[0.1, 0.8, 0.1, 0], [1, 0, 0, 0], [0.1, 0, 0.9, 0]]
-    path = answering(tmp_path / "m.onnx", steps, character="a\nb")
-    facts = told(capsys, "inspect", path, "--probe", sign)
-    assert facts["family"] == "ppocr"
-    assert (facts["probe"]["text"], facts["probe"]["score"]) == ("ab", pytest.approx(0.85))
-    assert main(["inspect", str(path), "--probe", str(sign)]) == 0
-    assert "'ab' 0.850" in capsys.readouterr().out
-    assert main(["inspect", str(path), "--save-contract"]) == 2
-    assert "none is written for a text recogniser" in capsys.readouterr().err
-
-
 def test_the_contract_is_kept_beside_the_model_and_found_there(
     tmp_path: Path, capsys: Output, sign: Path
 ) -> None:

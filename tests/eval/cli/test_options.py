@@ -15,8 +15,7 @@ from blurnoise_eval.cli import COMMANDS, given, main
 from blurnoise_eval.cli._options import settings
 from blurnoise_eval.grid import plan_file
 from blurnoise_eval.grid.axes import AXES, axis
-from blurnoise_eval.grid.plan_file import PlanFile, ProgramFile, SceneFile
-from blurnoise_eval.grid.settings import Settings
+from blurnoise_eval.grid.plan_file import PlanFile, SceneFile
 from commands import Output
 
 MOST = {"sweep": 26, "decide": 20, "simulate": 24}
@@ -134,20 +133,6 @@ def test_options_override_the_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     plan = planned(monkeypatch, "--plan", str(tmp_path / "plan.yaml"), "--dx", "3", "--model", "a.onnx")
     assert (plan.lux, plan.dx, plan.keep, plan.vehicle.height_m) == ((1.0, 5.0), (3.0,), 0.8, 1.2)
     assert plan.model == ("a.onnx",)
-
-
-@pytest.mark.parametrize(
-    ("command", "option", "kind"),
-    [("sweep", "plan", PlanFile), ("simulate", "scene", SceneFile), ("program", "plan", ProgramFile)],
-)
-def test_a_saved_file_has_every_default(
-    command: str, option: str, kind: type[Settings], tmp_path: Path, capsys: Output
-) -> None:
-    saved = tmp_path / "plan.yaml"
-    assert main([command, f"--save-{option}", str(saved)]) == 0
-    assert capsys.readouterr().out.strip() == str(saved)
-    assert kind.read(saved) == kind()
-    assert all(f"{name}:" in saved.read_text() for name in kind.names())
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,6 @@ from blurnoise.scene.cutting import Cut
 from blurnoise.scene.scene import ExposedScene, Exposure
 
 HEIGHT, WIDTH = 60, 81
-TRIANGLE = {"segmentation": [[10.0, 10.0, 40.0, 10.0, 10.0, 40.0]]}
 
 
 def image() -> Any:
@@ -63,12 +62,6 @@ def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) 
             assert top <= y0
             assert x1 <= left + layer.alpha.shape[1]
             assert y1 <= top + layer.alpha.shape[0]
-
-
-def test_a_segmentation_is_the_target() -> None:
-    told = found(made(box(10, 10, 40, 40, annotation=TRIANGLE)))
-    (layer,) = told.cut.layers
-    assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
 
 
 def test_what_stands_is_background() -> None:
@@ -179,17 +172,6 @@ def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves: str) ->
     assert rms(found, expected[moves]) < 1.5
     for other in expected.keys() - {moves}:
         assert rms(found, expected[other]) > 4.0  # so that one cannot be taken for another
-
-
-def test_speeds_are_multiples_of_the_velocity() -> None:
-    still = frame(CutScene(cut()), taken("all", velocity=(0.0, 0.0)))
-    stands = CutScene(cut(), [0.0])
-    assert rms(frame(stands, taken("targets")), still) < 0.1
-    whole = ExposedScene(sign(ground()))
-    assert rms(frame(stands, taken("background")), frame(whole, taken("all"))) < 0.5
-    half = frame(CutScene(cut(), [0.5]), taken("targets"))
-    slower = (VELOCITY[0] / 2, VELOCITY[1] / 2)
-    assert np.array_equal(half, frame(CutScene(cut()), taken("targets", velocity=slower)))
 
 
 def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:

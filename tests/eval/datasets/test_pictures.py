@@ -19,7 +19,6 @@ from blurnoise_eval.datasets import (
     coco,
     decode,
     decode_linear,
-    folder,
     image_folder,
     images,
     read_picture,
@@ -29,7 +28,6 @@ from blurnoise_eval.datasets.likeness import look, scenes
 from numpy.typing import NDArray
 
 ORIENTATION = 0x0112
-COLOUR = (200, 100, 50)
 
 
 def pixels(shape: tuple[int, ...], dtype: type = np.uint8) -> NDArray[Any]:
@@ -88,18 +86,6 @@ def test_exif_orientation(
     assert np.abs(seen.astype(int) - expected).max() <= 2  # of 255: JPEG's rounding
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("a.png", {}), ("a.webp", {"lossless": True, "exact": True}), ("a.tif", {})]
-)
-@pytest.mark.parametrize("alpha", [0, 64])
-def test_colours_are_those_under_the_transparency(
-    tmp_path: Path, name: str, options: dict[str, Any], alpha: int
-) -> None:
-    seen = decode(saved(tmp_path / name, np.full((5, 7, 4), (*COLOUR, alpha), np.uint8), **options))
-    assert seen.shape == (5, 7, 3)
-    assert (seen == COLOUR).all()
-
-
 def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
     jpeg = cv2.imencode(".jpg", pixels((64, 64, 3)))[1].tobytes()
     cv2.imwrite(str(tmp_path / "float.tiff"), np.zeros((4, 4, 3), np.float32))
@@ -120,19 +106,6 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
     }.items():  # fmt: skip
         with pytest.raises(UnreadablePicture, match=f"{name}: .*{fault}"):
             decode(tmp_path / name)
-
-
-def test_a_limit_of_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the header: nothing of such a picture is decoded."""
-    (tmp_path / "a.png").write_bytes(png(1300, 1000, bytes(1301 * 1000)))
-    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.3)
-    (picture,) = image_folder(tmp_path)
-    assert picture.load().shape == (1000, 1300, 3)
-    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("decoded"))
-    monkeypatch.setattr(folder, "MAX_MEGAPIXELS", 1.29)
-    (picture,) = image_folder(tmp_path)
-    with pytest.raises(UnreadablePicture, match=r"a\.png: 1300 x 1000 px, 1 megapixels; must be at most"):
-        picture.load()
 
 
 @pytest.mark.parametrize("orientation", [1, 6])

@@ -193,14 +193,6 @@ def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, 
     assert fixed.contract.resize == ("stretch" if family == "tfod" else "letterbox-top-left")
 
 
-def test_cocos_own_ids() -> None:
-    assert len(COCO91) == 91
-    at = {1: "person", 13: "stop sign", 44: "bottle", 90: "toothbrush"}
-    assert {number: COCO91[number] for number in at} == at
-    assert [name for name in COCO91 if not name.startswith("unused")] == list(COCO80)
-    assert Contract("rfdetr", "coco91").classes == COCO91  # type: ignore[arg-type]
-
-
 def test_a_family_is_one_entry_and_one_line_in_the_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import onnx
 import pytest
@@ -18,7 +17,6 @@ from blurnoise_eval.detectors.opening import open_models
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-SHARED = Path(__file__).resolve().parents[3].parent / "shared" / "real"
 NAMES = ("first", "second", "third")
 
 
@@ -149,26 +147,6 @@ def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message:
         Detector(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared models and photos")
-@pytest.mark.parametrize(
-    ("file", "family", "least"), [("yolox_nano", "yolox", 0.9), ("fastestdet_upstream", "fastestdet", 0.5)]
-)
-def test_real_models_find_the_stop_sign(file: str, family: str, least: float) -> None:
-    detector = Detector(SHARED / "models" / f"{file}.onnx")
-    assert detector.contract.family == family
-    assert any("colour" in assumption for assumption in detector.contract.assumptions)
-    image = cv2.cvtColor(cv2.imread(str(SHARED / "photos" / "000000525891.jpg")), cv2.COLOR_BGR2RGB)
-    found = detector.detect(image)
-    assert detector.contract.classes[found.class_ids[0]] == "stop sign"
-    assert found.class_ids[0] == 11
-    assert found.scores[0] > least
-    truth = np.array([51.7, 156.63, 51.7 + 97.65, 156.63 + 136.91])
-    box = found.boxes_xyxy[0].astype(np.float64)
-    shared = np.clip(np.minimum(box[2:], truth[2:]) - np.maximum(box[:2], truth[:2]), 0, None).prod()
-    union = (box[2:] - box[:2]).prod() + (truth[2:] - truth[:2]).prod() - shared
-    assert shared / union > 0.7
 
 
 # --- models from files ---

@@ -7,11 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from band_readers import COLOURS, band_reader, constant_reader
+from band_readers import COLOURS, band_reader
 from blurnoise_eval.detectors.contract import ModelError
 from blurnoise_eval.detectors.ocr import Recogniser, character_error_rate
 from blurnoise_eval.detectors.ocr.recogniser import characters, decode
-from constant_graphs import answering_graph
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -109,20 +108,6 @@ def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path: Path) -> N
 # --- graphs of another form ---
 
 
-def test_graphs_of_another_form(tmp_path: Path) -> None:
-    grey = answering_graph(tmp_path / "grey.onnx", {"y": (np.ones((1, 1, 5)), None)}, [1, 1, 32, "W"])
-    with pytest.raises(ModelError, match=r"must take one picture \[N, 3, height, width\].*\[1, 1, 32, 'W'\]"):
-        Recogniser(grey)
-    flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32) / 5)
-    with pytest.raises(ModelError, match=r"answers \[5\], steps and classes"):
-        Recogniser(flat)
-    steps_first = constant_reader(tmp_path / "steps.onnx", np.ones((7, 1, 5), np.float32) / 5)
-    with pytest.raises(
-        ModelError, match=r"answers \[7, 1, 5\] to 1 picture\(s\): the first axis must be the batch"
-    ):
-        Recogniser(steps_first)
-
-
 # --- from rows of classes to texts, and texts compared ---
 
 CLASSES = characters("a\nb\nc")  # blank, a, b, c, space
@@ -152,14 +137,6 @@ def test_decoding_drops_repeats_then_blanks(path: list[int]) -> None:
 
 
 # --- dictionary ---
-
-
-@given(st.lists(st.text(st.characters(exclude_characters="\n\r"), min_size=1, max_size=2), min_size=1))
-def test_a_line_feed_alone_ends_a_line(lines: list[str]) -> None:
-    """Dictionaries hold U+2028, U+0085 and U+3000, which str.splitlines and str.strip would eat."""
-    expected = ["", *lines, " "]
-    assert characters("\n".join(lines)) == expected
-    assert characters("\n".join(lines) + "\n") == expected
 
 
 # --- probabilities and logits ---

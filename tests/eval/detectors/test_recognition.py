@@ -135,16 +135,6 @@ def test_metadata_comes_before_shapes() -> None:
         assert resolve(NOWHERE, plain)[0].name == "yolov8"
 
 
-@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
-def test_an_unknown_graph_is_described(shape: tuple[int, ...]) -> None:
-    unknown = signature((640, 640), shape, metadata={"colour of the sky": "blue"})
-    with pytest.raises(ModelError) as caught:
-        resolve(NOWHERE, unknown)
-    for part in ("'images' [1, 3, 640, 640] tensor(float)", "'out0'", str(list(shape)), "colour of the sky"):
-        assert part in str(caught.value)
-    assert '{"family": ' in str(caught.value)
-
-
 def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
     metadata = {"author": "Ultralytics", "task": "detect", "stride": "32", "imgsz": "[640, 640]"}
     named = signature((640, 640), (1, 6, 8400), metadata={**metadata, "names": "{0: 'stop', 1: 'yield'}"})
@@ -214,16 +204,6 @@ def test_what_differs_is_typed_after_the_preset(typed: str) -> None:
 )
 def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
     assert getattr(load_contract(typed), field) == value
-
-
-def test_a_file_may_say_what_differs_from_its_base() -> None:
-    stated = {"base": "yolox", "color": "rgb", "range": "0-1", "mean": OLD_YOLOX.mean, "std": OLD_YOLOX.std}
-    assert parse_contract(stated, "file x") == OLD_YOLOX
-    assert parse_contract({"base": "yolox", "classes": ["a"]}, "file x").classes == ("a",)
-    with pytest.raises(ModelError, match="colour is stated twice"):
-        parse_contract({"base": "yolox", "color": "rgb", "colour": "bgr"}, "file x")
-    with pytest.raises(ModelError, match="family 'yolo99' is unknown"):
-        parse_contract({"base": "yolo99"}, "file x")
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,6 @@ from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.rendered import mean_confidence
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import State
-from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 
@@ -185,23 +184,6 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) ->
     assert mean_confidence(shown.sight) == row["target_confidence"]
     assert [each["confidence"] for each in shown.sight.targets] == targets
     assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
-
-
-def test_the_map_has_the_runs_means_and_its_cells(run: Run) -> None:
-    near = {"exposure_s": 0.02, "illuminance_lux": 7.0, "velocity_x_px_s": 700.0, "gain_db": float("inf")}
-    found = run.heat_map("none", dict.fromkeys(NAMES, 0.0) | near)  # the first model's
-    assert (found.across.name, found.down.name) == ("exposure_s", "illuminance_lux")
-    assert {0.02, 0.06} <= {*found.columns}
-    assert found.rows == [1.0, 50.0]
-    assert len(found.cells) >= 4
-    for (exposure_s, lux), (at, mean) in found.cells.items():
-        expected = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": 800.0}
-        own = [row for row in rows(run) if all(row[name] == value for name, value in expected.items())]
-        confidences: list[Any] = [row["target_confidence"] for row in own]
-        assert mean == pytest.approx(np.mean(confidences))  # as many targets in each picture
-        cell = run.cell(image=run.pictures[1], repeat=0, **at)
-        assert cell.cell_id in {row["cell_id"] for row in own}
-        assert cell.image == run.pictures[1]
 
 
 def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None:

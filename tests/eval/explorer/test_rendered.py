@@ -178,12 +178,3 @@ def test_boxes_are_found_missed_or_others() -> None:
     assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
     assert [each.get("class") for each in tree] == ["other", "found", "missed"]
     assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.70", "0.20"]
-
-
-def test_the_curve_has_a_point_for_each_exposure_that_was_tried() -> None:
-    curve = [Point(exposure_ms, mean) for exposure_ms, mean in ((1.0, 0.2), (4.0, 0.8), (16.0, 0.9))]
-    (mean,) = charts.confidences(curve, 20.0, 0.5)["series"]
-    assert mean["data"] == [[1.0, 0.2], [4.0, 0.8], [16.0, 0.9]]
-    ((low, high),) = mean["markArea"]["data"]
-    assert abs(low["xAxis"] - 2.0) < 1e-9
-    assert high["xAxis"] == 16.0

@@ -16,9 +16,7 @@ from blurnoise_eval.explorer.state import (
     key,
     with_figures,
 )
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, axis
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES
 
 from blurnoise.optics.camera import PRESETS
 
@@ -40,14 +38,6 @@ def test_a_query_says_a_state() -> None:
             assert State.of_query(state.query(base), base) == state
     assert State.of_query("", MOVED) == MOVED
     assert replace(MOVED, cell="a1").query(USUAL) == "model=none&cell=a1"
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.floats(1e-4, 1e3), st.floats(0, 1e5), st.floats(-1e4, 1e4), st.floats(0.5, 64))
-def test_every_number_survives_the_url(exposure_ms: float, lux: float, dx: float, f_number: float) -> None:
-    state = USUAL.put("exposure_s", axis("exposure_s").of_option(exposure_ms))
-    state = state.put("illuminance_lux", lux).put("velocity_x_px_s", dx).put("f_number", f_number)
-    assert State.of_query(state.query(USUAL), USUAL) == state
 
 
 def test_what_excludes_another_resets_it() -> None:

@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import read_pages
-import torch
 from blurnoise_eval.paper import items, page
-from blurnoise_eval.paper import measurement as chains
 from blurnoise_eval.paper.item import Check, Figure, Item, Outcome, Parts, near
 from blurnoise_eval.paper.measurement import Grid, Measurements, NotRun
 from blurnoise_eval.quality.measure import TILT_DEG
@@ -23,9 +21,6 @@ from scipy.optimize import brentq
 from blurnoise.blur import convolution
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import Camera
-from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.scene.scene import ExposedScene, Exposure
 
 WITHHELD = Estimate(math.nan)
 ITEM = {item.name: item for item in items.ITEMS}
@@ -143,18 +138,6 @@ def test_detection_is_held_to_the_order_of_sizes() -> None:
 
 
 # --- the paper's chain, pixel by pixel ---
-
-
-def test_the_paper_s_picture_is_linear_grey_with_one_noise() -> None:
-    camera = chains.camera_of("paper")
-    scene = ExposedScene.of_picture(chains.picture("paper", 50))
-    (frame,) = scene.frames([Exposure(camera, 5e-3, 50.0)])
-    assert (frame.picture == frame.picture[..., :1]).all()
-    corner = frame.picture[:80, :80, 0]  # 18 % grey, coded as 0.461
-    white = photoelectrons(camera, 50.0, 5e-3) * camera.system_gain_dn_per_e / camera.full_scale_dn * 255
-    coded = float(srgb_from_linear(torch.tensor(0.18)))
-    assert corner.mean() == pytest.approx(coded * white, rel=0.01)
-    assert np.ptp(corner) > 0
 
 
 # --- what is written of items ---

@@ -16,19 +16,16 @@ import pandas as pd
 import pytest
 import torch
 from blurnoise_eval.cli import main
-from blurnoise_eval.cli._options import region
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE, Found, find_edges
 from blurnoise_eval.quality.linear import Linear
-from blurnoise_eval.quality.picture import reading_text
 from edge_cases import Draw, Setting
 from torch import Tensor
 
 from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
 from blurnoise.metrics import Flag, SlantedEdge, information
-from blurnoise.metrics.values import Estimate
 from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
@@ -192,18 +189,6 @@ def test_what_is_wrong_is_named_in_one_line(
     out, err = capsys.readouterr()
     assert (out, len(err.splitlines())) == ("", 1)
     assert named in err
-
-
-def test_readings_and_regions_as_text() -> None:
-    assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
-    doubted = Estimate(0.098823, 0.098112, 0.09951, frozenset({"sharpened"}))
-    assert reading_text(doubted) == "0.09882? (0.0981–0.0995)"
-    assert reading_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
-    assert reading_text(Estimate(math.nan)) == reading_text(Estimate(math.inf, 1.0, math.inf)) == "-"
-    assert region("1,2,30,40") == (1, 2, 30, 40)
-    for text in ("", "1,2,3", "1,2,3,4,5", "a,b,c,d", "1.5,2,3,4"):
-        with pytest.raises(Exception, match="x,y,w,h"):
-            region(text)
 
 
 # --- edges that deceive ------------------------------------------------------

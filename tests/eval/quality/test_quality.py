@@ -7,7 +7,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pytest
 import torch
 from blurnoise_eval.grid.conditions import SweepPlan
@@ -190,20 +189,6 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) ->
 
 
 # --- files, figures, the command --------------------------------------------
-
-
-def test_the_table_and_the_document_say_the_same(rows: list[Row], tmp_path: Path) -> None:
-    quality.write(rows, CAMERA, PLAN, tmp_path)
-    document = json.loads((tmp_path / "quality.json").read_text(), parse_constant=pytest.fail)
-    assert document["rows"] == [row.record() for row in rows]
-    assert set(document["metrics"]) == {metric.name for metric in METRICS}
-    assert Camera.from_dict(document["camera"]) == CAMERA
-    table = pd.read_csv(tmp_path / "quality.csv")
-    assert len(table) == len(rows)
-    lost = table[table["value"].isna()]
-    assert set(lost["exposure_s"]) == {0.1}
-    assert lost["flags"].str.contains("clipped").all()
-    assert (lost["told"] == 0).all()
 
 
 def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

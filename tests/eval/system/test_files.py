@@ -12,7 +12,6 @@ import blurnoise_models
 import pytest
 from blurnoise_eval.system import machine
 from blurnoise_eval.system.files import write_whole, written_whole
-from blurnoise_eval.system.machine import usable_cores
 
 import blurnoise
 
@@ -43,16 +42,6 @@ def test_what_fails_half_way_leaves_the_file_of_before(tmp_path: Path) -> None:
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"before"}
     write_whole(path, [b"af", b"ter"])
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"after"}
-
-
-@pytest.mark.parametrize("name", ["no folder/a.csv", "n" * 255 + ".csv", "folder"])
-def test_errors_name_the_file_that_was_asked_for(tmp_path: Path, name: str) -> None:
-    (tmp_path / "folder").mkdir()
-    path = tmp_path / name
-    with pytest.raises(OSError, match=re.escape(f"'{path}'")) as failed:
-        write_whole(path, b"data")
-    assert failed.value.strerror
-    assert [entry.name for entry in tmp_path.iterdir()] == ["folder"]
 
 
 def test_a_folder_is_on_disk_before_it_takes_its_name(
@@ -90,16 +79,6 @@ def test_nothing_writes_files_in_place() -> None:
 
 
 # --- what is said of this machine ---
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="affinity is Linux's")
-def test_only_cores_that_may_be_used_count() -> None:
-    allowed = os.sched_getaffinity(0)
-    try:
-        os.sched_setaffinity(0, {min(allowed)})
-        assert usable_cores() == 1
-    finally:
-        os.sched_setaffinity(0, allowed)
 
 
 def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
-import pty
-import re
-import subprocess
-import sys
 import warnings
 
 import pytest
@@ -117,23 +112,3 @@ def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Out
     assert lines[0] == "draw ?: 3 of 100, 3 %, 0.25/s, 6 min left"
     assert lines[-1] == "draw ?: 100 of 100, took 7 min"
     assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
-
-
-@pytest.mark.parametrize("columns", [40, 120])
-def test_a_terminal_has_a_line_that_breaks_no_number(columns: int) -> None:
-    code = (
-        "from blurnoise_eval.system.progress import ProgressBar\n"
-        "with ProgressBar('[/] [red]', 12345) as advance:\n"
-        "    advance(12000)\n"
-    )
-    seen, own = pty.openpty()
-    here = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
-    subprocess.run([sys.executable, "-c", code], stderr=own, stdout=own, check=True, env=here)
-    os.close(own)
-    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(seen, 65536).decode())
-    os.close(seen)
-    lines = [line.rstrip() for line in re.split(r"[\r\n]+", shown)]
-    assert max(map(len, lines)) <= columns
-    assert "…" not in shown
-    assert "[/] [red]: 12000 of 12345," in shown
-    assert "97 %" in shown

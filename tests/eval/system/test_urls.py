@@ -18,7 +18,7 @@ from blurnoise_eval.system.urls import (
     versions,
     without_secrets,
 )
-from blurnoise_eval.system.working_folder import output_folder, read_run, written_run
+from blurnoise_eval.system.working_folder import written_run
 
 pytest.importorskip("upath")
 URL = "memory://bucket/set"
@@ -33,12 +33,6 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         (found / name).write_bytes(b"" if "none" in name else name.encode())
     yield found
     found.fs.store.clear()
-
-
-def test_files_by_url_are_paths(tmp_path: Path) -> None:
-    strange = tmp_path / "with space %20 größe"
-    assert location(strange.as_uri()) == strange
-    assert location(f"file://localhost{tmp_path}") == tmp_path
 
 
 @pytest.mark.parametrize(
@@ -164,17 +158,6 @@ def test_what_was_written_is_there_at_the_end(tmp_path: Path) -> None:
     assert not list((tmp_path / "cache/runs").iterdir()), "nothing stays here"
 
 
-def test_another_machine_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with written_run(RUN) as folder:
-        work(folder.path, results_sqlite="rows", summary_json="{}")
-    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "another"))
-    with written_run(RUN) as folder:
-        assert (folder.path / RUN_FILE).read_text() == "rows"
-        assert not (folder.path / "summary.json").exists(), "is made anew"
-        work(folder.path, results_sqlite="rows and more")
-    assert there() == {RUN_FILE: b"rows and more", "summary.json": b"{}"}
-
-
 def test_what_was_done_before_it_was_stopped_is_put() -> None:
     def interrupted() -> None:
         with written_run(RUN) as folder:
@@ -212,14 +195,3 @@ def test_what_cannot_be_put_stays_and_is_named(tmp_path: Path, monkeypatch: pyte
     (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
     assert here.read_text() == "rows"
     assert str(here.parent) in str(told.value)
-
-
-def test_reading_leaves_the_results_as_they_are(tmp_path: Path) -> None:
-    (RUN / RUN_FILE).write_bytes(b"rows")
-    with read_run(RUN) as folder:
-        work(folder.path, results_sqlite="touched", report_html="page")
-    assert there() == {RUN_FILE: b"rows", "report.html": b"page"}
-    with output_folder(RUN / "coco") as folder:
-        work(folder.path, a_json="{}")
-    assert there()["coco/a.json"] == b"{}"
-    assert not list((tmp_path / "cache/runs").iterdir())

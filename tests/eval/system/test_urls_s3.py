@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system.urls import listing, local_file, location, version, versions
+from blurnoise_eval.system.urls import local_file, location, version, versions
 from s3_servers import BUCKET, Wire, at, s3_server, wire_to
 
 pytestmark = pytest.mark.slow  # the server takes seconds to import
@@ -48,14 +48,6 @@ def test_reads_once(wire: Wire) -> None:
     location(A).write_bytes(b"new")
     assert read(A) == b"new"
     assert read(A, known) == CONTENT, "as it was"
-
-
-@pytest.mark.parametrize("name", ["with space.bin", "größe-日本.bin", "a+b&c=d#e%20.bin", "what?.bin"])
-def test_any_name(name: str, wire: Wire) -> None:
-    url = location(f"s3://{BUCKET}/names") / name
-    url.write_bytes(name.encode())
-    assert read(url) == name.encode()
-    assert name in listing(url.parent)
 
 
 @pytest.mark.parametrize(("fault", "times"), [("cuts", 3), ("refusals", 2)])
