@@ -10,7 +10,6 @@ import cv2
 import matched_filter
 import pandas as pd
 import pytest
-import yaml
 from blurnoise_eval.cli.console import print_opening
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.report import page
@@ -167,15 +166,6 @@ def test_a_sweep_tells_names_as_they_stand(
     assert "\x1b" not in told + warned
     assert "Glyph" not in warned
     assert "Warning" not in warned
-
-
-def test_a_camera_shows_its_sources_as_they_are(tmp_path: Path, capsys: Output) -> None:
-    camera, saved = tmp_path / "camera[b].yaml", tmp_path / "[b].yaml"
-    text = {"base": "imx250", "name": "cam[/]\x1b[31m$\\frac{1}{", "sources": {"full_well_e": "see [/1]"}}
-    camera.write_text(yaml.safe_dump(text))
-    assert main(["cameras", camera, "--save", saved]) == 0
-    shown = capsys.readouterr().out
-    assert all(words in shown for words in ("see [/1]", "cam[/]?[31m", "[b].yaml"))
 
 
 def test_an_error_is_one_plain_line(tmp_path: Path, capsys: Output) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas
 import pytest
 from blurnoise_eval.cli.chart import CHARTS
-from blurnoise_eval.datasets import coco, write_picture
+from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.deciding import decision
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.paper import items
@@ -79,14 +79,6 @@ def test_motion_gives_table_2(capsys: Output) -> None:
     assert told(capsys, *CROSSING.split(), *view, "--lens", "rectilinear")["blur_px"] < facts["blur_px"]
     narrow = told(capsys, *CROSSING.split(), "--camera", "lin2024", "--hfov-deg", 60)
     assert narrow["blur_px"] == pytest.approx(facts["blur_px"] * 99.32 / 60)
-
-
-@pytest.mark.slow
-def test_scenes_are_coco(tmp_path: Path, capsys: Output) -> None:
-    assert main(["scenes", "-o", tmp_path, "--count", "4", "--size", "96", "--seed", "7"]) == 0
-    pictures = coco(Path(capsys.readouterr().out.strip()), labels=["stop sign"], keep_empty=True)
-    assert len(pictures) == 4
-    assert next(iter(pictures)).load().shape == (96, 96, 3)
 
 
 @pytest.mark.slow

@@ -193,20 +193,6 @@ def test_what_differs_is_typed_after_the_preset(typed: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("typed", "field", "value"),
-    [
-        ("yolox,size=416x640", "input_size_px", (416, 640)),
-        ("yolox,iou=none", "nms_iou", None),
-        ("nanodet,mean=none", "mean", None),
-        ("yolox,classes=stop sign/yield", "classes", ("stop sign", "yield")),
-        ("detr,classes=coco80", "classes", COCO80),
-    ],
-)
-def test_each_field_can_be_typed(typed: str, field: str, value: object) -> None:
-    assert getattr(load_contract(typed), field) == value
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"tint": "rgb"}, "key 'tint' is unknown; Known are"),
@@ -226,6 +212,11 @@ def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str
         parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
+
+
+def test_classes_by_id_from_0_or_as_google_numbers_them() -> None:
+    for classes, names in (({"1": "b", "0": "a"}, ("a", "b")), ({1: "a", 2: "b"}, ("unused 0", "a", "b"))):
+        assert parse_contract({"family": "tfod", "classes": classes}, "file x").classes == names
 
 
 @pytest.mark.parametrize(

@@ -40,14 +40,6 @@ def test_a_query_says_a_state() -> None:
     assert replace(MOVED, cell="a1").query(USUAL) == "model=none&cell=a1"
 
 
-def test_what_excludes_another_resets_it() -> None:
-    driven = MOVED.put("ego_speed_m_s", 20.0)
-    assert [driven.at[name] for name in ("velocity_x_px_s", "velocity_y_px_s", "moves")] == [0.0, 0.0, None]
-    assert driven.put("velocity_x_px_s", 3.0).at["ego_speed_m_s"] is None
-    assert State.of_query("ego-kmh=50", USUAL) == USUAL.put("ego_speed_m_s", 50 / 3.6)  # typed by hand
-    assert replace(USUAL, cell="abc").put("illuminance_lux", 3.0).cell == ""
-
-
 @pytest.mark.parametrize(
     ("query", "told"),
     [

@@ -120,19 +120,6 @@ def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> N
     assert wrong["michelson"] < 0.5
 
 
-def test_full_scale_not_given(tmp_path: Path, capsys: Output) -> None:
-    """It is pointed out; 12 bits in a 16-bit file: what stands at 4095 was cut off, and no number is told."""
-    path = raw(tmp_path / "edge.png", charts.slanted_edge(80, 80))
-    assert "largest number is 3240" in " ".join(told(capsys, path)["notes"])
-    assert "largest" not in " ".join(told(capsys, path, "--full-scale", "4095")["notes"])
-    path = raw(tmp_path / "clipped.png", 1.3 * charts.slanted_edge(100, 100), noise_dn=10.0)
-    said = told(capsys, path, "--roi", "0,0,100,100")
-    assert "full scale taken as 4095: many pixels stand exactly there" in said["notes"]
-    (row,) = said["regions"]
-    assert row["mtf50"] is None
-    assert Flag.CLIPPED.value in row["flags"]
-
-
 def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) -> None:
     """A clipped edge, a corner, even ground, beside a good edge: in JSON, in CSV, in the table, in the figure."""
     image = chart.squares()[..., :165, :200]

@@ -10,7 +10,6 @@ from pathlib import Path
 import blurnoise_eval
 import blurnoise_models
 import pytest
-from blurnoise_eval.system import machine
 from blurnoise_eval.system.files import write_whole, written_whole
 
 import blurnoise
@@ -79,14 +78,3 @@ def test_nothing_writes_files_in_place() -> None:
 
 
 # --- what is said of this machine ---
-
-
-def test_two_commits_of_one_version_differ(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "files", lambda package: tmp_path)
-    (tmp_path / "below").mkdir()
-    found = []
-    for text in (b"a = 1\n", b"a = 1\r\n", b"a = 2\n"):
-        (tmp_path / "below" / "code.py").write_bytes(text)
-        found.append(machine.sources.__wrapped__())
-    assert found[0] == found[1] != found[2]
-    assert found[0] != machine.versions()["sources"]

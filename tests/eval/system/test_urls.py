@@ -39,8 +39,6 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     ("text", "shown"),
     [
         ("s3://bucket/a/b.png", "s3://bucket/a/b.png"),
-        ("S3://bucket/a/", "s3://bucket/a"),
-        ("gs://bucket//a/./b", "gs://bucket/a/b"),
         ("s3://bucket/a/../b", "s3://bucket/b"),
         ("s3://bucket/with space/größe", "s3://bucket/with space/größe"),
         ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
@@ -61,8 +59,6 @@ def test_urls(text: str, shown: str) -> None:
         ),
         ("s3://bucket/a?versionId=secret", "must hold no user, password or query"),
         ("s3://key:secret@bucket/a?token=secret", "must hold no user, password or query"),
-        ("file://server/a", "must begin with"),
-        ("https://user:secret@host/a?token=secret", "must begin with"),
     ],
 )
 def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
