@@ -16,6 +16,7 @@ from blurnoise_eval.detectors.ocr import Recogniser
 from blurnoise_eval.detectors.opening import open_models
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
+from signs_in_memory import matched_detector
 
 NAMES = ("first", "second", "third")
 
@@ -152,7 +153,8 @@ def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message:
 # --- models from files ---
 
 
-def test_kinds_are_told_apart_and_names_too(detector: Path, tmp_path: Path) -> None:
+def test_kinds_are_told_apart_and_names_too(tmp_path: Path) -> None:
+    detector = matched_detector(tmp_path).path
     reader = band_reader(tmp_path / "rec.onnx")
     assert [type(model) for model in open_models([reader])] == [Recogniser]
     (second := tmp_path / "small-2.onnx").write_bytes(detector.read_bytes())

@@ -167,7 +167,7 @@ def test_contract_and_identity_are_those_of_both(tmp_path: Path) -> None:
     stated = made.contract.to_dict()
     assert (stated["regions.unclip"], stated["text.height_px"]) == (0.3, 48)
     assert set(stated["sources"]) == set(stated) - {"sources"}
-    assert "threshold = 0.3 is assumed" in " ".join(made.contract.assumptions)
+    assert "family = 'ppocr' is assumed" in " ".join(made.contract.assumptions)
     (tmp_path / "det.contract.json").write_text('{"threshold": 0.2}')
     beside = TextSpotter(made.path, other.recogniser).contract.to_dict()
     assert (beside["regions.threshold"], beside["sources"]["regions.threshold"]) == (

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import browsers
@@ -34,24 +33,6 @@ READY = (
 )
 
 
-@contextmanager
-def served(*words: object) -> Iterator[tuple[str, int]]:
-    """The explorer's address, with its token, and its process."""
-    command = [sys.executable, "-m", "blurnoise_eval.cli", "explore", "--no-browser", *map(str, words)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=ENVIRONMENT
-    )
-    try:
-        assert process.stdout is not None
-        found = re.search(r"http://127\.0\.0\.1:\d+/\S+", process.stdout.readline())
-        assert found
-        yield found[0], process.pid
-        assert process.poll() is None, "the explorer has ended"
-    finally:
-        process.terminate()
-        process.wait(30)
-
-
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with browsers.browser() as found:
@@ -60,8 +41,18 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    with served() as (found, _):
-        yield found
+    """The explorer's, with its token."""
+    command = [sys.executable, "-m", "blurnoise_eval.cli", "explore", "--no-browser"]
+    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    process = subprocess.Popen(command, text=True, env=ENVIRONMENT, **pipes)
+    try:
+        found = re.search(r"http://127\.0\.0\.1:\d+/\S+", process.stdout.readline())  # type: ignore[union-attr]
+        assert found
+        yield found[0]
+        assert process.poll() is None, "the explorer has ended"
+    finally:
+        process.terminate()
+        process.wait(30)
 
 
 @pytest.fixture
@@ -72,13 +63,9 @@ def tab(browser: Browser, address: str) -> Iterator[Tab]:
     tab.until(READY)
     yield tab
     assert tab.failures == []
-    assert [url for url in tab.asked if not url.startswith((base(address), "data:", "blob:", "about:"))] == []
+    own = address.partition("?")[0], "data:", "blob:", "about:"
+    assert [url for url in tab.asked if not url.startswith(own)] == []
     tab.close()
-
-
-def base(address: str) -> str:
-    """Less the query."""
-    return address.partition("?")[0]
 
 
 def changes(tab: Tab, act: object) -> str:

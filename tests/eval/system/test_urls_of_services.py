@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from gcs_servers import BUCKET, gcs_server
-from hub_servers import REPOSITORY, hub_server
+from cloud_servers import BUCKET, REPOSITORY, gcs_server, hub_server
 
 pytestmark = pytest.mark.slow  # the packages take their endpoints from the environment as they are imported
 READ = """
