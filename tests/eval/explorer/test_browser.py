@@ -12,11 +12,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import browsers
-import cv2
-import numpy as np
 import pytest
 from browsers import Browser, Tab
-from numpy.typing import NDArray
 
 pytest.importorskip("nicegui")
 pytestmark = [
@@ -127,13 +124,7 @@ def test_sliders_and_what_is_typed_move_the_picture_the_numbers_and_the_url(
 
 
 def enter(tab: Tab, exposure_ms: str) -> None:
-    tab.click("[data-control=exposure_s] input")
+    tab.run("document.querySelector('[data-control=exposure_s] input').focus()")
     tab.run("document.querySelector('[data-control=exposure_s] input').select()")
     tab.call("Input.insertText", text=exposure_ms)
     tab.press("Enter")
-
-
-def seen(tab: Tab) -> NDArray[Any]:
-    """The picture that is shown, as the browser has it."""
-    shown = tab.run(f"fetch({SHOWN}).then(r => r.arrayBuffer()).then(b => Array.from(new Uint8Array(b)))")
-    return cv2.imdecode(np.array(shown, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
