@@ -93,15 +93,17 @@ def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     assert edges.mtf50(*blur) == pytest.approx(closed_mtf50(**known), rel=1e-9)  # type: ignore[arg-type]
 
 
-def test_ours_are_exact_and_others_are_not() -> None:
-    """6 px: errors below 1 DN against the naive ways' more; a motion in the wrong direction is far off."""
+def test_ours_are_exact_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 px: below 1 DN of error against the naive ways' more; a motion in the wrong direction is far off."""
+    monkeypatch.setattr(motion, "HEIGHT", 160)
+    monkeypatch.setattr(motion, "WIDTH", 200)
     case = motion.straight(6.0)
     assert case.error is not None
     errors = {each.name: case.error(each.call()) for each in case.contenders}
-    assert errors["motion_blur"] < 0.5
-    assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 1.5
+    assert errors["motion_blur"] < 1
+    assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 2.5
     wrong = motion_blur(motion.picture(), (6 * math.cos(0.3), -6 * math.sin(0.3)))
-    assert case.error(wrong) > 3
+    assert case.error(wrong) > 8
 
 
 @pytest.mark.slow

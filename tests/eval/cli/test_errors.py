@@ -75,11 +75,6 @@ COMMANDS = {
         ("blur --model m.onnx", "--model: goes with 'decide and sweep'"),
     ],
     "paper -o run": [("--only sharpness", "only = 'sharpness'"), ("--threads 0", "threads")],
-    "train -o run": [
-        ("--pictures 10", "pictures = 10"),
-        ("--size 33", "size_px = 33"),
-        ("--seed -1", "seed = -1"),
-    ],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
     "quality -o run": [
         ("--repeats 0", "repeats"),

@@ -81,6 +81,7 @@ def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verdicts("quanta") == [False]
 
 
+@pytest.mark.slow
 def test_mtf50_over_speed_is_that_of_the_closed_form() -> None:
     """Within 1 %, or its 95 % interval widened as Bonferroni does for seven speeds."""
     found = Measurements(None, None)[items.OVER_SPEED]  # type: ignore[arg-type]
