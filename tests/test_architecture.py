@@ -35,11 +35,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"scene"},
         {"training"},
     ],
-    "blurnoise.metrics": [
-        {"values"},
-        {"edge", "patches"},
-        {"information"},
-    ],
+    "blurnoise.metrics": [{"values"}, {"edge", "patches"}, {"information"}],
     "blurnoise_eval": [
         {"system", "grid", "detectors"},
         {"datasets"},
@@ -64,11 +60,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"detector", "ocr"},
         {"opening"},
     ],
-    "blurnoise_models": [
-        {"scenes", "network"},
-        {"training", "export"},
-        {"detector"},
-    ],
+    "blurnoise_models": [{"scenes", "network"}, {"training", "export"}, {"detector"}],
 }
 """Folder to what stands in it, floor by floor: none imports from a floor above its own. What is not named stands
 where it likes, as long as it makes no circle; folders directly in a package have to be named."""
@@ -82,9 +74,7 @@ EXCEPTIONS = {  # they offer the built-in detector, make it, or draw its scenes
     ("blurnoise_eval.scenes", "blurnoise_models"),
     ("blurnoise_eval.explorer", "blurnoise_models"),
 }
-SQL = re.compile(
-    r"\b(SELECT|INSERT INTO|INSERT OR|DELETE FROM|CREATE (TABLE|INDEX|VIEW)|ALTER TABLE|PRAGMA)\b"
-)
+SQL = re.compile(r"\b(SELECT|INSERT (INTO|OR)|DELETE FROM|CREATE (TABLE|INDEX|VIEW)|ALTER TABLE|PRAGMA)\b")
 
 SOURCES = {
     name: path
