@@ -13,7 +13,7 @@ from torch.nn import functional
 
 _NMS = "nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor"
 _POOL = "roi_align(Tensor x, Tensor rois, float scale, SymInt rows, SymInt columns, int samples, bool how) -> Tensor"
-_UNUSED = ("qnms", "deform_conv2d", "roi_pool", "ps_roi_align", "ps_roi_pool")
+_UNUSED = ("qnms", "qroi_align", "deform_conv2d", "roi_pool", "ps_roi_align", "ps_roi_pool")
 _kept: list[torch.library.Library] = []
 
 
@@ -29,19 +29,21 @@ def detectors() -> ModuleType:
         library.impl("nms", nms, "CPU")
         library.impl("roi_align", _roi_align, "CPU")
         _kept.append(library)
-        importlib.import_module("torchvision.extension")._assert_has_ops = _are_here
+        for name in ("boxes", "roi_align"):
+            using = importlib.import_module(f"torchvision.ops.{name}")
+            using._has_ops = using._assert_has_ops = _are_here
     return importlib.import_module("torchvision.models.detection")
 
 
-def _are_here() -> None:
-    return None
+def _are_here() -> bool:
+    return True
 
 
 def _roi_align(
     planes: Tensor, regions: Tensor, scale: float, rows: int, columns: int, samples: int, aligned: bool
 ) -> Tensor:
     """Means of ``samples`` squared bilinear samples in each of (rows, columns) parts of a region."""
-    pooled = []
+    pooled = [planes.new_zeros((0, planes.shape[1], rows, columns))]
     for number, *edges in regions.tolist():
         x0, y0, x1, y1 = (scale * edge for edge in edges)
         plane = planes[int(number)]
@@ -51,5 +53,5 @@ def _roi_align(
         ]  # fmt: skip
         grid = torch.stack(torch.meshgrid(*along, indexing="xy"), -1) - 1
         seen = functional.grid_sample(plane[None], grid[None], padding_mode="border", align_corners=True)
-        pooled.append(functional.avg_pool2d(seen, samples)[0])
-    return torch.stack(pooled)
+        pooled.append(functional.avg_pool2d(seen, samples))
+    return torch.cat(pooled)

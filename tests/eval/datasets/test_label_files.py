@@ -72,6 +72,15 @@ def test_coco_boxes_become_targets(tmp_path: Path) -> None:
     assert found.notes == ("1 box of no area left out",)
 
 
+def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
+    """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
+    beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
+    entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
+    targets = coco(instances(tmp_path, annotations=entries)).pictures[0].targets or ()
+    kept = [dict(target.annotation) for target in targets]
+    assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}]
+
+
 def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
     """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one too far
     away, one of no size."""

@@ -22,6 +22,7 @@ from blurnoise_eval.datasets import (
     image_folder,
     images,
     read_picture,
+    size_group,
     write_picture,
 )
 from blurnoise_eval.datasets.likeness import look, scenes
@@ -86,6 +87,16 @@ def test_exif_orientation(
     assert np.abs(seen.astype(int) - expected).max() <= 2  # of 255: JPEG's rounding
 
 
+def test_size_groups_follow_the_area() -> None:
+    for width, height, group in (
+        (31, 33, "small"),
+        (32, 32, "medium"),
+        (95, 97, "medium"),
+        (96, 96, "large"),
+    ):
+        assert size_group(width, height, "sign").startswith(f"sign, {group}")
+
+
 def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
     jpeg = cv2.imencode(".jpg", pixels((64, 64, 3)))[1].tobytes()
     cv2.imwrite(str(tmp_path / "float.tiff"), np.zeros((4, 4, 3), np.float32))
@@ -108,7 +119,7 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
             decode(tmp_path / name)
 
 
-@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize("orientation", [1, 4, 5, 8])
 def test_labels_are_for_the_upright_picture(tmp_path: Path, orientation: int) -> None:
     saved(tmp_path / "a.jpg", pixels((21, 33, 3)), orientation)
     width, height = (21, 33) if orientation > 4 else (33, 21)

@@ -67,6 +67,7 @@ def test_a_picture_depends_on_seed_and_number_alone() -> None:
         assert a.targets != c.targets
         assert a.identity != c.identity
         assert (a.load() != c.load()).any()
+    assert rendered_signs([50], count=1).pictures[0].name == "stop-signs-50px-01"
     images = [picture.load() for picture in many]
     assert all((a != b).any() for a, b in itertools.combinations(images, 2))
 

@@ -115,14 +115,6 @@ def test_pictures_that_cannot_be_read(folder: Path) -> None:
     assert told == [f"{URL}/a.png: no such object, folder or bucket", f"{URL}/größe.jpg: is empty (0 bytes)"]
 
 
-def test_changed_since_it_was_listed(folder: Path) -> None:
-    put(folder)
-    found = datasets.image_folder(location(URL) / "images")
-    put(folder)
-    with pytest.raises(UnreadablePicture, match="has changed since it was looked up"):
-        found.pictures[0].load()
-
-
 # --- as options ---
 
 

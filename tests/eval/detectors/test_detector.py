@@ -109,11 +109,6 @@ def test_nan_is_dropped_counted_and_warned_of_once(tmp_path: Path) -> None:
     assert detector.non_finite_values_here == 6 + 6 + 3 * 24
 
 
-def test_scores_above_one_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match=r"score .* > 1"):
-        Detector(cell_graph(tmp_path / "m.onnx", unit=0.01), contract=contract()).detect(bright_patch(0))
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -151,6 +151,16 @@ def test_suppression_equals_the_plain_reference(count: int, classes: int, most: 
     assert (np.diff(kept.scores) <= 0).all()
 
 
+def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
+    """Nine apart, enough copies of the first to fill the first look, and a tenth: all ten are kept."""
+    corners = np.stack([20.0 * np.arange(10), np.zeros(10)], axis=1)
+    apart = np.hstack([corners, corners + 10]).astype(np.float32)
+    boxes = np.concatenate([apart[:9], np.tile(apart[:1], (60, 1)), apart[9:]])
+    scores = np.linspace(0.9, 0.1, len(boxes), dtype=np.float32)
+    kept = suppress(Candidates(boxes, scores, np.zeros(len(boxes), np.int64)), 0.5, 10)
+    np.testing.assert_array_equal(kept.boxes_xyxy, apart)
+
+
 def test_of_equal_scores_the_first_are_kept() -> None:
     corners = np.stack([20.0 * np.arange(60), np.zeros(60)], axis=1)
     boxes = np.hstack([corners, corners + 10]).astype(np.float32)

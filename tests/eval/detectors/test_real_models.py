@@ -75,33 +75,29 @@ def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
     ],
 )
 def test_torchvisions_detectors_answer_as_the_package_does(name: str, threshold: str, tmp_path: Path) -> None:
-    """Exported here, with random weights that are large enough for scores to differ."""
-    detectors, path = torchvision_ops.detectors(), tmp_path / "m.onnx"
-    image = drawn_picture()
+    """Exported here, with random weights, each layer scaled so that its answer has a deviation of 1."""
+    detectors, path, image = torchvision_ops.detectors(), tmp_path / "m.onnx", drawn_picture()
     picture = torch.from_numpy(image).permute(2, 0, 1).float() / 255
+
+    def scaled(layer: torch.nn.Module, _: Any, answer: torch.Tensor) -> torch.Tensor:
+        layer.weight.div_(answer.std())
+        return answer / answer.std()
+
     with torch.random.fork_rng(), torch.no_grad():
         torch.default_generator.manual_seed(1)
         model = getattr(detectors, name)(weights=None, weights_backbone=None, **{threshold: 0.02}).eval()
-        for label, weights in model.named_parameters():
-            if "class" in label or "cls_score" in label:
-                weights.mul_(30.0)
+        layers = [each for each in model.modules() if isinstance(each, (torch.nn.Conv2d, torch.nn.Linear))]
+        hooks = [layer.register_forward_hook(scaled) for layer in layers]
+        model([picture])
+        for hook in hooks:
+            hook.remove()
         (own,) = model([picture])
-        names = ["image"], ["boxes", "scores", "labels"]
-        torch.onnx.export(
-            model,
-            ([picture],),
-            path,
-            opset_version=17,
-            dynamo=False,
-            input_names=names[0],
-            output_names=names[1],
-        )
+        torch.onnx.export(model, ([picture],), path, opset_version=17, dynamo=False, input_names=["image"])
     detector = Detector(path)
     assert (detector.contract.family, detector.contract.classes) == ("torchvision", COCO91)
     found = detector.detect(image, min_score=0.02)
-    assert len(found) == len(own["scores"]) > 20
-    for box, score, label in zip(
-        own["boxes"].numpy(), own["scores"].numpy(), own["labels"].numpy(), strict=True
-    ):
+    boxes, scores, labels = (own[key].numpy() for key in ("boxes", "scores", "labels"))
+    assert len(found) == len(scores) >= 100
+    for box, score, label in zip(boxes, scores, labels, strict=True):
         alike = (found.class_ids == label) & (np.abs(found.scores - score) < 1e-3)
         assert (np.abs(found.boxes_xyxy[alike] - box).max(axis=1) < 0.2).any()

@@ -179,20 +179,6 @@ OLD_YOLOX = replace(
 
 
 @pytest.mark.parametrize(
-    "typed",
-    [
-        "yolox,colour=rgb,value_range=0-1,mean=0.485/0.456/0.406,std=0.229/0.224/0.225",
-        "yolox, color=rgb, range=0-1, mean=0.485/0.456/0.406, std=0.229/0.224/0.225",
-    ],
-)
-def test_what_differs_is_typed_after_the_preset(typed: str) -> None:
-    found = load_contract(typed)
-    assert found == OLD_YOLOX
-    assert found.sources["colour"] == "--contract yolox,..."
-    assert found.sources["resize"] == "preset yolox"
-
-
-@pytest.mark.parametrize(
     ("change", "message"),
     [
         ({"tint": "rgb"}, "key 'tint' is unknown; Known are"),

@@ -59,6 +59,9 @@ def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
     assert values["blur_px"] == pytest.approx(0.02 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
     assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (20.0, 0.0, 0.0)
+    bright = seen(STATE.put("illuminance_lux", 500.0).put("gain_db", 0.0), signs)
+    assert bright.frame.saturated is not None
+    assert 0 < bright.numbers["clipped_percent"][1] == 100 * bright.frame.saturated
 
 
 def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs: Subject) -> None:
@@ -174,7 +177,7 @@ def drawn(classes: tuple[str, ...], *targets: dict[str, object]) -> ET.Element:
 
 
 def test_boxes_are_found_missed_or_others() -> None:
-    tree = drawn(("sign",), row(10, 0.7), row(60, 0.2))
+    tree = drawn(("sign",), row(10, 0.3), row(60, 0.2))
     assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
     assert [each.get("class") for each in tree] == ["other", "found", "missed"]
-    assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.70", "0.20"]
+    assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.30", "0.20"]

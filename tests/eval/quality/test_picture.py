@@ -20,12 +20,14 @@ from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.quality import picture as measuring
 from blurnoise_eval.quality.find_edges import UNUSABLE, Found, find_edges
 from blurnoise_eval.quality.linear import Linear
+from blurnoise_eval.quality.picture import reading_text
 from edge_cases import Draw, Setting
 from torch import Tensor
 
 from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
 from blurnoise.metrics import Flag, SlantedEdge, information
+from blurnoise.metrics.values import Estimate
 from blurnoise.optics.colour import srgb_from_linear
 
 Output = pytest.CaptureFixture[str]
@@ -148,6 +150,13 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
         "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out\n"
     )
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
+
+
+def test_readings_as_text() -> None:
+    assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
+    assert reading_text(Estimate(5.4152, 4.9179, 5.9964, frozenset({"sharpened"}))) == "5.415? (4.92–6)"
+    assert reading_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
+    assert reading_text(Estimate(math.nan)) == reading_text(Estimate(math.inf, 1.0, math.inf)) == "-"
 
 
 def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:

@@ -159,6 +159,14 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
     assert reading(rows, "psnr_db", 0.1).value < reading(rows, "psnr_db", 0.016).value - 10
 
 
+def test_digital_gain_scales_signal_and_noise_alike(rows: list[Row]) -> None:
+    for row in measured(swept((0.016,), (LUX,), (0.0,), gain_db=(-6.0,))):
+        if row.metric in ("patch_snr_bright", "psnr_db", "neq_0"):
+            assert row.estimate.value == pytest.approx(reading(rows, row.metric, 0.016).value, rel=0.01), (
+                row.metric
+            )
+
+
 def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
     told = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
     both = quality.mean_of(told)

@@ -8,7 +8,7 @@ import warnings
 
 import pytest
 from blurnoise_eval.system import progress
-from blurnoise_eval.system.progress import ProgressBar
+from blurnoise_eval.system.progress import ProgressBar, duration_text
 from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import (
     paragraph,
@@ -112,3 +112,8 @@ def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Out
     assert lines[0] == "draw ?: 3 of 100, 3 %, 0.25/s, 6 min left"
     assert lines[-1] == "draw ?: 100 of 100, took 7 min"
     assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
+
+
+def test_durations_have_the_unit_that_fits() -> None:
+    texts = {0: "0 s", 89: "89 s", 720: "12 min", 12_000: "3 h 20 min"}
+    assert {seconds: duration_text(seconds) for seconds in texts} == texts

@@ -108,12 +108,13 @@ def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
     assert local_file(tmp_path) == tmp_path
 
 
-@pytest.mark.parametrize("status", [401, 403])
-def test_what_a_storage_denies_by_a_status_is_denied(status: int) -> None:
+@pytest.mark.parametrize("status", [401, 403, 404])
+def test_what_a_storage_says_by_a_status(status: int) -> None:
     """As Google's and Hugging Face's clients say it."""
     error = RuntimeError("no")
     error.status = status  # type: ignore[attr-defined]
-    with pytest.raises(PermissionError, match="denied"), explained("gs://bucket/a"):
+    kind, told = (FileNotFoundError, "no such object") if status == 404 else (PermissionError, "denied")
+    with pytest.raises(kind, match=told), explained("gs://bucket/a"):
         raise error
 
 
