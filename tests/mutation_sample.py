@@ -15,7 +15,6 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import yaml
@@ -37,26 +36,13 @@ def main() -> int:
     if wrong:
         print("\n".join(wrong))
         return 1
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(given.workers) as pool:
-        free = SimpleQueue[Path]()
-        for number in range(given.workers):
-            free.put(copied(Path(folder, str(number))))
-
-        def survives(each: Mapping[str, str]) -> bool:
-            tree = free.get()
-            try:
-                return passes(tree, each)
-            finally:
-                free.put(tree)
-
-        surprises = 0
+    surprises = 0
+    with ThreadPoolExecutor(given.workers) as pool:
         for (name, each), survived in zip(some.items(), pool.map(survives, some.values()), strict=True):
             reason = each.get("survives", "")
             surprises += survived != bool(reason)
-            print(
-                f"{name}: {'survives' if survived else 'caught'}{f' ({reason})' if reason else ''}",
-                flush=True,
-            )
+            found = "survives" if survived else "caught"
+            print(f"{name}: {found}{f' ({reason})' if reason else ''}", flush=True)
     print(f"{len(some)} faults, {surprises} not as expected")
     return int(surprises > 0)
 
@@ -67,26 +53,19 @@ def misplaced(fault: Mapping[str, str]) -> str:
     return "" if count == 1 else f"{fault['file']} has {fault['old']!r} {count} times; must be once"
 
 
-def copied(tree: Path) -> Path:
-    """A copy of the sources and tests."""
-    for name in COPIED:
-        source = ROOT / name
-        ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(source, tree / name, ignore=ignored) if source.is_dir() else shutil.copy(
-            source, tree / name
-        )
-    return tree
-
-
-def passes(tree: Path, fault: Mapping[str, str]) -> bool:
-    """Whether all tests pass with the fault."""
-    file = tree / fault["file"]
-    text = file.read_text(encoding="utf-8")
-    file.write_text(text.replace(fault["old"], fault["new"]), encoding="utf-8")
-    try:
-        return run_tests(tree, fault["tests"].split()) == 0
-    finally:
-        file.write_text(text, encoding="utf-8")
+def survives(fault: Mapping[str, str]) -> bool:
+    """Whether all tests pass with the fault, in a copy of sources and tests."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name in COPIED:
+            source, ignored = ROOT / name, shutil.ignore_patterns("__pycache__")
+            if source.is_dir():
+                shutil.copytree(source, Path(folder, name), ignore=ignored)
+            else:
+                shutil.copy(source, folder)
+        file = Path(folder, fault["file"])
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace(fault["old"], fault["new"]), encoding="utf-8")
+        return run_tests(Path(folder), fault["tests"].split()) == 0
 
 
 def run_tests(tree: Path, tests: Sequence[str]) -> int:

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
-import browsers
 import documented
 import made_files
 import pytest
@@ -58,10 +57,6 @@ def test_python_compiles() -> None:
     for page in PAGES:
         for number, block in enumerate(documented.blocks(page, "python"), 1):
             compile(block, f"{page}, block {number}", "exec")
-
-
-def test_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
 
 
 def test_every_example_is_in_the_guide() -> None:
@@ -114,13 +109,8 @@ def test_python_runs(page: str, prepared: Path) -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_run(name: str, tmp_path: Path) -> None:
     """As a user runs them, and each says something."""
-    done = subprocess.run(
-        [sys.executable, str(ROOT / "examples" / name)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, str(ROOT / "examples" / name)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()
 
@@ -137,35 +127,3 @@ def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> Non
     assert "<math" in physics
     assert "arithmatex" not in physics
     assert '<span class="option">--moves</span>' in (tmp_path / "motion.html").read_text(encoding="utf-8")
-    if browsers.CHROMIUM is not None:
-        assert "matching documents" in _answer_from_disk(tmp_path / "index.html", "flicker")
-
-
-def _answer_from_disk(page: Path, word: str) -> str:
-    """What the guide's search says of a word where a page is opened as a file."""
-    with browsers.browser() as browser:
-        tab = browser.tab()
-        tab.open(page.as_uri())
-        tab.until("document.readyState === 'complete'")
-        tab.run("document.querySelector('.md-search__input').focus()")
-        for letter in word:
-            tab.press(letter)
-        answer = tab.until(
-            "document.querySelector('.md-search-result__link') && document.querySelector("
-            "'.md-search-result__meta').innerText"
-        )
-        assert tab.failures == []
-    return str(answer)
-
-
-@pytest.mark.parametrize(
-    "abroad",
-    [
-        '<script src="https://cdn/x.js">',
-        "<link rel=stylesheet href=//fonts/x.css>",
-        "url(https://fonts/x.woff2)",
-    ],
-)
-def test_what_comes_from_abroad_is_seen(abroad: str) -> None:
-    assert _ABROAD.findall(f"<p>{abroad}</p>")
-    assert not _ABROAD.findall('<a href="https://docs.ray.io">Ray</a><script src="assets/x.js"></script>')

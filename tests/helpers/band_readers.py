@@ -7,65 +7,42 @@ from pathlib import Path
 import numpy as np
 import onnx
 from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
+from onnx import helper, numpy_helper, parser
 
 LETTERS = "b\ng\nr"  # by the channels of a network that takes blue, green, red
 COLOURS = {"r": (255, 0, 0), "g": (0, 255, 0), "b": (0, 0, 255), "-": (0, 0, 0)}
+_HEAD = '<ir_version: 8, opset_import: ["": 17]>'
+_BANDS = """bands (float[N,3,48,W] x) => (float[N,T,5] ANSWER) {
+  columns = Conv<strides = [48, 8]>(x, weight, bias)
+  flat = Squeeze(columns, axis)
+  logits = Transpose<perm = [0, 2, 1]>(flat)
+  answer = Softmax<axis = -1>(logits)
+}"""
 
 
-def band_reader(
-    path: Path,
-    *,
-    shape: tuple[int | str, int | str, int | str] = ("N", 48, "W"),
-    height: int = 48,
-    dtype: int = TensorProto.FLOAT,
-    softmax: bool = True,
-    metadata: dict[str, str] | None = None,
-) -> Path:
+def band_reader(path: Path, *, softmax: bool = True, metadata: dict[str, str] | None = None) -> Path:
     """Write a recogniser that answers, every 8 px, with the brightest channel: classes blank, b, g, r, space.
 
     Logits: 20 times a channel's mean over 8 columns, 10 for the blank, so that dark (-1) and zero (0) are blank.
     """
-    numpy_type = helper.tensor_dtype_to_np_dtype(dtype)
-    weight = np.zeros((5, 3, height, 8), numpy_type)
-    weight[1:4] = np.eye(3)[:, :, None, None] * 20 / (8 * height)
-    bias = np.array([10, 0, 0, 0, -10], numpy_type)
-    nodes = [
-        helper.make_node("Conv", ["x", "weight", "bias"], ["columns"], strides=[height, 8]),
-        helper.make_node("Squeeze", ["columns", "axis"], ["flat"]),
-        helper.make_node("Transpose", ["flat"], ["logits"], perm=[0, 2, 1]),
-    ]
-    nodes += [helper.make_node("Softmax", ["logits"], ["answer"], axis=-1)] if softmax else []
-    answer = "answer" if softmax else "logits"
-    graph = helper.make_graph(
-        nodes,
-        "bands",
-        [helper.make_tensor_value_info("x", dtype, [shape[0], 3, *shape[1:]])],
-        [helper.make_tensor_value_info(answer, dtype, [shape[0], "T", 5])],
-        [
-            numpy_helper.from_array(weight, "weight"),
-            numpy_helper.from_array(bias, "bias"),
-            numpy_helper.from_array(np.array([2]), "axis"),
-        ],
-    )
-    return saved(graph, path, {"character": LETTERS} if metadata is None else metadata)
+    weight = np.zeros((5, 3, 48, 8), np.float32)
+    weight[1:4] = np.eye(3)[:, :, None, None] * 20 / (8 * 48)
+    held = {"weight": weight, "bias": np.array([10, 0, 0, 0, -10], np.float32), "axis": np.array([2])}
+    return _saved(path, _BANDS.replace("ANSWER", "answer" if softmax else "logits"), held, metadata)
 
 
-def constant_reader(path: Path, answer: NDArray[np.generic], metadata: dict[str, str] | None = None) -> Path:
+def constant_reader(path: Path, answer: NDArray[np.float32], metadata: dict[str, str] | None = None) -> Path:
     """Write a recogniser that gives the same answer to every picture."""
-    kind = helper.np_dtype_to_tensor_dtype(answer.dtype)
-    graph = helper.make_graph(
-        [helper.make_node("Identity", ["rows"], ["answer"])],
-        "constant",
-        [helper.make_tensor_value_info("x", TensorProto.FLOAT, [1, 3, 48, "W"])],
-        [helper.make_tensor_value_info("answer", kind, answer.shape)],
-        [numpy_helper.from_array(answer, "rows")],
-    )
-    return saved(graph, path, {"character": LETTERS} if metadata is None else metadata)
+    shape = ",".join(map(str, answer.shape))
+    text = f"constant (float[1,3,48,W] x) => (float[{shape}] answer) {{ answer = Identity(rows) }}"
+    return _saved(path, text, {"rows": answer}, metadata)
 
 
-def saved(graph: onnx.GraphProto, path: Path, metadata: dict[str, str]) -> Path:
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
-    helper.set_model_props(model, metadata)
+def _saved(
+    path: Path, graph: str, held: dict[str, NDArray[np.generic]], metadata: dict[str, str] | None
+) -> Path:
+    model = parser.parse_model(f"{_HEAD} {graph}")
+    model.graph.initializer.extend(numpy_helper.from_array(value, name) for name, value in held.items())
+    helper.set_model_props(model, {"character": LETTERS} if metadata is None else metadata)
     onnx.save(model, path)
     return path

@@ -1,4 +1,4 @@
-"""A headless Chromium spoken to by its DevTools protocol: pages opened, keys pressed, files chosen."""
+"""A headless Chromium spoken to by its DevTools protocol: pages opened, scripts run, keys pressed."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -16,37 +16,23 @@ from urllib.request import urlopen
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None
 )
-_FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--hide-scrollbars",
-    "--no-first-run",
-    "--disable-dev-shm-usage",
-)
-_KEYS: Mapping[str, int] = {"ArrowRight": 39, "ArrowLeft": 37, "Enter": 13}
+_FLAGS = "--headless --no-sandbox --disable-gpu --no-first-run --disable-dev-shm-usage --window-size=1280,800"
+_KEYS = {"ArrowRight": 39, "ArrowLeft": 37, "Enter": 13}
 
 
 class Tab:
     """A tab of its own browser context, as another visitor has; ``failures``: its errors, ``asked``: URLs it
     asked for."""
 
-    def __init__(self, address: str, width: int = 1280, height: int = 800) -> None:
-        self._open(address)
-        for domain in ("Page", "Runtime", "Network", "Log", "DOM"):
-            self.call(f"{domain}.enable")
-        self.resize(width, height)
-
-    def _open(self, address: str) -> None:
+    def __init__(self, address: str, domains: Sequence[str] = ("Page", "Runtime", "Network", "Log")) -> None:
         from websockets.sync.client import connect
 
-        self._opened = ExitStack()
-        self._socket = self._opened.enter_context(
-            connect(address, max_size=1 << 28, open_timeout=30, ping_interval=None)
-        )
+        self._socket = connect(address, max_size=1 << 28, open_timeout=30, ping_interval=None)
         self._number = 0
         self.failures: list[str] = []
         self.asked: list[str] = []
+        for domain in domains:
+            self.call(f"{domain}.enable")
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         self._number += 1
@@ -56,30 +42,15 @@ class Tab:
             if told.get("id") == self._number:
                 assert "error" not in told, told
                 return dict(told["result"])
-            self._note(told)
+            self._note(told.get("method"), told.get("params", {}))
 
-    def _note(self, told: dict[str, Any]) -> None:
-        method, what = told.get("method"), told.get("params", {})
+    def _note(self, method: str, what: dict[str, Any]) -> None:
         if method == "Runtime.exceptionThrown":
             self.failures.append(str(what["exceptionDetails"].get("exception", what["exceptionDetails"])))
         elif method == "Log.entryAdded" and what["entry"]["level"] == "error":
             self.failures.append(f"{what['entry']['text']} {what['entry'].get('url', '')}")
         elif method == "Network.requestWillBeSent":
             self.asked.append(what["request"]["url"])
-
-    def resize(self, width: int, height: int) -> None:
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=width < 600,
-        )
-
-    def scheme(self, light_or_dark: str) -> None:
-        self.call(
-            "Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": light_or_dark}]
-        )
 
     def open(self, url: str) -> None:
         self.call("Page.navigate", url=url)
@@ -93,39 +64,20 @@ class Tab:
     def until(self, script: str, seconds: float = 60) -> Any:
         """Wait for an expression to be true; returns its value."""
         end = time.monotonic() + seconds
-        while True:
-            told = "value instanceof Node ? true : value"  # an element has no value of its own here
-            tried = f"try {{ const value = {script}; return {told}; }} catch {{ return null; }}"
-            value = self.run(f"(() => {{ {tried} }})()")
-            if value:
-                return value
+        told = "value instanceof Node ? true : value"  # an element has no value of its own here
+        tried = f"try {{ const value = {script}; return {told}; }} catch {{ return null; }}"
+        while not (value := self.run(f"(() => {{ {tried} }})()")):
             assert time.monotonic() < end, f"not within {seconds} s: {script}; failures: {self.failures}"
             time.sleep(0.05)
+        return value
 
     def press(self, key: str) -> None:
-        code = _KEYS.get(key, 0)
-        text = {} if code and key != "Enter" else {"text": "\r" if key == "Enter" else key}
+        text = {"text": "\r"} if key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
-            self.call(
-                "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text
-            )
-
-    def click(self, selector: str) -> None:
-        at = self.run(
-            f"(() => {{ const e = document.querySelector({selector!r}); e.scrollIntoView({{block: 'center'}});"
-            " const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
-        )
-        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
-            self.call("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], button="left", clickCount=1)
-
-    def choose(self, selector: str, file: Path) -> None:
-        """Choose a file in an input."""
-        root = self.call("DOM.getDocument")["root"]["nodeId"]
-        node = self.call("DOM.querySelector", nodeId=root, selector=selector)["nodeId"]
-        self.call("DOM.setFileInputFiles", nodeId=node, files=[str(file)])
+            self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=_KEYS[key], **text)
 
     def close(self) -> None:
-        self._opened.close()
+        self._socket.close()
 
 
 class Browser:
@@ -134,51 +86,27 @@ class Browser:
     def __init__(self, port: int) -> None:
         self._port = port
         with urlopen(f"http://127.0.0.1:{port}/json/version", timeout=30) as answer:
-            self._all = Tab.__new__(Tab)  # the browser itself, which has no page
-            self._all._open(json.load(answer)["webSocketDebuggerUrl"])
-        self._tabs: list[Tab] = []
+            self._all = Tab(json.load(answer)["webSocketDebuggerUrl"], ())
 
-    def tab(self, width: int = 1280, height: int = 800) -> Tab:
+    def tab(self) -> Tab:
         context = self._all.call("Target.createBrowserContext")["browserContextId"]
-        target = self._all.call("Target.createTarget", url="about:blank", browserContextId=context)[
-            "targetId"
-        ]
-        tab = Tab(f"ws://127.0.0.1:{self._port}/devtools/page/{target}", width, height)
-        self._tabs.append(tab)
-        return tab
-
-    def close(self) -> None:
-        for tab in self._tabs:
-            tab.close()
-        self._all.close()
+        target = self._all.call("Target.createTarget", url="about:blank", browserContextId=context)
+        return Tab(f"ws://127.0.0.1:{self._port}/devtools/page/{target['targetId']}")
 
 
 @contextmanager
-def browser(*flags: str) -> Iterator[Browser]:
+def browser() -> Iterator[Browser]:
     """A Chromium for as long as it is used."""
-    folder = Path(tempfile.mkdtemp(prefix="blurnoise-browser-"))
-    words = [
-        str(CHROMIUM),
-        *_FLAGS,
-        *flags,
-        "--remote-debugging-port=0",
-        f"--user-data-dir={folder}",
-        "about:blank",
-    ]
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        said = folder / "DevToolsActivePort"
-        end = time.monotonic() + 60
-        while not (said.is_file() and said.read_text().strip()):
-            assert process.poll() is None, "Chromium does not start"
-            assert time.monotonic() < end, "Chromium does not say where it is"
-            time.sleep(0.05)
-        found = Browser(int(said.read_text().split()[0]))
+    with tempfile.TemporaryDirectory(prefix="blurnoise-browser-", ignore_cleanup_errors=True) as folder:
+        words = [str(CHROMIUM), *_FLAGS.split(), "--remote-debugging-port=0", f"--user-data-dir={folder}"]
+        process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            yield found
+            said, end = Path(folder, "DevToolsActivePort"), time.monotonic() + 60
+            while not (said.is_file() and said.read_text().strip()):
+                assert process.poll() is None, "Chromium does not start"
+                assert time.monotonic() < end, "Chromium does not say where it is"
+                time.sleep(0.05)
+            yield Browser(int(said.read_text().split()[0]))
         finally:
-            found.close()
-    finally:
-        process.terminate()
-        process.wait(30)
-        shutil.rmtree(folder, ignore_errors=True)
+            process.terminate()
+            process.wait(30)

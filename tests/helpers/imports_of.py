@@ -16,10 +16,8 @@ Graph = Mapping[str, set[str]]
 
 def modules(package: str, folder: Path) -> dict[str, Path]:
     """Every module of the package in `folder`: dotted name to file."""
-    found = {}
-    for path in sorted(folder.rglob("*.py")):
-        found[".".join((package, *path.relative_to(folder).with_suffix("").parts))] = path
-    return found
+    every = sorted(folder.rglob("*.py"))
+    return {".".join((package, *path.relative_to(folder).with_suffix("").parts)): path for path in every}
 
 
 def imported(module: str, path: Path) -> set[str]:
@@ -71,28 +69,21 @@ def rooms(of: Graph) -> dict[str, dict[str, set[str]]]:
 
 
 def circles(of: Graph) -> list[list[str]]:
-    """Sets of nodes that reach each other, sorted (Tarjan's strongly connected components of two and more)."""
-    index: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    found: list[list[str]] = []
+    """Sets of two and more nodes that reach each other, sorted."""
 
-    def visit(node: str) -> None:
-        index[node] = low[node] = len(index)
-        stack.append(node)
-        for target in sorted(of.get(node, ())):
-            if target not in index:
-                visit(target)
-                low[node] = min(low[node], low[target])
-            elif target in stack:
-                low[node] = min(low[node], index[target])
-        if low[node] == index[node]:
-            members = stack[stack.index(node) :]
-            del stack[stack.index(node) :]
-            if len(members) > 1:
-                found.append(sorted(members))
+    def reached(start: str) -> set[str]:
+        found: set[str] = set()
+        waiting = [start]
+        while waiting:
+            new = set(of.get(waiting.pop(), ())) - found
+            found |= new
+            waiting += new
+        return found
 
-    for node in sorted(of):
-        if node not in index:
-            visit(node)
-    return sorted(found)
+    every = {node: reached(node) for node in of}
+    sets = {
+        tuple(sorted(x for x in every[node] if node in every.get(x, ())))
+        for node in of
+        if node in every[node]
+    }
+    return sorted(list(each) for each in sets if len(each) > 1)

@@ -93,7 +93,3 @@ def test_output_is_yolov8s(height: int, width: int) -> None:
     assert (out[:, 2:4] > 0).all()
     assert logits.shape == (1, out.shape[2])
     assert boxes.shape == (1, out.shape[2], 4)
-
-
-def test_size() -> None:
-    assert sum(weights.numel() for weights in SignNet().parameters()) < 1_000_000

@@ -188,15 +188,6 @@ def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
         assert 0.15 < white[inside].mean() < 0.6
 
 
-def test_an_occluder_hides_about_a_third_at_most() -> None:
-    shares = []
-    for number in range(500):
-        hidden = signs.occluder(paint.Draws(SEED, number), 48)[..., 3]
-        shares.append(hidden[signs.face_mask(48) > 0.5].mean())
-    assert 0.2 < max(shares) <= 0.36
-    assert np.mean(shares) > 0.04
-
-
 @pytest.mark.parametrize("font", drawing.FONTS)
 def test_every_font_has_every_letter_that_is_written(font: str) -> None:
     letters = {letter for word in paint.WORDS for letter in word} | set(
@@ -269,8 +260,3 @@ def test_an_interrupted_run_leaves_no_listing(tmp_path: Path, monkeypatch: pytes
         write_coco(tmp_path, SEED + 1, 4, size_px=64)
     assert not (tmp_path / "instances.json").exists()
     assert (tmp_path / "000001.png").exists()
-
-
-def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="count = 0"):
-        write_coco(tmp_path, SEED, 0)

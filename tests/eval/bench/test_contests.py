@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.bench import contest, edges, motion, noise
+from blurnoise_eval.bench import contest, edges, motion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_models.detector import STOP_SIGN
 from closed_edges import closed_edge, closed_mtf50
@@ -71,21 +71,6 @@ def test_table_json_and_chart_are_written(result: contest.Result, tmp_path: Path
     assert [text.get_text() for text in legend.get_texts()] == ["ours", "rival", "slow"]
 
 
-def test_all_are_called_in_every_round(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As many rounds as fit on average; a first call of each does not count."""
-    clock, calls = [0.0], list[str]()
-
-    def call(name: str, seconds: float) -> None:
-        calls.append(name)
-        clock[0] += seconds
-
-    monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
-    named = {name: partial(call, name, seconds) for name, seconds in (("fast", 0.1), ("slow", 1.0))}
-    times = contest.in_turns_ms(named, 2.2, lambda share: None)
-    assert calls == ["fast", "slow"] * 5
-    assert times["slow"] == pytest.approx([1000.0] * 4)
-
-
 def test_truth_of_straight_motion_is_sinc() -> None:
     """A sinusoid of period 16 px that moves 10 px keeps sinc(10 / 16) of its contrast, but for the pixel's area."""
     x = (np.arange(96 * motion.FINE) + 0.5) / motion.FINE - 0.5
@@ -98,14 +83,6 @@ def test_truth_of_straight_motion_is_sinc() -> None:
     assert int(np.argmax(seen)) == int(np.argmax(sharp))
 
 
-def test_truth_moves_to_the_right_and_down() -> None:
-    fine = np.zeros((40 * motion.FINE, 40 * motion.FINE, 3), np.float32)
-    fine[80:84, 80:84] = 1  # pixel (20, 20)
-    seen = motion.truth(fine, lambda x, y, time: (x - 5, y - 3), np.zeros((1, 1, 1)))
-    assert seen[23, 25, 0] == pytest.approx(1, abs=1e-3)
-    assert seen[..., 0].sum() == pytest.approx(1, abs=0.01)
-
-
 @pytest.mark.parametrize("blur", edges.BLURS.values(), ids=edges.BLURS)
 def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     """By an independent antiderivative of the normal distribution; a shift in the wrong direction is far off."""
@@ -116,40 +93,17 @@ def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     assert edges.mtf50(*blur) == pytest.approx(closed_mtf50(**known), rel=1e-9)  # type: ignore[arg-type]
 
 
-def test_exact_law_has_the_closed_forms_moments() -> None:
-    for mean_e, read_noise_e in ((10.0, 2.44), (100.0, 0.3)):
-        law, dn = noise.exact_law(mean_e, read_noise_e), np.arange(noise.FULL_SCALE_DN + 1)
-        mean = float(law @ dn)
-        assert law.sum() == pytest.approx(1, abs=1e-12)
-        assert mean == pytest.approx(mean_e + noise.BLACK_DN, abs=1e-6)
-        # rounding adds 1/12 to what is at least 0.5 DN wide, at most 1/4 to what is not
-        variance = float(law @ (dn - mean) ** 2)
-        assert variance == pytest.approx(
-            mean_e + read_noise_e**2 + 1 / 12, abs=1e-3 if read_noise_e > 0.5 else 0.2
-        )
-
-
-def test_exact_samples_are_near_and_wrong_ones_are_not() -> None:
-    shape, law = (1, 1, 512, 512), noise.exact_law(30.0, 2.44)
-    generator = torch.Generator().manual_seed(0)
-    means = torch.full(shape, 30.0)
-    read = 2.44 * torch.randn(shape, generator=generator)
-    exact = noise.digital(torch.poisson(means, generator) + read)
-    # the mean distance of exact samples is taken off; what is left scatters by 0.5 / sqrt(n) = 0.001
-    assert noise.distance(exact, law) < 0.005
-    wrong = noise.digital(torch.poisson(1.1 * means, generator) + read)
-    assert noise.distance(wrong, law) > 0.1
-
-
-def test_ours_are_exact_and_others_are_not() -> None:
-    """6 px: errors below 1 DN against the naive ways' more; a motion in the wrong direction is far off."""
+def test_ours_are_exact_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 px: below 1 DN of error against the naive ways' more; a motion in the wrong direction is far off."""
+    monkeypatch.setattr(motion, "HEIGHT", 160)
+    monkeypatch.setattr(motion, "WIDTH", 200)
     case = motion.straight(6.0)
     assert case.error is not None
     errors = {each.name: case.error(each.call()) for each in case.contenders}
-    assert errors["motion_blur"] < 0.5
-    assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 1.5
+    assert errors["motion_blur"] < 1
+    assert min(error for name, error in errors.items() if not name.startswith("motion_blur")) > 2.5
     wrong = motion_blur(motion.picture(), (6 * math.cos(0.3), -6 * math.sin(0.3)))
-    assert case.error(wrong) > 3
+    assert case.error(wrong) > 8
 
 
 @pytest.mark.slow
@@ -170,25 +124,3 @@ def test_command(tmp_path: Path, capsys: Output, what: str, options: list[str], 
     assert shown in out
     assert f"open {tmp_path / what}.png" in out
     assert {path.name for path in tmp_path.iterdir()} == {f"{what}.{kind}" for kind in ("csv", "json", "png")}
-
-
-@pytest.mark.slow
-def test_command_decides_on_a_dense_sweep(tmp_path: Path, capsys: Output) -> None:
-    assert main(["bench", "decide", "--quick", "-o", str(tmp_path), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)["rows"]
-    assert rows[0]["contender"] == "decide's search"
-    assert (tmp_path / "dense" / "results.sqlite").is_file()
-
-
-def test_a_model_goes_with_contests_of_models(tmp_path: Path, capsys: Output) -> None:
-    assert main(["bench", "blur", "--model", "m.onnx", "-o", str(tmp_path / "b")]) == 2
-    assert "--model: goes with 'decide and sweep'" in capsys.readouterr().err
-    assert not (tmp_path / "b").exists()
-
-
-def test_wrong_pictures_leave_no_folder(tmp_path: Path, capsys: Output) -> None:
-    (tmp_path / "empty").mkdir()
-    for what in ("sweep", "decide"):
-        assert main(["bench", what, "--images", str(tmp_path / "empty"), "-o", str(tmp_path / "b")]) == 2
-        assert "holds no picture" in capsys.readouterr().err
-        assert not (tmp_path / "b").exists()

@@ -1,141 +1,234 @@
-"""``blurnoise simulate``: its picture, its numbers, and what it says of them."""
+"""``blurnoise simulate``: its file holds the numbers that Python gives, and what the command says of them."""
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.datasets import write_picture
+from blurnoise_eval.datasets import decode_linear, write_picture
 from commands import Output, main, pixels, told
+from numpy.typing import NDArray
 
-from blurnoise import Camera, simulate
+from blurnoise import Camera, ExposedScene, Trajectory, photoelectrons, simulate
+from blurnoise.light.flicker import Pwm
+from blurnoise.motion.ego import EgoMotion, Vehicle, View
+from blurnoise.motion.trajectory import from_text, path_duration_s, shake
+from blurnoise.optics.camera import staggered
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.picture.develop import develop_8bit
+from blurnoise.scene.hdr import captured, developed, fuse
+
+IMX250 = Camera.preset("imx250")
+ROLLING = replace(IMX250, row_time_s=2e-5, shutter="rolling")
+SIZE = (31, 44)
+RATES = "time_s,wx_deg_s,wy_deg_s\n7.00,0,400\n7.02,0,400\n"
+ROAD = "--ego-kmh 72 --height-m 1.2 --pitch-deg 3 --heading-deg 5 --hfov-deg 50 --lens rectilinear"
+LIGHT = (8 * np.random.default_rng(5).random((12, 17, 3)) ** 4).astype(np.float32)
 
 
-@pytest.mark.parametrize("shape", [(31, 44), (31, 44, 3)])
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize("camera", ["imx250", "lin2024"])
-def test_simulate(tmp_path: Path, capsys: Output, shape: tuple[int, ...], dtype: type, camera: str) -> None:
-    source, picture = tmp_path / "scene.png", pixels(shape, dtype)
-    write_picture(source, picture)
-    options = ("--exposure-ms", 12.3, "--lux", 70, "--dx", 500, "--dy", -90, "--seed", 5, "--camera", camera)
-    facts = told(capsys, "simulate", source, "-o", tmp_path / "dn.png", *options, "--bit-depth", "native")
-    assert main(["simulate", str(source), "-o", str(tmp_path / "view.png"), *map(str, options)]) == 0
-    assert "blur_px" in capsys.readouterr().out
-
-    chosen = Camera.preset(camera)
-    planes = picture[None] if picture.ndim == 2 else picture.transpose(2, 0, 1)
-    dn = simulate(
-        torch.from_numpy((planes / np.iinfo(dtype).max).astype(np.float32))[None],
-        chosen,
-        exposure_s=12.3 / 1e3,
-        illuminance_lux=70,
-        velocity_px_s=(500, -90),
-        generator=[5],
-    )
-    native = cv2.imread(str(tmp_path / "dn.png"), cv2.IMREAD_UNCHANGED)
-    view = cv2.imread(str(tmp_path / "view.png"), cv2.IMREAD_UNCHANGED)
-    assert (native.dtype, native.shape) == (np.uint16, shape)
-    assert (view.dtype, view.shape) == (np.uint8, shape)
-    if len(shape) == 3:
-        native, view = (each[..., ::-1].transpose(2, 0, 1) for each in (native, view))
-    np.testing.assert_array_equal(native, dn.squeeze().numpy())
-    np.testing.assert_array_equal(view, develop_8bit(dn, chosen).squeeze().numpy())
-    assert facts["blur_px"] == pytest.approx(np.hypot(500, 90) * 0.0123)
-    assert facts["white_electrons"] == pytest.approx(photoelectrons(chosen, 70, 0.0123))
-    assert facts["mean_dn"] == pytest.approx(float(dn.mean()))
-    assert (facts["camera"], facts["full_scale_dn"]) == (camera, 4095)
+def driven() -> torch.Tensor:
+    """The flow of ``ROAD``: 72 km/h over level ground."""
+    view, mount = View(SIZE[1], SIZE[0], 50.0, "rectilinear"), Vehicle(1.2, 3.0, 5.0)
+    places = view.pixels()
+    moving = EgoMotion(mount.driving(20.0).velocity_m_s, (0.0, 0.0, 0.0))
+    return torch.from_numpy(view.flow_px_s(places, mount.road_m(view.rays(places)), moving))
 
 
-@pytest.mark.parametrize("shape", [(31, 44), (31, 44, 3)])
-@pytest.mark.parametrize("camera", ["imx250c", "mono.yaml"])
-def test_simulate_with_colour_filters_or_one_plane(
-    tmp_path: Path, capsys: Output, shape: tuple[int, ...], camera: str
-) -> None:
-    """Natively the raw plane; to look at, colours of a mosaic and grey of one plane, in the photograph's channels."""
+def gyroscope() -> Trajectory:
+    return from_text(RATES, "rates.csv", focal_px=IMX250.field.focal_px[0] * 44 / 2464)
+
+
+SCENES: dict[str, tuple[tuple[int, ...], type, str, Camera, Callable[[], dict[str, Any]]]] = {
+    "moved, 16 bits": (SIZE, np.uint16, "--dx 500 --dy -90", IMX250, lambda: {"velocity_px_s": (500.0, -90.0)}),
+    "in colour": ((*SIZE, 3), np.uint8, "--dx 500 --camera lin2024", Camera.preset("lin2024"),
+                  lambda: {"velocity_px_s": (500.0, 0.0)}),
+    "behind filters": ((*SIZE, 3), np.uint8, "--camera imx250c", Camera.preset("imx250c"), dict),
+    "filters, grey": (SIZE, np.uint8, "--camera imx250c", Camera.preset("imx250c"), dict),
+    "one plane": ((*SIZE, 3), np.uint8, "--camera mono.yaml", replace(IMX250, cfa="mono"), dict),
+    "a vibration": (SIZE, np.uint8, "--trajectory sine:3,80,90", IMX250,
+                    lambda: {"trajectory": Trajectory.sinusoid(3.0, 80.0, 0.01, direction_deg=90.0)}),
+    "line by line": (SIZE, np.uint8, "--trajectory sine:3,80,90 --line-time-us 20", ROLLING,
+                     lambda: {"trajectory": Trajectory.sinusoid(3.0, 80.0, 0.01 + 4e-5 * 2056, direction_deg=90.0)}),
+    "a gyroscope's log": (SIZE, np.uint8, "--trajectory rates.csv", IMX250, lambda: {"trajectory": gyroscope()}),
+    "a shake": (SIZE, np.uint8, "--trajectory shake:9", IMX250,
+                lambda: {"trajectory": shake(5, 9.0, 0.01, duration_s=path_duration_s(IMX250, 0.01))}),
+    "driven": (SIZE, np.uint16, ROAD, IMX250, lambda: {"velocity_px_s": driven()}),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """With a log, a camera, light brighter than white, a white picture, a mask, and a street with a rectangle."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rates.csv").write_text(RATES, encoding="utf-8")
     (tmp_path / "mono.yaml").write_text("base: imx250\ncfa: mono\n")
-    taker = Camera.preset(camera) if "." not in camera else Camera.load(tmp_path / camera)
-    name = camera if "." not in camera else str(tmp_path / camera)
-    source, picture = tmp_path / "scene.png", pixels(shape, np.uint8)
-    write_picture(source, picture)
-    options = ("--exposure-ms", 12.3, "--lux", 70, "--seed", 5, "--camera", name)
-    facts = told(capsys, "simulate", source, "-o", tmp_path / "dn.png", *options, "--bit-depth", "native")
-    told(capsys, "simulate", source, "-o", tmp_path / "view.png", *options)
-    planes = picture[None] if picture.ndim == 2 else picture.transpose(2, 0, 1)
-    scene = torch.from_numpy((planes / 255).astype(np.float32))[None]
-    dn = simulate(scene, taker, exposure_s=12.3 / 1e3, illuminance_lux=70, generator=[5])
-    native = cv2.imread(str(tmp_path / "dn.png"), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(native, dn[0, 0].numpy())
-    view = cv2.imread(str(tmp_path / "view.png"), cv2.IMREAD_UNCHANGED)
-    seen = develop_8bit(dn, taker)[0].permute(1, 2, 0).numpy()
-    assert view.shape == ((31, 44, 3) if taker.cfa == "RGGB" else shape)
-    np.testing.assert_array_equal(view[..., ::-1] if view.ndim == 3 else view[..., None], np.broadcast_to(
-        seen, view.shape if view.ndim == 3 else (*shape, 1)))  # fmt: skip
-    assert facts["cfa"] == taker.cfa
-    assert facts["white_electrons"] == pytest.approx(photoelectrons(taker, 70, 0.0123))
-    if taker.cfa == "RGGB":
-        assert facts["white_electrons_G"] == pytest.approx(facts["white_electrons"])
-        assert facts["white_electrons_B"] < facts["white_electrons_R"] < facts["white_electrons_G"]
+    (tmp_path / "light.tiff").write_bytes(cv2.imencode(".tiff", LIGHT[..., ::-1])[1].tobytes())
+    write_picture(tmp_path / "white.png", np.full((12, 17), 65535, np.uint16))
+    mask, street = np.zeros((12, 17), np.uint8), np.full((80, 120), 90, np.uint8)
+    mask[3:6, 4:9], street[30:46, 50:70] = 255, 230
+    write_picture(tmp_path / "mask.png", mask)
+    write_picture(tmp_path / "street.png", street)
+    write_picture(tmp_path / "car.png", (street == 230).astype(np.uint8) * 255)
+    return tmp_path
 
 
-def test_simulate_with_another_lens(tmp_path: Path, capsys: Output) -> None:
-    write_picture(tmp_path / "scene.png", pixels((8, 9)))
-    command = ("simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png")
-    wide, narrow = (told(capsys, *command, "--f-number", number)["white_electrons"] for number in (2, 4))
-    assert wide == pytest.approx(4 * narrow)
+def stored(name: str = "out.png") -> NDArray[Any]:
+    """The picture of a file, (channels, height, width)."""
+    picture = cv2.imread(name, cv2.IMREAD_UNCHANGED)
+    return picture[None] if picture.ndim == 2 else picture[..., ::-1].transpose(2, 0, 1)
 
 
-@pytest.mark.parametrize("anchor", [None, "mean", "p50", "1,2,9,8"])
-def test_simulate_says_what_light_on_a_photograph_means(
-    tmp_path: Path, capsys: Output, anchor: str | None
-) -> None:
+def taken(capsys: Output, picture: str, words: str) -> tuple[Any, NDArray[Any]]:
+    """What is said, and the picture."""
+    return told(capsys, "simulate", picture, "-o", "out.png", *words.split()), stored()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_file_holds_the_numbers_that_python_gives(name: str, capsys: Output) -> None:
+    """Natively, and developed: grey of one plane, in the photograph's channels."""
+    shape, dtype, words, camera, more = SCENES[name]
+    picture = pixels(shape, dtype)
+    write_picture(Path("scene.png"), picture)
+    facts, native = taken(
+        capsys, "scene.png", f"{words} --bit-depth native --seed 5 --exposure-ms 10 --lux 70"
+    )
+    light = torch.from_numpy(np.atleast_3d(picture).transpose(2, 0, 1) / np.float32(np.iinfo(dtype).max))
+    dn = simulate(
+        light[None].contiguous(), camera, exposure_s=0.01, illuminance_lux=70.0, generator=[5], **more()
+    )
+    assert native.dtype == np.uint16
+    np.testing.assert_array_equal(native, dn[0].numpy())
+    _, view = taken(capsys, "scene.png", f"{words} --seed 5 --exposure-ms 10 --lux 70")
+    developed_dn = develop_8bit(dn, camera)[0].numpy()
+    assert (view.dtype, len(view)) == (np.uint8, 3 if len(shape) == 3 or camera.cfa == "RGGB" else 1)
+    np.testing.assert_array_equal(view, np.broadcast_to(developed_dn, view.shape))
+    assert facts["mean_dn"] == pytest.approx(float(dn.mean()))
+    assert facts["white_electrons"] == pytest.approx(photoelectrons(camera, 70, 0.01))
+    if name.startswith("moved"):
+        assert facts["blur_px"] == pytest.approx(np.hypot(500, 90) * 0.01)
+    if name == "driven":
+        lengths = torch.linalg.vector_norm(driven(), dim=0) * 0.01
+        assert facts["blur_px"] == pytest.approx(float(lengths.median()))
+        assert facts["longest_blur_px"] == pytest.approx(float(lengths.max()))
+    if name == "line by line":
+        assert facts["readout_ms"] == pytest.approx(1e3 * 2e-5 * 31 / max(31 / 2056, 44 / 2464))
+
+
+@pytest.mark.parametrize("anchor", ["", "mean", "p50", "1,2,9,8"])
+def test_what_light_on_a_photograph_means(capsys: Output, anchor: str) -> None:
     """Two photographs of one scene, 2 EV apart: with an anchor the same frame, without a quarter of it."""
     light = 0.05 + 0.9 * np.random.default_rng(3).random((20, 30)) ** 2
-    command: tuple[object, ...] = ("--lux", 20, "--camera", "imx250")
-    command += () if anchor is None else ("--grey-anchor", anchor)
-    facts = []
+    words = f"--lux 20 {anchor and f'--grey-anchor {anchor}'}"
+    means = []
     for stops in (0, 2):
         coded = srgb_from_linear(torch.from_numpy(light / 2**stops)).mul(65535).round().numpy()
-        write_picture(tmp_path / "scene.png", coded.astype(np.uint16))
-        facts.append(told(capsys, "simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png", *command))
-    black = Camera.preset("imx250").black_level_dn
-    ratio = (facts[0]["mean_dn"] - black) / (facts[1]["mean_dn"] - black)
-    assert ratio == pytest.approx(1 if anchor else 4, rel=0.01)
-    assert ("18 % reflectance is" in facts[0]["reflectance"]) == bool(anchor)
-    assert ("above_white_percent" in facts[0]) == bool(anchor)
-    explained = ["simulate", tmp_path / "scene.png", "-o", tmp_path / "out.png", "--explain", *command]
-    assert main(list(map(str, explained))) == 0
-    assert ("brightness is taken for reflectance" in capsys.readouterr().out) == (anchor is None)
-    assert main([*map(str, explained), "--grey-anchor", "grey"]) == 2
-    assert "--grey-anchor = 'grey': must be mean, pNN" in capsys.readouterr().err
+        write_picture(Path("scene.png"), coded.astype(np.uint16))
+        facts, _ = taken(capsys, "scene.png", words)
+        means.append(facts["mean_dn"] - IMX250.black_level_dn)
+    assert means[0] / means[1] == pytest.approx(1 if anchor else 4, rel=0.01)
+    assert ("18 % reflectance is" in facts["reflectance"]) == ("above_white_percent" in facts) == bool(anchor)
+    assert main(["simulate", "scene.png", "-o", "out.png", "--explain", *words.split()]) == 0
+    assert ("brightness is taken for reflectance" in capsys.readouterr().out) == (not anchor)
 
 
-def test_simulate_explains_what_it_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    picture = tmp_path / "grey.png"
-    write_picture(picture, np.full((40, 50), 128, np.uint8))
-    command = ["simulate", str(picture), "-o", str(tmp_path / "out.png"), "--dx", "900", "--explain"]
-    assert main(command) == 0
+def test_it_explains_what_it_models(capsys: Output) -> None:
+    words = ["simulate", "street.png", "-o", "out.png", "--dx", "900", "--explain"]
+    assert main(words) == 0
     shown = capsys.readouterr().out
-    for words in ("motion", "9 px", "shot noise", "read noise", "left out"):
-        assert words in shown
-    assert main([*command, "--json"]) == 0
-    stages = {stage["name"]: stage for stage in json.loads(capsys.readouterr().out)["stages"]}
-    assert stages["motion"]["kept"]
-    assert not stages["PRNU"]["kept"]
-    assert main([*command, "--tolerance-dn", "0"]) == 2
-    assert "tolerance_dn = 0.0" in capsys.readouterr().err
+    assert all(word in shown for word in ("motion", "9 px", "shot noise", "read noise", "left out"))
+
+    def stages(more: str) -> dict[str, Any]:
+        return {each["name"]: each for each in taken(capsys, "street.png", f"{more} --explain")[0]["stages"]}
+
+    found = stages("--dx 900")
+    assert found["motion"]["kept"]
+    assert not found["PRNU"]["kept"]
+    assert "sub-exposures along each pixel's path" in stages(ROAD)["motion variation"]["how"]
+    assert "parts of 2 px" in stages("--object car.png --object-dx 1000 --dx 400 --hdr 8")["objects"]["how"]
 
 
-def test_the_picture_itself_is_not_written_over(tmp_path: Path, capsys: Output) -> None:
-    source = tmp_path / "scene.png"
-    write_picture(source, pixels((31, 44), np.uint8))
-    before = source.read_bytes()
-    assert main(["simulate", str(source), "-o", str(source)]) == 2
+def test_the_picture_itself_is_not_written_over(capsys: Output) -> None:
+    before = Path("street.png").read_bytes()
+    assert main(["simulate", "street.png", "-o", "street.png"]) == 2
     assert "is the picture itself; must be another file" in capsys.readouterr().err
-    assert source.read_bytes() == before
+    assert Path("street.png").read_bytes() == before
+
+
+def test_captures_of_light_brighter_than_white(capsys: Output) -> None:
+    words = "--camera imx250 --picture-tone linear --exposure-ms 10 --lux 80 --dx 500 --seed 5"
+    given: dict[str, Any] = {
+        "exposure_s": 0.01,
+        "illuminance_lux": 80.0,
+        "velocity_px_s": (500.0, 0.0),
+        "generator": [5],
+    }
+    light = torch.from_numpy(LIGHT).permute(2, 0, 1)[None].contiguous()
+    frames = captured(ExposedScene(light), IMX250, staggered(16, 64), **given)
+    facts, _ = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --bit-depth native")
+    for name, frame in zip(("out.png", "out_2.png", "out_3.png"), frames, strict=True):
+        np.testing.assert_array_equal(stored(name), frame[0].numpy())
+    assert facts["captures"] == 3
+    assert facts["fused_saturation_electrons"] == pytest.approx(64 * 10715)
+    assert facts["above_white_percent"] == pytest.approx(100 * float((LIGHT.max(-1) > 1).mean()))
+    _, seen = taken(capsys, "light.tiff", f"{words} --hdr 16,64 --hdr-white 8")
+    electrons = fuse(frames, IMX250, staggered(16, 64))
+    expected = developed(electrons, IMX250, white_e=8 * photoelectrons(IMX250, 80.0, 0.01))
+    np.testing.assert_array_equal(seen, (255 * expected[0]).round().numpy())
+    Path("hdr.yaml").write_text("base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n")
+    of_file, by_file = taken(capsys, "light.tiff", words.replace("imx250", "hdr.yaml"))
+    of_option, by_option = taken(capsys, "light.tiff", f"{words} --hdr 16")
+    np.testing.assert_array_equal(by_file, by_option)
+    assert {**of_file, "camera": "imx250"} == of_option
+
+
+def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys: Output) -> None:
+    words = "--exposure-ms 1 --lux 20 --bit-depth native"
+    plain = taken(capsys, "white.png", words)[1][0].astype(float) - IMX250.black_level_dn
+    facts, dn = taken(capsys, "white.png", f"{words} --pwm-mask mask.png --pwm 90,0.1,0.5")
+    assert facts["pwm_dark_percent"] == pytest.approx(81)
+    assert dn[0, 3:6, 4:9].mean() < dn[0, :3].mean() - 10
+    drawn, _ = taken(capsys, "white.png", f"{words} --pwm 90,0.1 --seed 5")
+    assert drawn["pwm_phase"] == Pwm(90.0, 0.1).with_phase_of(5).phase
+    facts, dn = taken(capsys, "white.png", f"{words} --emitters mask.png:9")
+    seen = dn[0].astype(float) - IMX250.black_level_dn
+    assert seen[3:6, 4:9].mean() / plain.mean() == pytest.approx(9, rel=0.05)
+    assert seen[8:].mean() / plain[8:].mean() == pytest.approx(1, rel=0.05)
+    assert facts["above_white_percent"] == pytest.approx(100 * 15 / (12 * 17))
+
+
+def test_linear_light_of_files() -> None:
+    np.testing.assert_array_equal(decode_linear(Path("light.tiff")), LIGHT)
+    Path("light.hdr").write_bytes(cv2.imencode(".hdr", LIGHT[..., ::-1])[1].tobytes())
+    np.testing.assert_allclose(decode_linear(Path("light.hdr")), LIGHT, atol=8 / 128)  # one exponent, 8 bits
+
+
+OBJECT = "--exposure-ms 10 --lux 250 --seed 3 --object"
+
+
+def test_the_object_moves_and_the_rest_stays(capsys: Output) -> None:
+    """By a rectangle or a mask; with a plate behind it nothing is invented; the camera may track it."""
+    still = taken(capsys, "street.png", OBJECT.removesuffix("--object"))[1][0].astype(float)
+    facts, moved = taken(capsys, "street.png", f"{OBJECT} 50,30,20,16 --object-dx 2000")
+    assert facts["object_blur_px"] == pytest.approx(20)
+    assert facts["invented_percent"] == pytest.approx(25, abs=0.5)  # L / 4w
+    assert facts["blur_px"] == 0
+    np.testing.assert_array_equal(taken(capsys, "street.png", f"{OBJECT} car.png --object-dx 2000")[1], moved)
+    seen = moved[0].astype(float)
+    assert seen[38, 42] - still[38, 42] > 15
+    assert still[38, 52] - seen[38, 52] > 15
+    np.testing.assert_allclose(seen[:20], still[:20], atol=1)
+    assert np.abs(seen[38] - seen[38][::-1]).mean() < 6  # it is centred
+    write_picture(Path("plate.png"), np.full((80, 120), 30, np.uint8))
+    facts, plate = taken(capsys, "street.png", f"{OBJECT} car.png --object-dx 2000 --plate plate.png")
+    assert facts["invented_percent"] == 0
+    assert plate[0, :20].mean() < seen[:20].mean() - 30
+    facts, tracked = taken(capsys, "street.png", f"{OBJECT} car.png --dx -3000")
+    assert (facts["blur_px"], facts["object_blur_px"]) == (pytest.approx(30), 0)
+    inside = np.s_[32:44, 52:68]
+    np.testing.assert_allclose(tracked[0][inside].mean(), still[inside].mean(), atol=1)

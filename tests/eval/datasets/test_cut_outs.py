@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,20 +10,20 @@ import pytest
 import torch
 from blurnoise_eval.datasets import (
     Picture,
-    PictureSet,
     Target,
-    check_cut,
     cut_out,
     rendered_signs,
     rendered_texts,
 )
+from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.objects import Objects
 
-from blurnoise import expose_layers
-from blurnoise.scene.scene import ExposedScene
+from blurnoise import Camera, charts, expose_layers
+from blurnoise.blur.layers import Layer
+from blurnoise.scene.cutting import Cut
+from blurnoise.scene.scene import ExposedScene, Exposure
 
 HEIGHT, WIDTH = 60, 81
-TRIANGLE = {"segmentation": [[10.0, 10.0, 40.0, 10.0, 10.0, 40.0]]}
 
 
 def image() -> Any:
@@ -63,17 +64,6 @@ def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) 
             assert y1 <= top + layer.alpha.shape[0]
 
 
-def test_a_segmentation_is_the_target() -> None:
-    told = found(made(box(10, 10, 40, 40, annotation=TRIANGLE)))
-    (layer,) = told.cut.layers
-    assert float(layer.alpha.sum()) == pytest.approx(450, rel=0.02)
-
-
-def test_targets_keep_the_picture_s_colours_to_their_edge() -> None:
-    (layer,) = found(made(box(10, 10, 40, 40, annotation=TRIANGLE))).cut.layers
-    assert torch.equal(layer.light, light(image())[0, :, 10:40, 10:40])
-
-
 def test_what_stands_is_background() -> None:
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
     boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
@@ -82,17 +72,15 @@ def test_what_stands_is_background() -> None:
     assert (told.targets, told.speeds) == ((2, 0, 3), (0.0, 1.0, 0.0))  # as these hide each other
 
 
-@pytest.mark.parametrize(
-    "segmentation",
-    [
-        [[1.0, 2.0]],
-        {"size": [7, 7], "counts": [49]},
-        {"size": 5, "counts": [1]},
-        {"size": [60, 81], "counts": [1.5, 3]},
-        {"size": [60, 81], "counts": [[1]]},
-        [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]],
-    ],
-)
+USELESS: list[Any] = [
+    [[1.0, 2.0]],
+    {"size": [7, 7], "counts": [49]},
+    {"size": [60, 81], "counts": [1.5, 3]},
+    [[500.0, 500.0, 510.0, 500.0, 505.0, 510.0]],
+]
+
+
+@pytest.mark.parametrize("segmentation", USELESS)
 def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
     (layer,) = found(made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))).cut.layers
     assert float(layer.alpha.sum()) == 900  # nothing in noise sets the box apart from what is around it
@@ -117,33 +105,85 @@ def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
         assert torch.equal(front.light, light(seen)[0, :, 20:55, 30:60])
 
 
-def test_crowds_stay_and_texts_are_boxes() -> None:
-    crowd, text = box(5, 5, 20, 20, crowd=True), box(30, 30, 50, 40, text="STOP", label="text")
-    told = found(
-        made(crowd, text),
+# --- cut scenes, against scenes rendered place by place ---
+
+
+CAMERA = Camera.preset("imx250")
+ROWS, COLUMNS, SIZE_PX = 91, 140, 30.0
+CENTRE = (70.3, 44.8)
+EXPOSURE_S = 0.01
+VELOCITY = (1600.0, -500.0)
+PARTS = 160
+
+
+def ground(shift: tuple[float, float] = (0.0, 0.0)) -> torch.Tensor:
+    """Waves in two directions, known between the pixels, (1, 3, H, W)."""
+    x = torch.arange(COLUMNS, dtype=torch.float64) + 0.5 - shift[0]
+    y = torch.arange(ROWS, dtype=torch.float64)[:, None] + 0.5 - shift[1]
+    wave = 0.35 + 0.15 * torch.sin(0.31 * x + 0.2 * y) + 0.12 * torch.cos(0.11 * x - 0.43 * y)
+    return wave.float().expand(1, 3, -1, -1).clone()
+
+
+def sign(behind: torch.Tensor, shift: tuple[float, float] = (0.0, 0.0)) -> torch.Tensor:
+    return charts.stop_sign(
+        SIZE_PX, centre_px=(CENTRE[0] + shift[0], CENTRE[1] + shift[1]), background=behind
     )
-    assert told.targets == (1,)
-    assert float(told.cut.layers[0].alpha.sum()) == 200
-    assert found(made()).cut.layers == ()
 
 
-def test_targets_that_cover_everything_have_the_picture_behind_them() -> None:
-    told = found(made(box(0, 0, WIDTH, HEIGHT)))
-    assert torch.equal(told.cut.background, light(image()))
-    assert told.cut.invented.all()
+def cut(**changes: Any) -> Cut:
+    frame: Any = {"height_px": ROWS, "width_px": COLUMNS, "centre_px": CENTRE}
+    black, white = (charts.stop_sign(SIZE_PX, background=level, **frame)[0] for level in (0.0, 1.0))
+    alpha = (1 - (white - black).mean(0)).clamp(0, 1)
+    layer = Layer(black / alpha.clamp_min(1e-3), alpha)
+    return Cut(ground(), (layer,), np.zeros((ROWS, COLUMNS), bool))._replace(**changes)
 
 
-def test_speeds_are_by_class() -> None:
-    picture = made(box(5, 5, 20, 20, label="car"), box(30, 30, 50, 40, label="person"))
-    told = found(picture, speeds={"person": 0.25})
-    assert dict(zip(told.targets, told.speeds, strict=True)) == {0: 1.0, 1: 0.25}
+def taken(moves: str, seed: int = 3, velocity: tuple[float, float] = VELOCITY) -> Exposure:
+    return Exposure(CAMERA, EXPOSURE_S, 60.0, velocity, seed=seed, moves=moves)
 
 
-def test_what_is_missing_is_said_before_anything_is_computed() -> None:
-    unlabelled = PictureSet("folder", "here", (Picture("a.png", None, image, "a"),))
-    labelled = PictureSet("coco", "here", (made(box(10, 10, 40, 40)),))
-    with pytest.raises(ValueError, match="needs to know where targets are"):
-        check_cut(unlabelled, Objects())
-    with pytest.raises(ValueError, match="speeds: lorry: no target is one"):
-        check_cut(labelled, Objects(speeds={"lorry": 1.0}))
-    check_cut(labelled, Objects())
+def frame(scene: ExposedScene, exposure: Exposure) -> Any:
+    return next(iter(scene.frames([exposure]))).picture.astype(float)
+
+
+def averaged(moves: str) -> Any:
+    """The picture of light that is the mean of scenes rendered at each of many moments, nothing cut out."""
+    total = torch.zeros(1, 3, ROWS, COLUMNS)
+    for part in range(PARTS):
+        shift = tuple(along * EXPOSURE_S * ((part + 0.5) / PARTS - 0.5) for along in VELOCITY)
+        still = (0.0, 0.0)
+        total += sign(
+            ground(still if moves == "targets" else (shift[0], shift[1])),
+            still if moves == "background" else (shift[0], shift[1]),
+        )
+    return frame(ExposedScene(total / PARTS), taken("all", velocity=(0.0, 0.0)))
+
+
+def rms(one: Any, other: Any) -> float:
+    inside = np.s_[12:-12, 18:-18]  # beyond the border the waves go on otherwise than a reflection
+    return float(np.sqrt(np.mean((one[inside] - other[inside]) ** 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moves", ["all", "targets", "background"])
+def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves: str) -> None:
+    expected = {kind: averaged(kind) for kind in ("all", "targets", "background")}
+    found = frame(CutScene(cut()), taken(moves))
+    assert rms(found, expected[moves]) < 1.5
+    for other in expected.keys() - {moves}:
+        assert rms(found, expected[other]) > 4.0  # so that one cannot be taken for another
+
+
+def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
+    """A box w px wide that moves L shows L / 4w of what is behind it, whichever of the two moves."""
+    layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
+    cuts = Cut(ground(), (layer, replace(layer, place_px=(50, 55))), np.ones((ROWS, COLUMNS), bool))
+    scene = CutScene(cuts, [1.0, 2.0])
+    for moves in ("targets", "background"):
+        found = scene.invented(taken(moves, velocity=(2000.0, 0.0)))
+        assert found == pytest.approx((20 / 160, 40 / 160), abs=0.004)
+    assert scene.invented(taken("all")) == (0.0, 0.0)
+    assert CutScene(cuts._replace(invented=np.zeros((ROWS, COLUMNS), bool))).invented(taken("targets")) == (
+        0,
+        0,
+    )

@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import PIL.Image
 import pytest
-from blurnoise_eval.datasets import UnreadablePicture, bdd, coco, texts, write_picture
+import yaml
+from blurnoise_eval.datasets import (
+    PictureSet,
+    Target,
+    UnreadablePicture,
+    bdd,
+    coco,
+    texts,
+    write_picture,
+    yolo,
+)
 
 ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
 BOX = {"x1": 10, "y1": 20, "x2": 40.5, "y2": 60}
@@ -63,10 +76,9 @@ def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
     """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
     beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
     entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
-    targets = coco(instances(tmp_path, annotations=[*entries, ANNOTATION])).pictures[0].targets or ()
+    targets = coco(instances(tmp_path, annotations=entries)).pictures[0].targets or ()
     kept = [dict(target.annotation) for target in targets]
-    assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}, {}]
-    assert [target.area_px2 for target in targets] == [6.0] * 6 + [None]
+    assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}]
 
 
 def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
@@ -109,16 +121,6 @@ def test_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
     crowd = {**ANNOTATION, "image_id": 8, "iscrowd": 1}
     file = instances(tmp_path, annotations=[ANNOTATION, crowd])
     assert [picture.name for picture in coco(file, labels=["stop sign"])] == ["a.png"]
-
-
-def test_pictures_may_lie_elsewhere_or_be_missing(tmp_path: Path) -> None:
-    (tmp_path / "pictures" / "sub").mkdir(parents=True)
-    write_picture(tmp_path / "real.png", np.zeros((4, 4), np.uint8))
-    (tmp_path / "pictures" / "a.png").symlink_to(tmp_path / "real.png")  # as subsets of COCO are made
-    found = coco(instances(tmp_path), images=tmp_path / "pictures")
-    assert found.pictures[0].load().shape == (4, 4, 3)
-    with pytest.raises(UnreadablePicture, match=r"b\.png.*No such file"):
-        found.pictures[1].load()
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -191,3 +193,251 @@ def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
         "1 box of no area left out",
         "1 box with numbers not finite or beyond 1e6 px left out",
     )
+
+
+# --- YOLO's text labels ---
+
+
+NAMES = {0: "sign", 1: "<b>car</b>"}
+
+
+def make(root: Path, files: Mapping[str, str | tuple[int, int]]) -> Path:
+    """Write a data set: text files, and pictures of (width, height) px."""
+    for name, content in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(content, str):
+            path.write_text(content, encoding="utf-8")
+        else:
+            write_picture(path, np.zeros((content[1], content[0], 3), np.uint8))
+    return root
+
+
+def described(**entries: object) -> str:
+    return yaml.safe_dump({"names": NAMES, **entries})
+
+
+def only(targets: tuple[Target, ...] | None) -> Target:
+    assert targets is not None
+    (target,) = targets
+    return target
+
+
+def test_shares_become_pixels(tmp_path: Path) -> None:
+    """A box of 0.2 x 0.5 around (0.3, 0.5) of 200 x 80 px, and a triangle as the box around it."""
+    make(
+        tmp_path,
+        {
+            "data.yaml": described(val="images"),
+            "images/a.png": (200, 80),
+            "images/b.jpg": (64, 64),
+            "labels/a.txt": "0 0.3 0.5 0.2 0.5\n\n1 0.5 0.25 0.75 0.5 0.625 0.75\r\n",
+        },
+    )
+    found = yolo(tmp_path / "data.yaml")
+    assert (found.kind, found.categories) == ("yolo", {"sign": 1, "<b>car</b>": 2})
+    assert [(picture.image_id, picture.name) for picture in found] == [(1, "a.png"), (2, "b.jpg")]
+    box, triangle = found.pictures[0].targets or ()
+    assert (box.label, box.group) == ("sign", "objects, medium (32-96 px)")
+    np.testing.assert_allclose(box.box_xyxy, (40, 20, 80, 60), atol=1e-9)
+    assert triangle.label == "<b>car</b>"
+    assert triangle.box_xyxy == (100.0, 20.0, 150.0, 60.0)
+    assert found.pictures[1].targets == ()
+    assert found.notes == ("without a label file, and so without an object: 1 of the pictures",)
+    assert found.pictures[1].load().shape == (64, 64, 3)
+
+
+def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path: Path) -> None:
+    """A file of 40 x 20 px, held upright: the left half of what is seen is 10 x 40 px."""
+    make(tmp_path, {"data.yaml": described(val="images"), "labels/a.txt": "0 0.25 0.5 0.5 1\n"})
+    (tmp_path / "images").mkdir()
+    exif = PIL.Image.Exif()
+    exif[0x0112] = 6
+    PIL.Image.new("RGB", (40, 20)).save(tmp_path / "images" / "a.jpg", exif=exif)
+    (picture,) = yolo(tmp_path)
+    assert picture.load().shape == (40, 20, 3)
+    assert only(picture.targets).box_xyxy == (0.0, 0.0, 10.0, 40.0)
+
+
+LINE = "0 0.5 0.5 0.5 0.5\n"
+LAYOUTS = {
+    "coco8": {
+        "data.yaml": described(path=".", train="images/train", val="images/val"),
+        "images/train/t.png": (8, 8), "labels/train/t.txt": LINE,
+        "images/val/v.png": (8, 8), "labels/val/v.txt": LINE,
+    },
+    "roboflow": {
+        "data.yaml": described(train="../train/images", val="../valid/images", names=["sign", "car"]),
+        "train/images/t.png": (8, 8), "train/labels/t.txt": LINE,
+        "valid/images/v.png": (8, 8), "valid/labels/v.txt": LINE,
+    },
+    "darknet": {
+        "data.yaml": described(path="set", train="train.txt", val="val.txt"),
+        "set/train.txt": "images/t.png\n", "set/val.txt": "./images/v.png\n\n",
+        "set/images/t.png": (8, 8), "set/labels/t.txt": LINE, "set/images/v.png": (8, 8), "set/labels/v.txt": LINE,
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts(tmp_path: Path, layout: str) -> None:
+    make(tmp_path, LAYOUTS[layout])
+    for path in (tmp_path, tmp_path / "data.yaml"):
+        for split, stem in ((None, "v"), ("val", "v"), ("train", "t")):
+            (picture,) = yolo(path, split=split)
+            assert Path(picture.name).stem == stem
+            assert only(picture.targets).box_xyxy == (2.0, 2.0, 6.0, 6.0)
+            assert picture.load().shape == (8, 8, 3)
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"labels/classes.txt": "\ufeffsign\r\ncar\r\n", "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"classes.txt": "sign\n", "sub/a.png": (8, 8), "sub/a.txt": LINE},
+        {"classes.txt": "sign\n", "images/sub/a.png": (8, 8), "images/sub/a.txt": LINE},
+        {"data.yaml": described(), "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+        {"data.yaml": described(val=["images/sub"]), "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
+    ],
+)
+def test_folders(tmp_path: Path, files: Mapping[str, str | tuple[int, int]]) -> None:
+    (picture,) = yolo(make(tmp_path, files))
+    assert picture.name in ("sub/a.png", "a.png")
+    assert only(picture.targets).label == "sign"
+
+
+def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path: Path) -> None:
+    make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
+    for path in ("/nowhere", "..", "../moved", f"{tmp_path}/../moved"):  # named by the file, not by the user
+        make(tmp_path, {"data.yaml": described(path=path, val="images")})
+        with pytest.raises(ValueError, match=r"leaves the folder .*--images"):
+            yolo(tmp_path / "data.yaml")
+    assert len(yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images")) == 1
+    make(tmp_path, {"data.yaml": described(path=str(tmp_path / "moved"), val="images")})
+    assert len(yolo(tmp_path / "data.yaml")) == 1
+
+
+# --- files that are almost right, or nothing at all ---
+
+
+Read = Callable[..., PictureSet]
+IMAGE = {"id": 7, "file_name": "a.png", "width": 9, "height": 9}
+SIGN = {"id": 1, "name": "sign"}
+SOUND = {"id": 1, "image_id": 7, "category_id": 1, "bbox": [1, 2, 3, 4], "area": 9, "iscrowd": 0}
+COCO: Any = {"images": [IMAGE], "categories": [SIGN], "annotations": [SOUND]}
+TEXTS = [{"transcription": "STOP", "points": [[1, 2], [3, 2], [3, 4], [1, 4]]}]
+
+
+def of_coco(part: str, **change: Any) -> dict[str, Any]:
+    return {**COCO, part: [{**COCO[part][0], **change}]}
+
+
+def of_text(**change: Any) -> str:
+    return f"a.png\t{json.dumps([{**TEXTS[0], **change}])}"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_picture(tmp_path / "a.png", np.zeros((9, 9), np.uint8))
+    (tmp_path / "classes.txt").write_text("sign\ncar\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("read", "content", "fault"),
+    [
+        (coco, "", "not a COCO instances file"),
+        (coco, {}, "has no 'images'"),
+        (coco, {**COCO, "images": [IMAGE, IMAGE]}, "images: id 7 twice"),
+        (coco, {**COCO, "images": [{"id": 1}]}, r"images\[0\]: has no 'file_name'"),
+        (coco, {**COCO, "images": [], "annotations": []}, "lists no pictures"),
+        (coco, of_coco("images", file_name="\ud800.png"), r"images\[0\]: file_name = .*: must be a valid string"),
+        (coco, of_coco("images", file_name="sub/../../secret.png"), "leaves the folder"),
+        (coco, of_coco("categories", name=None), r"categories\[0\]: name = None: must be a valid string"),
+        (coco, of_coco("annotations", bbox=[1, 2, 3]), r"annotations\[0\]: bbox = \[1, 2, 3\]: must have at least 4"),
+        (coco, of_coco("annotations", category_id=99), r"annotations\[0\]: category_id = 99: not among"),
+        (bdd, {}, "frames = None: must be a list"),
+        (bdd, [{"name": "a.jpg"}, {"name": "./a.jpg"}], r"lists 'a\.jpg' twice"),
+        (bdd, [{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: box2d: has no 'y1'"),
+        (texts, "a.png STOP", "line 1: 'a.png STOP': must be a picture's name, a tab and its text"),
+        (texts, "a.png\tA\n./a.png\tB", r"lists 'a\.png' twice"),
+        (texts, f"{of_text()}\nb.png\tB", "line 2: not a list of texts and points"),
+        (texts, of_text(transcription=5), r"texts\[0\]: transcription = 5: must be a valid string"),
+        (texts, of_text(points=[[1, 2]]), r"points = \[\[1, 2\]\]: must have at least 2 items"),
+    ],
+)  # fmt: skip
+def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) -> None:
+    file = folder / "labels"
+    file.write_text(content if isinstance(content, str) else json.dumps(content))
+    name = "text" if read is texts else read.__name__
+    with pytest.raises(ValueError, match=rf"^{name} = '.*labels': .*{fault}") as caught:
+        read(file)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("0 0.5 0.5 0.5", "must be 'class x y width height' or"),
+        ("2 0.5 0.5 0.5 0.5", "class 2: not among the 2 names"),
+        ("0 320 240 50 60", "no pixels"),
+    ],
+)
+def test_a_bad_line_of_yolo_is_named(folder: Path, line: str, fault: str) -> None:
+    (folder / "a.txt").write_text(f"{LINE}\n{line}\n")
+    with pytest.raises(ValueError, match=rf"yolo = .*a\.txt': line 3: .*{fault}") as caught:
+        yolo(folder)
+    assert "\n" not in str(caught.value)
+
+
+def data_yaml(**entries: object) -> str:
+    return yaml.safe_dump({"names": ["sign"], **entries})
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (None, "holds neither data.yaml nor classes.txt"),
+        ("names: [", "while parsing"),
+        ("!!python/object:os.system {}", "constructor"),
+        ("val: images", "has no 'names'"),
+        ("names: {zero: sign}", "names: zero: .*must be a valid integer"),
+        (
+            "names: [yes, no]",
+            r"names\[0\] = True: must be a valid string",
+        ),  # which YAML takes for truth values
+        (data_yaml(val="missing"), "missing': no such folder or list"),
+        (data_yaml(val="list.txt"), r"list\.txt': line 1: .*leaves the folder"),
+        (data_yaml(val="."), "no label file for any of 1 pictures"),
+        (data_yaml(kpt_shape=[17, 3]), "poses"),
+    ],
+)
+def test_what_is_no_data_set_of_yolo_is_named(folder: Path, content: str | None, fault: str) -> None:
+    (folder / "list.txt").write_text("../secret.png")
+    (folder / "twice.txt").write_text("a.png\n./a.png")
+    (folder / "classes.txt").unlink()
+    if content is not None:
+        (folder / "data.yaml").write_text(content)
+    if "twice" in str(content):
+        (folder / "a.txt").write_text(LINE)
+    with pytest.raises(ValueError, match=rf"yolo = .*{fault}") as caught:
+        yolo(folder)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_are_none(folder: Path) -> None:
+    (folder / "binary").write_bytes(b"\xff\xfe\x00\x01")
+    os.mkfifo(folder / "pipe")
+    faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory", "pipe": "pipe, no file"}
+    for read in (coco, bdd, texts, yolo):
+        for name, fault in faults.items():
+            if (read, name) != (yolo, "."):
+                with pytest.raises(ValueError, match=f"{name.strip('.')}'.*{fault}"):
+                    read(folder / name)
+    with pytest.raises(ValueError, match="split 'test' = None"):
+        yolo(folder, split="test")
+
+
+# --- anything in any place ---

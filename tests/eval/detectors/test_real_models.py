@@ -10,13 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import commands
+import numpy as np
 import pytest
+import torch
+import torchvision_ops
+from blurnoise_eval.detectors.contract import COCO91
+from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.recognition import drawn_picture
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "real"
 LABELS = SHARED / "photos" / "instances.json"
-pytestmark = pytest.mark.skipif(not LABELS.is_file(), reason="the shared photographs are absent")
+shared = pytest.mark.skipif(not LABELS.is_file(), reason="the shared photographs are absent")
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@shared
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "clean"), [("yolox_nano", 0.299), ("fastestdet_upstream", 0.156)])
 def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
@@ -57,3 +64,40 @@ def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
     assert row["mpc"] == pytest.approx(scores[False][0], abs=1e-3)
     assert row["p"] == pytest.approx(clean, abs=0.002)  # as plain code around the same network gave it
     assert 0.2 < row["rpc"] < 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "threshold"),
+    [
+        ("ssdlite320_mobilenet_v3_large", "score_thresh"),
+        ("fasterrcnn_mobilenet_v3_large_320_fpn", "box_score_thresh"),
+    ],
+)
+def test_torchvisions_detectors_answer_as_the_package_does(name: str, threshold: str, tmp_path: Path) -> None:
+    """Exported here, with random weights, each layer scaled so that its answer has a deviation of 1."""
+    detectors, path, image = torchvision_ops.detectors(), tmp_path / "m.onnx", drawn_picture()
+    picture = torch.from_numpy(image).permute(2, 0, 1).float() / 255
+
+    def scaled(layer: torch.nn.Module, _: Any, answer: torch.Tensor) -> torch.Tensor:
+        layer.weight.div_(answer.std())
+        return answer / answer.std()
+
+    with torch.random.fork_rng(), torch.no_grad():
+        torch.default_generator.manual_seed(1)
+        model = getattr(detectors, name)(weights=None, weights_backbone=None, **{threshold: 0.02}).eval()
+        layers = [each for each in model.modules() if isinstance(each, (torch.nn.Conv2d, torch.nn.Linear))]
+        hooks = [layer.register_forward_hook(scaled) for layer in layers]
+        model([picture])
+        for hook in hooks:
+            hook.remove()
+        (own,) = model([picture])
+        torch.onnx.export(model, ([picture],), path, opset_version=17, dynamo=False, input_names=["image"])
+    detector = Detector(path)
+    assert (detector.contract.family, detector.contract.classes) == ("torchvision", COCO91)
+    found = detector.detect(image, min_score=0.02)
+    boxes, scores, labels = (own[key].numpy() for key in ("boxes", "scores", "labels"))
+    assert len(found) == len(scores) >= 100
+    for box, score, label in zip(boxes, scores, labels, strict=True):
+        alike = (found.class_ids == label) & (np.abs(found.scores - score) < 1e-3)
+        assert (np.abs(found.boxes_xyxy[alike] - box).max(axis=1) < 0.2).any()

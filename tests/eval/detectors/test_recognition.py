@@ -11,7 +11,14 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
 from blurnoise_eval.detectors.contract import COCO80, Contract, ModelError
-from blurnoise_eval.detectors.contract_files import parse_contract, stated_contract
+from blurnoise_eval.detectors.contract_files import (
+    contract_document,
+    contract_option,
+    load_contract,
+    parse_contract,
+    preset,
+    stated_contract,
+)
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
 from blurnoise_eval.detectors.model import TensorInfo
@@ -87,16 +94,6 @@ def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: flo
     assert "on a drawn picture" in contract.sources["family"]
 
 
-def test_a_probe_that_tells_nothing_leaves_the_choice_to_the_user() -> None:
-    """Boxes in px and an objectness that varies: YOLOX with its boxes decoded, or anything."""
-    answer = rows(8400, 85, objectness=0.5, size=40)
-    unclear = signature((640, 640), (1, 8400, 85), answer=answer)
-    for graph in (unclear, replace(unclear, answer=None)):
-        with pytest.raises(ModelError, match=r"several output families \(yolox, yolov6\).*--contract"):
-            resolve(NOWHERE, graph)
-    assert resolve(NOWHERE, unclear, "yolov6")[0].name == "yolov6"
-
-
 @pytest.mark.parametrize(
     ("name", "shapes", "names"),
     [
@@ -127,30 +124,6 @@ def test_families_are_told_apart_by_names_ranks_and_widths(
         ]
 
 
-def test_ranks_and_types_show_torchvision_in_any_order() -> None:
-    image = TensorInfo("image", (3, 480, 640), "tensor(float)")
-    boxes = TensorInfo("1", ("n", 4), "tensor(float)")
-    scores, labels = TensorInfo("2", ("n",), "tensor(float)"), TensorInfo("3", ("n",), "tensor(int64)")
-    for outputs in ((boxes, labels, scores), (boxes, scores, labels)):
-        family, contract, layout = resolve(NOWHERE, Signature((image,), outputs, {}, (480, 640)))
-        assert (family.name, layout.outputs) == ("torchvision", ("1", "3", "2"))
-        assert (contract.resize, contract.sources["resize"][:7]) == ("letterbox-top-left", "assumed")
-
-
-def test_as_many_columns_as_there_are_names_decide_between_families() -> None:
-    """At 64 x 64 px there are 84 cells; [1, 84, 10] has room for five classes and objectness, or for six."""
-    shape = (1, 84, 10)
-    with pytest.raises(ModelError, match=r"several output families \(yolov8, yolox, yolov6\)"):
-        resolve(NOWHERE, signature((64, 64), shape))
-    six = signature((64, 64), shape, metadata={"names": str(list("abcdef"))})
-    _, contract, _ = resolve(NOWHERE, six)
-    assert (contract.family, contract.classes) == ("yolov8", tuple("abcdef"))
-    assert contract.sources["family"].startswith("graph: ")
-    raw = rows(84, 10, objectness=0.5, size=1)
-    five = signature((64, 64), shape, metadata={"names": str(list("abcde"))}, answer=raw)
-    assert resolve(NOWHERE, five)[0].name == "yolox"
-
-
 def test_metadata_comes_before_shapes() -> None:
     """[1, 8400, 6] is a one-class YOLOX by its cells, but not where Ultralytics says that it has suppressed."""
     exported = {"author": "Ultralytics", "task": "detect", "names": "['a', 'b']"}
@@ -160,45 +133,6 @@ def test_metadata_comes_before_shapes() -> None:
     for args in ("{'nms': False}", "[1]", "__import__('os')", "{" * 500):
         plain = replace(graph, metadata={**exported, "args": args})
         assert resolve(NOWHERE, plain)[0].name == "yolov8"
-
-
-@pytest.mark.parametrize(
-    ("shape", "kind", "axes"),
-    [
-        (("n", 3, "h", "w"), "float16", "nchw"),
-        (("n", "channels", "h", "w"), "float", "nchw"),  # as transformers exports DETR
-        ((1, 3, 8, 3), "float", "nchw"),
-        ((None, None, None, 3), "uint8", "nhwc"),
-        ((3, "h", "w"), "float", "chw"),
-        ((1, 1, 640, 640), "float", None),
-        (("n", "c", "h", "w"), "int64", None),
-        ((1, 3), "float", None),
-    ],
-)
-def test_axes_of_inputs(shape: tuple[int | str | None, ...], kind: str, axes: str | None) -> None:
-    assert TensorInfo("images", shape, f"tensor({kind})").axes == axes
-
-
-def test_bytes_are_0_to_255() -> None:
-    image = TensorInfo("images", (1, 640, 640, 3), "tensor(uint8)")
-    output = TensorInfo("out", (1, 84, 8400), "tensor(float)")
-    graph = Signature((image,), (output,), {}, (640, 640))
-    _, contract, _ = resolve(NOWHERE, graph)
-    assert (contract.value_range, contract.sources["value_range"]) == ("0-255", "graph")
-    for change in ({"value_range": "0-1"}, {"value_range": "0-255", "mean": [1, 2, 3]}):
-        stated = parse_contract({"family": "yolov8", "classes": "coco80", **change}, "file x")
-        with pytest.raises(ModelError, match=r"\(file x\): must be .*, as the .*uint8"):
-            resolve(NOWHERE, graph, stated)
-
-
-@pytest.mark.parametrize("shape", [(1, 300, 8), (1, 5, 8400, 1), (100,), (1, 84, 8401)])
-def test_an_unknown_graph_is_described(shape: tuple[int, ...]) -> None:
-    unknown = signature((640, 640), shape, metadata={"colour of the sky": "blue"})
-    with pytest.raises(ModelError) as caught:
-        resolve(NOWHERE, unknown)
-    for part in ("'images' [1, 3, 640, 640] tensor(float)", "'out0'", str(list(shape)), "colour of the sky"):
-        assert part in str(caught.value)
-    assert '{"family": ' in str(caught.value)
 
 
 def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
@@ -213,24 +147,6 @@ def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "__import__('os')"}))
     with pytest.raises(ModelError, match=r"2 classes but the contract names 1 \(metadata\)"):
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
-
-
-def test_unnamed_classes_are_not_guessed() -> None:
-    with pytest.raises(ModelError, match="3 classes but nothing names them"):
-        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)))
-    with pytest.raises(ModelError, match="3 classes but the contract names 80"):
-        resolve(NOWHERE, signature((640, 640), (1, 7, 8400)), "yolov8")
-
-
-def test_contract_and_graph_must_agree() -> None:
-    graph = signature((640, 640), (1, 6, 8400))
-    two = {"family": "yolov8", "classes": ["a", "b"]}
-    with pytest.raises(ModelError, match="says yolox"):
-        resolve(NOWHERE, graph, parse_contract({**two, "family": "yolox"}, "file x"))
-    with pytest.raises(ModelError, match=r"must be \(640, 640\), as the graph's input"):
-        resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": [320, 320]}, "file x"))
-    _, contract, _ = resolve(NOWHERE, graph, parse_contract({**two, "input_size_px": 640}, "file x"))
-    assert contract.input_size_px == (640, 640)
 
 
 def test_order_of_contracts(tmp_path: Path) -> None:
@@ -254,9 +170,72 @@ def test_order_of_contracts(tmp_path: Path) -> None:
     assert resolve(model, graph, mine)[1].classes == ("caller",)
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "1" * 5000])
-def test_metadata_that_holds_no_contract(text: str) -> None:
-    graph = signature((32, 32), (1, 5, 21), metadata={"blurnoise.contract": text})
-    with pytest.raises(ModelError, match=r"metadata blurnoise.contract: not JSON: .+") as caught:
-        resolve(NOWHERE, graph)
+# --- contracts as they are typed and as files hold them ---
+
+
+OLD_YOLOX = replace(
+    preset("yolox"), colour="rgb", value_range="0-1", mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225)
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tint": "rgb"}, "key 'tint' is unknown; Known are"),
+        ({"colours": "rgb"}, "did you mean 'colour'. Known are"),
+        ({"colour": "grb"}, "colour = 'grb': must be one of"),
+        ({"mean": [1, 2]}, "mean = .1, 2.: must be three numbers, one per channel"),
+        ({"std": [1, 0, 1]}, "std = .1, 0, 1.: must be three numbers > 0"),
+        ({"pad_value": 300}, "pad_value = 300: must be finite and >= 0 and <= 255"),
+        ({"input_size_px": 10**400}, "input_size_px = 1.*0: must be .height, width."),
+        ({"classes": ["stop", "\ud800"]}, r"classes = '\\ud800': must be text"),
+        ({"classes": ["a", ["b"] * 10**5]}, "classes = .*: must be a list of names"),
+        ({"classes": {"1": "a", "3": "b"}}, "classes: ids must be 0 to 1"),
+    ],
+)
+def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
+    with pytest.raises(ModelError, match=message) as caught:
+        parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+def test_classes_by_id_from_0_or_as_google_numbers_them() -> None:
+    for classes, names in (({"1": "b", "0": "a"}, ("a", "b")), ({1: "a", 2: "b"}, ("unused 0", "a", "b"))):
+        assert parse_contract({"family": "tfod", "classes": classes}, "file x").classes == names
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("m.json", "[" * 100_000), ("m.json", '{"family": "yolox"'), ("m.yaml", "a: ["), ("m.yaml", "aliases")],
+)
+def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, name: str, text: str) -> None:
+    doubled = (f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))
+    bomb = "\n".join(["a0: &a0 [ha]", *doubled, "family: *a11"])
+    (tmp_path / name).write_text(bomb if text == "aliases" else text, encoding="utf-8")
+    with pytest.raises(ModelError, match=f"contract file {name}: cannot be read") as caught:
+        load_contract(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+CONTRACTS: dict[str, Contract] = {
+    **PRESETS,
+    "old yolox": OLD_YOLOX,
+    "own classes": replace(OLD_YOLOX, classes=("stop, sign", "a/b"), nms_iou=None, input_size_px=(32, 64)),
+}
+
+
+@pytest.mark.parametrize("name", CONTRACTS)
+def test_what_is_written_is_read_again(name: str, tmp_path: Path) -> None:
+    contract = CONTRACTS[name]
+    path = tmp_path / "m.contract.json"
+    path.write_text(json.dumps(contract_document(contract)))
+    assert load_contract(path) == contract
+    shown: dict[str, Any] = json.loads(json.dumps(contract.to_dict()))  # as inspect --json prints it
+    assert parse_contract(shown, "file x") == contract
+    typed = contract_option(contract)
+    if name == "own classes":
+        assert typed is None
+    else:
+        assert typed is not None
+        assert load_contract(typed) == contract

@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import builtins
+import io
+import os
 import shlex
+import shutil
 import tempfile
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from band_readers import band_reader
+from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.cli import main
-from blurnoise_eval.datasets import encode, read_picture, write_picture
+from blurnoise_eval.datasets import (
+    PictureSet,
+    encode,
+    image_folder,
+    read_picture,
+    rendered_signs,
+    write_picture,
+)
+from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.explorer import catalogue as catalogues
 from blurnoise_eval.explorer.catalogue import Catalogue
+from blurnoise_eval.explorer.rendered import mean_confidence
+from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import State
-
-from blurnoise import Camera
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.store import Store
 
 PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
@@ -56,27 +71,11 @@ def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
     assert catalogue.subject(state).size == (40, 52)
 
 
-def test_of_many_uploads_the_oldest_go(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogues, "_UPLOADS", 2)
-    names = [catalogue.take(f"{number}.png", PNG) for number in range(4)]
-    assert [*catalogue._uploads] == names[2:]
-    with pytest.raises(ValueError, match="is not here"):
-        catalogue.subject(State(picture=names[0]))
-
-
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "0f", "given"])
 @pytest.mark.parametrize("kind", ["picture", "camera", "model"])
 def test_a_url_names_no_files(kind: str, name: str, catalogue: Catalogue) -> None:
     with pytest.raises(ValueError, match=f"{kind} = '{name}': is not here"):
         catalogue.start(f"lux=7&{kind}={name}")
-
-
-@pytest.mark.parametrize(
-    ("query", "told"), [("cell=a", "cell: goes with a run"), ("read_noise_e=-1", "read_noise_e = -1")]
-)
-def test_what_does_not_go_is_refused(query: str, told: str, catalogue: Catalogue) -> None:
-    with pytest.raises(ValueError, match=told):
-        catalogue.start(query)
 
 
 def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:
@@ -127,12 +126,117 @@ def test_command_and_script_give_the_picture(
     same(STATES[name], Catalogue(), tmp_path, monkeypatch)
 
 
-def test_of_files_of_ones_own_and_not_of_an_upload(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    picture, camera = tmp_path / "mine.png", tmp_path / "own.yaml"
-    write_picture(picture, np.random.default_rng(0).integers(0, 255, (48, 70, 3), np.uint8))
-    Camera.preset("mt9m034").save(camera)
-    catalogue = Catalogue(picture, camera=camera, model="none")
-    state = catalogue.base.put("illuminance_lux", 7.0)
-    same(state, catalogue, tmp_path, monkeypatch)
-    with pytest.raises(ValueError, match="an uploaded one has no command"):
-        catalogue.command(replace(state, picture=catalogue.take("a.png", PNG)))
+# --- a run explored ---
+
+
+GRID = {
+    "exposure_s": (0.02, 0.06),
+    "illuminance_lux": (1.0, 50.0),
+    "velocity_x_px_s": (0.0, 800.0),
+    "gain_db": (float("inf"),),
+}
+
+
+def swept(folder: Path, pictures: PictureSet, grid: Any = GRID, **more: Any) -> Path:
+    evaluate(pictures=pictures, plan=SweepPlan(grid, **more), output=folder, threads=1, progress=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    signs = rendered_signs((50, 32), count=2)
+    return Run(swept(tmp_path_factory.mktemp("explored") / "run", signs, seed=3, grey_anchor="mean"))
+
+
+def rows(run: Run) -> list[dict[str, object]]:
+    with Store(run.folder, shared=True) as store:
+        return list(store.cells())
+
+
+def frame(run: Run, row: dict[str, object]) -> Any:
+    """The picture of a row's cell, computed anew."""
+    cell = run.cell(cell_id=str(row["cell_id"]))
+    return run.expose(run.scene(run.picture(cell.image)), cell).image
+
+
+def test_every_kept_picture_is_computed_anew(run: Run) -> None:
+    kept = [row for row in rows(run) if row["example"]]
+    assert len(kept) > 4
+    for row in kept:
+        if not row["clean"]:
+            assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
+
+
+def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) -> None:
+    catalogue = Catalogue(run.folder)
+    row = next(
+        row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
+    )
+    shown = catalogue.render(catalogue.start(f"cell={row['cell_id']}"))
+    criterion = Decision(run.folder, progress=False).data.criterion
+    assert shown.standard is not None
+    assert shown.standard.enough == criterion.level == 0.6  # rendered signs: a confidence of their own
+    cell, model = str(row["cell_id"]), str(row["model"])
+    with Store(run.folder, shared=True) as store:
+        targets = [each["confidence"] for each in queries.targets_of(store, cell, model)]
+        detections = store.detections(cell, model)
+    assert shown.sight is not None
+    assert mean_confidence(shown.sight) == row["target_confidence"]
+    assert [each["confidence"] for each in shown.sight.targets] == targets
+    assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
+
+
+def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    (picture,) = rendered_signs((50,), count=1).pictures
+    write_picture(folder / "a.png", picture.load())
+    run = Run(
+        swept(tmp_path / "run", image_folder(folder), {"exposure_s": (0.02,), "illuminance_lux": (5.0,)})
+    )
+    row = next(row for row in rows(run) if row["example"] and not row["clean"])
+    kept = read_picture(run.folder / str(row["example"]))
+    with pytest.raises(ValueError, match=r"outside the run's folder; --trust .* --images"):
+        frame(run, row)
+    assert np.array_equal(frame(Run(run.folder, trusted=True), row), kept)
+    moved = folder.rename(tmp_path / "moved")
+    with pytest.raises(ValueError, match="pictures"):
+        frame(Run(run.folder, trusted=True), row)
+    assert np.array_equal(frame(Run(run.folder, moved), row), kept)
+    write_picture(moved / "a.png", 255 - picture.load())
+    with pytest.raises(ValueError, match="is not what it was"):
+        frame(Run(run.folder, moved), row)
+
+
+@pytest.mark.parametrize("what", ["folder", "coco", "model"])
+def test_files_outside_a_foreign_run_are_not_opened(
+    what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does a pipe hold up a run that is trusted."""
+    folder = shutil.copytree(run.folder, tmp_path / "run")
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with Store(folder) as store:
+        manifest, identity, name = store.about("manifest"), store.about("identity"), run.pictures[0]
+        if what == "model":
+            manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}
+        else:
+            manifest["images"] |= {"kind": what, "source": str(pipe)}
+            store.note_picture(name, store.pictures()[name]._replace(identity=f"{name} 1 2 3 4"))
+        store.set_about("manifest", manifest)
+        store.set_about("identity", identity)
+    asked: list[str] = []
+    for holder, name in ((builtins, "open"), (io, "open"), (os, "stat")):
+        own = getattr(holder, name)
+
+        def recorded(path: Any, *args: Any, honest: Any = own, of: str = name, **named: Any) -> Any:
+            if str(path) == str(pipe):
+                asked.append(of)
+            return honest(path, *args, **named)
+
+        monkeypatch.setattr(holder, name, recorded)
+    for trusted, told in ((False, "--trust"), (True, str(pipe))):
+        assert asked == []
+        found = Run(folder, trusted=trusted)
+        with pytest.raises((ValueError, OSError), match=told):
+            found.model(run.models[0]) if what == "model" else found.picture(run.pictures[0])
+    assert set(asked) <= {"stat"}

@@ -12,7 +12,6 @@ from unittest.mock import MagicMock
 import cv2
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import encode
 from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.rendered import POINTS
 from blurnoise_eval.explorer.state import State
@@ -63,11 +62,6 @@ def catalogue() -> Catalogue:
     return Catalogue()
 
 
-@pytest.fixture
-def large(catalogue: Catalogue) -> State:
-    return replace(QUIET, picture=catalogue.take("large.png", encode(np.full((600, 700, 3), 90, np.uint8))))
-
-
 Steps = Callable[[Told], Awaitable[None]]
 Visit = Callable[[State, Steps], Told]
 
@@ -104,35 +98,6 @@ def test_of_many_changes_the_last_is_seen_exactly_and_few_between(visit: Visit, 
     assert np.array_equal(decoded, catalogue.render(replace(QUIET, seed=199)).frame.image)
     names = [page._keep(bytes(3)).rpartition("/")[2] for _ in range(50)]
     assert [*page.files] == names[-6:]
-
-
-def test_a_large_picture_is_seen_smaller_first(visit: Visit, large: State) -> None:
-    async def steps(page: Told) -> None:
-        await until(lambda: page.of("seen"))
-        page.show(replace(large, seed=4))
-        await until(lambda: len(page.of("seen")) == 2)
-
-    page = visit(large, steps)
-    assert [kind for kind, _ in page.events] == ["preview", "picture", "seen"] * 2
-
-
-def test_while_a_smaller_picture_is_not_painted_no_other_is_sent(visit: Visit, large: State) -> None:
-    async def steps(page: Told) -> None:
-        await until(lambda: page.of("seen"))
-        page.paints = False
-        for number in range(1, 9):
-            page.show(replace(large, seed=number))
-            await until(lambda: len(page.of("preview")) > 1)
-        page.paints = True
-        page._painted.set()
-        await until(lambda: len(page.of("seen")) == 2)
-
-    page = visit(large, steps)
-    assert (
-        len(page.of("preview")) == 3
-    )  # at the start, of the first change, of the newest once that is painted
-    assert len(page.of("picture")) == 2
-    assert page.of("seen")[-1].state.seed == 8
 
 
 def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:

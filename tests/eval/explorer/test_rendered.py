@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import xml.etree.ElementTree as ET
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,6 +13,8 @@ import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.rendered import (
     POINTS,
     Point,
@@ -27,7 +32,7 @@ from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.scoring.on_picture import NOTHING, ModelOutput
 from blurnoise_models.detector import STOP_SIGN
 
-from blurnoise import Camera, Exposure, photoelectrons
+from blurnoise import Camera, photoelectrons
 
 CAMERA = Camera.preset("imx250")
 STATE = State()
@@ -54,14 +59,9 @@ def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
     assert values["blur_px"] == pytest.approx(0.02 * 1250)
     assert values["snr_db"] == pytest.approx(20 * math.log10(grey_e / noise_e), abs=0.05)
     assert (values["exposure_ms"], values["gain_db"], values["clipped_percent"]) == (20.0, 0.0, 0.0)
-
-
-def test_blur_of_a_driven_camera_is_that_in_the_middle_of_its_places(signs: Subject) -> None:
-    _, blur_px, _ = seen(STATE.put("ego_speed_m_s", 20.0), signs).numbers["blur_px"]
-    driven = Exposure(CAMERA, 0.02, 2.0, ego_speed_m_s=20.0)
-    lengths = driven.vehicle.flow_px_s(CAMERA, signs.size, 20.0).norm(dim=0) * 0.02
-    assert blur_px is not None
-    assert float(lengths.min()) < blur_px < float(lengths.max())
+    bright = seen(STATE.put("illuminance_lux", 500.0).put("gain_db", 0.0), signs)
+    assert bright.frame.saturated is not None
+    assert 0 < bright.numbers["clipped_percent"][1] == 100 * bright.frame.saturated
 
 
 def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs: Subject) -> None:
@@ -145,24 +145,6 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float, st
     assert abs(math.log2(float(most.split()[0]) / best_ms)) < 0.4
 
 
-@pytest.mark.parametrize(("saturated_from", "low", "high"), [(15.0, 15 / 1.6, 15.0), (0.0, 16.0, 25.0)])
-def test_a_saturated_exposure_is_used_only_where_no_other_works(
-    saturated_from: float, low: float, high: float
-) -> None:
-    standard = Standard(0.9, True, 0.5, frozenset())
-    most = window_sentence(curve(20.0, 5.0, saturated_from), 20.0, standard).split(" at ")[-1]
-    assert low <= float(most.split()[0]) <= high
-
-
-def test_of_several_windows_the_one_around_the_exposure_or_the_widest() -> None:
-    points = [Point(2.0**x, held) for x, held in enumerate((0.9, 0.2, 0.7, 0.8, 0.7, 0.1))]
-    widest = (2**1.8, 2 ** (4 + 1 / 6))  # where straight lines over the logarithm cross 0.6
-    assert window(points, 0.6, 10.0) == pytest.approx(widest)
-    assert window(points, 0.6, 1.0) == pytest.approx((1.0, 2 ** (3 / 7)))
-    assert window(points, 0.6, 32.0) == pytest.approx(widest)
-    assert window(points, 0.95, 1.0) is None
-
-
 @pytest.mark.parametrize(
     ("held", "told"),
     [
@@ -177,3 +159,25 @@ def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
     points = [Point(value, each) for value, each in zip((0.003, 1.64, 900.0), held, strict=True)]
     standard = Standard(0.6, False, 1.0, frozenset())
     assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
+
+
+# --- boxes and the curve ---
+
+
+def row(x: float, confidence: float) -> dict[str, object]:
+    place = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
+    return {**place, "confidence": confidence}
+
+
+def drawn(classes: tuple[str, ...], *targets: dict[str, object]) -> ET.Element:
+    places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
+    detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
+    found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
+    return ET.fromstring(charts.boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
+
+
+def test_boxes_are_found_missed_or_others() -> None:
+    tree = drawn(("sign",), row(10, 0.3), row(60, 0.2))
+    assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
+    assert [each.get("class") for each in tree] == ["other", "found", "missed"]
+    assert [each.findtext("text") for each in tree] == ["sign 0.90", "0.30", "0.20"]

@@ -43,29 +43,6 @@ def test_what_fails_half_way_leaves_the_file_of_before(tmp_path: Path) -> None:
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"after"}
 
 
-def test_two_writers_of_one_file_do_not_share_what_is_unfinished(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-
-    def lines() -> Iterator[bytes]:
-        yield b"first, "
-        write_whole(path, b"second")
-        yield b"complete"
-
-    write_whole(path, lines())
-    assert path.read_bytes() == b"first, complete"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["table.csv"]
-
-
-@pytest.mark.parametrize("name", ["no folder/a.csv", "n" * 255 + ".csv", "folder"])
-def test_errors_name_the_file_that_was_asked_for(tmp_path: Path, name: str) -> None:
-    (tmp_path / "folder").mkdir()
-    path = tmp_path / name
-    with pytest.raises(OSError, match=re.escape(f"'{path}'")) as failed:
-        write_whole(path, b"data")
-    assert failed.value.strerror
-    assert [entry.name for entry in tmp_path.iterdir()] == ["folder"]
-
-
 def test_a_folder_is_on_disk_before_it_takes_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -84,15 +61,6 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(
             synced.clear()
         assert {"part", "below", unfinished.name} == set(synced[:-1])
         assert synced[-1] == tmp_path.name
-        assert [file.name for file in tmp_path.iterdir()] == ["table"]
-        assert (tmp_path / "table" / "below" / "part").read_text() == text
-    synced.clear()
-    write_whole(tmp_path / "table" / "file", b"data")
-    assert len(synced) == 2, "the file before it takes its name, and the folder with the new name"
-    assert synced[0].endswith(".partial")
-    (tmp_path / "table" / "file").unlink()
-    with pytest.raises(FileExistsError), written_whole(tmp_path / "table") as unfinished:
-        unfinished.mkdir(parents=not unfinished.mkdir())
     with pytest.raises(OSError, match="table'"), written_whole(tmp_path / "table", over=False) as unfinished:
         unfinished.mkdir()
     assert [file.name for file in tmp_path.iterdir()] == ["table"]
@@ -107,3 +75,6 @@ def test_nothing_writes_files_in_place() -> None:
         if name != WRITER and (IN_PLACE.search(line) or FIGURE_BY_NAME.search(line))
     ]
     assert not found
+
+
+# --- what is said of this machine ---

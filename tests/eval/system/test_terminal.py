@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
+import csv
 import io
-import json
-import sys
 import warnings
 
 import pytest
+from blurnoise_eval.system import progress
+from blurnoise_eval.system.progress import ProgressBar, duration_text
+from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import (
-    accept_all_text,
     paragraph,
     plain,
     plain_warnings,
     say,
-    say_json,
     shortened,
-    show,
     table_lines,
 )
 from rich.cells import cell_len
-from rich.table import Table
 
 Output = pytest.CaptureFixture[str]
 
@@ -44,42 +42,6 @@ def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Out
     assert capsys.readouterr() == ("", f"{shown}\n")
 
 
-def test_tables_have_title_caption_and_sections(capsys: Output, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("COLUMNS", raising=False)
-    table = Table("name", title="what " * 30 + "it is", caption="as fast as that")
-    table.add_column("ms", justify="right")
-    table.add_row("a" * 90, "1", end_section=True)
-    table.add_row("b", "20", end_section=True)
-    show(table)
-    *title, heads, under, first, gap, second, caption, end = capsys.readouterr().out.splitlines()
-    assert " ".join(title) == "what " * 30 + "it is"
-    assert max(map(len, title)) <= 79
-    assert (heads, under) == (f"{'name':90}  ms", "-" * 94)
-    assert (first, gap, second) == ("a" * 90 + "   1", "", f"{'b':90}  20")
-    assert (caption, end) == ("as fast as that", "")
-
-
-@pytest.mark.parametrize("columns", [30, 200])
-def test_tables_are_as_wide_as_columns_says(
-    columns: int, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    table = Table("a", "b")
-    table.add_row("x" * 20, "y" * 20)
-    show(table)
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= columns
-    assert any("x" * 20 in line and "y" * 20 in line for line in lines) == (columns == 200)
-    assert ["".join(lines).count(letter) for letter in "xy"] == [20, 20], "nothing is left out"
-
-
-def test_json_is_ascii_and_has_no_nan(capsys: Output) -> None:
-    say_json({"name": "[/] é \udcff"})
-    assert json.loads(capsys.readouterr().out) == {"name": "[/] é \udcff"}
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        say_json([float("nan")])
-
-
 def test_warnings_are_a_plain_line() -> None:
     before = warnings.formatwarning
     with warnings.catch_warnings(record=True) as told:
@@ -90,15 +52,6 @@ def test_warnings_are_a_plain_line() -> None:
             lines = [warnings.formatwarning(each.message, each.category, "", 1) for each in told]  # type: ignore[arg-type]
     assert lines == ["blurnoise: warning: model ?[31m says\n"]
     assert warnings.formatwarning is before
-
-
-def test_letters_that_an_encoding_lacks_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    monkeypatch.setattr(sys, "stdout", stream)
-    accept_all_text()
-    say("5 µm")
-    stream.seek(0)
-    assert stream.read() == "5 ?m\n"
 
 
 @pytest.mark.parametrize("columns", [24, 40, 80, None])
@@ -129,3 +82,38 @@ def test_paragraphs_keep_words_and_the_spaces_between(columns: int | None) -> No
 def test_a_long_text_keeps_its_begin_and_its_end() -> None:
     assert shortened("a" * 20 + "b" * 980) == "a" * 20 + "b" * 980
     assert shortened("a" * 600 + "b" * 600) == f"{'a' * 500} ... {'b' * 500}"
+
+
+def test_csv_reads_back() -> None:
+    rows = [{"name": 'a "quoted", name', "value": 0.1, "none": None}, {"name": "two\nlines", "value": 1e-300}]
+    text = "".join(csv_lines(["name", "value", "none"], [{"none": None, **row} for row in rows]))
+    read = csv.DictReader(io.StringIO(text, newline=""))
+    found = [(row["name"], float(row["value"]), row["none"]) for row in read]
+    assert found == [(row["name"], row["value"], "") for row in rows]
+
+
+# --- progress ---
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The clock, s."""
+    clock = [100.0]
+    monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
+    return clock
+
+
+def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Output) -> None:
+    with ProgressBar("draw \x1b", 100) as advance:
+        for _ in range(100):
+            now[0] += 4.0
+            advance(1)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "draw ?: 3 of 100, 3 %, 0.25/s, 6 min left"
+    assert lines[-1] == "draw ?: 100 of 100, took 7 min"
+    assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
+
+
+def test_durations_have_the_unit_that_fits() -> None:
+    texts = {0: "0 s", 89: "89 s", 720: "12 min", 12_000: "3 h 20 min"}
+    assert {seconds: duration_text(seconds) for seconds in texts} == texts

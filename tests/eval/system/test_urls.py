@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system import urls
+from blurnoise_eval.system.files import RUN_FILE
 from blurnoise_eval.system.urls import (
     explained,
     listing,
@@ -18,6 +18,7 @@ from blurnoise_eval.system.urls import (
     versions,
     without_secrets,
 )
+from blurnoise_eval.system.working_folder import written_run
 
 pytest.importorskip("upath")
 URL = "memory://bucket/set"
@@ -34,18 +35,10 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     found.fs.store.clear()
 
 
-def test_files_by_url_are_paths(tmp_path: Path) -> None:
-    strange = tmp_path / "with space %20 größe"
-    assert location(strange.as_uri()) == strange
-    assert location(f"file://localhost{tmp_path}") == tmp_path
-
-
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
         ("s3://bucket/a/b.png", "s3://bucket/a/b.png"),
-        ("S3://bucket/a/", "s3://bucket/a"),
-        ("gs://bucket//a/./b", "gs://bucket/a/b"),
         ("s3://bucket/a/../b", "s3://bucket/b"),
         ("s3://bucket/with space/größe", "s3://bucket/with space/größe"),
         ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
@@ -66,8 +59,6 @@ def test_urls(text: str, shown: str) -> None:
         ),
         ("s3://bucket/a?versionId=secret", "must hold no user, password or query"),
         ("s3://key:secret@bucket/a?token=secret", "must hold no user, password or query"),
-        ("file://server/a", "must begin with"),
-        ("https://user:secret@host/a?token=secret", "must begin with"),
     ],
 )
 def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
@@ -80,12 +71,6 @@ def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
 def test_secrets_are_not_shown() -> None:
     command = "sweep --images s3://k:secret@b/a?token=secret -o 'https://b/c?x=secret' --lux 1,2"
     assert without_secrets(command) == "sweep --images s3://b/a -o 'https://b/c' --lux 1,2"
-
-
-def test_a_package_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "upath", None)
-    with pytest.raises(OSError, match=r"needs more packages: pip install 'blurnoise\[s3\]'"):
-        location("s3://bucket/a")
 
 
 def test_a_listing_is_that_of_a_folder(bucket: Any, tmp_path: Path) -> None:
@@ -123,23 +108,87 @@ def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
     assert local_file(tmp_path) == tmp_path
 
 
-@pytest.mark.parametrize("status", [401, 403])
-def test_what_a_storage_denies_by_a_status_is_denied(status: int) -> None:
+@pytest.mark.parametrize("status", [401, 403, 404])
+def test_what_a_storage_says_by_a_status(status: int) -> None:
     """As Google's and Hugging Face's clients say it."""
     error = RuntimeError("no")
     error.status = status  # type: ignore[attr-defined]
-    with pytest.raises(PermissionError, match="denied"), explained("gs://bucket/a"):
+    kind, told = (FileNotFoundError, "no such object") if status == 404 else (PermissionError, "denied")
+    with pytest.raises(kind, match=told), explained("gs://bucket/a"):
         raise error
 
 
-def test_company_that_is_denied_is_missing(bucket: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As S3 denies what is not there in a bucket that must not be listed."""
-    known = urls.version
+# --- working folders: a run is fetched, worked on here and put back ---
 
-    def denied(file: Any) -> str:
-        if file.name != "a.bin":
-            raise PermissionError(13, "denied", str(file))
-        return known(file)
 
-    monkeypatch.setattr(urls, "version", denied)
-    assert local_file(bucket / "a.bin", ["b.bin"]).read_bytes() == b"a.bin"
+fsspec = pytest.importorskip("fsspec")
+pytest.importorskip("upath")
+RUN_URL = "memory://bucket/run"
+RUN: Any = location(RUN_URL)
+
+
+@pytest.fixture(autouse=True)
+def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
+    fsspec.filesystem("memory").store.clear()
+    yield
+    fsspec.filesystem("memory").store.clear()
+
+
+def there() -> dict[str, bytes]:
+    return {name: (RUN / name).read_bytes() for name in listing(RUN)}
+
+
+def work(folder: Path, **files: str) -> None:
+    for name, text in files.items():
+        (folder / name.replace("_", ".")).write_text(text)
+
+
+def test_what_was_written_is_there_at_the_end(tmp_path: Path) -> None:
+    with written_run(RUN) as folder:
+        work(folder.path, results_sqlite="rows", report_html="page")
+        (folder.path / "examples").mkdir()
+        (folder.path / "examples/a.png").write_text("picture")
+        (folder.path / f"{RUN_FILE}-wal").write_text("SQLite's own")
+        assert folder.told(folder.path / "report.html") == f"{RUN_URL}/report.html"
+    assert there() == {"examples/a.png": b"picture", "report.html": b"page", RUN_FILE: b"rows"}
+    assert not list((tmp_path / "cache/runs").iterdir()), "nothing stays here"
+
+
+def test_what_was_done_before_it_was_stopped_is_put() -> None:
+    def interrupted() -> None:
+        with written_run(RUN) as folder:
+            work(folder.path, results_sqlite="some rows")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert there() == {RUN_FILE: b"some rows"}
+
+
+def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path: Path) -> None:
+    def overtaken() -> None:
+        with written_run(RUN) as folder:
+            work(folder.path, results_sqlite="rows of this one")
+            (RUN / RUN_FILE).write_bytes(b"rows of another machine")
+
+    with pytest.raises(ValueError, match=f"run = '{RUN_URL}': another process has put"):
+        overtaken()
+    assert there() == {RUN_FILE: b"rows of another machine"}
+    (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
+    assert here.read_text() == "rows of this one"
+
+
+def test_what_cannot_be_put_stays_and_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def denied(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(type(RUN.fs), "put", denied)
+    with (
+        pytest.raises(OSError, match=r"denied.*; what was not put is in") as told,
+        written_run(RUN) as folder,
+    ):
+        work(folder.path, results_sqlite="rows")
+    (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
+    assert here.read_text() == "rows"
+    assert str(here.parent) in str(told.value)

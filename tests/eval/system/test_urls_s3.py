@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from blurnoise_eval.system import urls
-from blurnoise_eval.system.urls import listing, local_file, location, version, versions
+from blurnoise_eval.system.urls import local_file, location, version, versions
 from s3_servers import BUCKET, Wire, at, s3_server, wire_to
 
 pytestmark = pytest.mark.slow  # the server takes seconds to import
@@ -51,26 +50,6 @@ def test_reads_once(wire: Wire) -> None:
     assert read(A, known) == CONTENT, "as it was"
 
 
-def test_listing_of_a_folder(wire: Wire) -> None:
-    bucket = location(f"s3://{BUCKET}")
-    found = listing(bucket)
-    assert list(found) == ["a.bin", "no bytes.bin", "sub/b.bin"]
-    assert list(listing(location(f"s3://{BUCKET}/sub/"))) == ["b.bin"]
-    assert versions(bucket, ["a.bin", "c.bin"]) == {"a.bin": found["a.bin"]}
-    assert (bucket / "sub").is_dir()
-    assert (bucket / "a.bin").is_file()
-    assert not (bucket / "c.bin").exists()
-    assert read(bucket / "no bytes.bin") == b""
-
-
-@pytest.mark.parametrize("name", ["with space.bin", "größe-日本.bin", "a+b&c=d#e%20.bin", "what?.bin"])
-def test_any_name(name: str, wire: Wire) -> None:
-    url = location(f"s3://{BUCKET}/names") / name
-    url.write_bytes(name.encode())
-    assert read(url) == name.encode()
-    assert name in listing(url.parent)
-
-
 @pytest.mark.parametrize(("fault", "times"), [("cuts", 3), ("refusals", 2)])
 def test_a_fault_that_passes_is_not_seen(fault: str, times: int, wire: Wire) -> None:
     known = version(location(A))
@@ -85,15 +64,6 @@ def test_a_connection_that_is_always_cut(wire: Wire, tmp_path: Path) -> None:
         read(A, known)
     assert told.value.filename == A
     assert not [file for file in (tmp_path / "cache").rglob("*") if file.is_file()], "nothing of it is kept"
-
-
-def test_a_server_that_is_silent_is_given_up(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    known = version(location(A))
-    wire.delay_s = 20.0
-    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 0.2)
-    with pytest.raises(OSError, match=r"failed.*[Tt]imeout") as told:
-        read(A, known)
-    assert told.value.filename == A
 
 
 def test_denied(wire: Wire) -> None:
@@ -116,10 +86,3 @@ def test_missing(wire: Wire) -> None:
         with pytest.raises(FileNotFoundError, match="no such object") as told:
             read(url)
         assert told.value.filename == url
-
-
-def test_no_such_host(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
-    monkeypatch.setitem(urls._S3_WAITS, "read_timeout", 19)  # no file system that is at hand
-    with pytest.raises(OSError, match=r"failed.*[Cc]onnect"):
-        read(A)

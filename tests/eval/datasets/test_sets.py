@@ -1,4 +1,4 @@
-"""Data sets by URL are those of a folder: pictures, targets, notes; what is missing, empty or new is told."""
+"""Sets of every kind, as the options name them, in folders and by URL; what is missing, empty or new is told."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval import datasets
+from blurnoise_eval.cli import given
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
+from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.urls import location
 
 fsspec = pytest.importorskip("fsspec")
@@ -113,33 +115,43 @@ def test_pictures_that_cannot_be_read(folder: Path) -> None:
     assert told == [f"{URL}/a.png: no such object, folder or bucket", f"{URL}/größe.jpg: is empty (0 bytes)"]
 
 
-def test_changed_since_it_was_listed(folder: Path) -> None:
-    put(folder)
-    found = datasets.image_folder(location(URL) / "images")
-    put(folder)
-    with pytest.raises(UnreadablePicture, match="has changed since it was looked up"):
-        found.pictures[0].load()
+# --- as options ---
 
 
-def test_a_folder_without_pictures(folder: Path) -> None:
-    with pytest.raises(ValueError, match=f"images = '{URL}': holds no picture"):
-        datasets.image_folder(location(URL))
-    with pytest.raises(ValueError, match=f"coco = '{URL}/coco.json': no such object"):
-        datasets.coco(location(URL) / "coco.json")
+def chosen(*, reads: bool = False, **settings: Any) -> PictureSet:
+    """What a sweep with these settings would see. Raises what the choice raises."""
+    stated = {name: str(value) if isinstance(value, Path) else value for name, value in settings.items()}
+    return given.pictures(PlanFile().stating(stated), reads=reads)
 
 
-def test_what_runs_have_written_is_left_out(folder: Path) -> None:
-    put(folder)
-    root = location(URL)
-    png = (folder / "a.png").read_bytes()
-    for name in ("images/run/results.sqlite", "images/run/examples/x.png", "images/runner.png"):
-        (root / name).write_bytes(png)
-    assert [picture.name for picture in datasets.image_folder(root / "images")] == [
-        "a.png",
-        *NAMES[2:],
-        "runner.png",
-        NAMES[1],
-    ]
-    (root / "images/results.sqlite").write_bytes(b"")
-    (root / "images/examples/x.png").write_bytes(png)
-    assert "examples/x.png" not in [picture.name for picture in datasets.image_folder(root / "images")]
+FILES = {"coco": "coco.json", "bdd": "bdd.json", "yolo": "data.yaml", "text": "whole.txt"}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_each_kind_is_recognised_and_read(kind: str, folder: Path) -> None:
+    found = chosen(labels=folder / FILES[kind], images=folder / "images")
+    assert (found.kind, {picture.name for picture in found}) == (kind, set(NAMES))
+    assert found.pictures[0].load().shape == (31, 42, 3)
+    limited = chosen(labels=folder / FILES[kind], images=folder / "images", limit=1)
+    assert (len(limited), limited.categories) == (1, found.categories)
+
+
+def test_without_labels(folder: Path) -> None:
+    assert chosen(images=folder / "images").kind == "folder"
+    assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60
+    assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({"target": "sign"}, "target: goes with --labels of COCO, YOLO or BDD100K"),
+        ({"labels": "a.txt", "target": "sign"}, "target: goes with --labels of COCO"),
+        ({"labels": "a.json", "reads": True}, "take PP-OCR's labels"),
+        ({"limit": 0}, "limit = 0: must be >= 1"),
+        ({"images": ""}, "images = '': must name a file or folder"),
+    ],
+)
+def test_settings_that_do_not_go_together(settings: Any, fault: str) -> None:
+    with pytest.raises(ValueError, match=fault):
+        chosen(**settings)
