@@ -19,6 +19,7 @@ from blurnoise_eval.datasets import coco, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.matching import target_confidences
+from blurnoise_models.augmentation import MIX
 from blurnoise_models.detector import STOP_SIGN, THRESHOLD
 from blurnoise_models.scenes import scene
 from coco_oracle import average_precision, hits, target_confidence
@@ -70,7 +71,7 @@ def test_states_its_contract_and_how_it_was_trained() -> None:
     assert contract.classes == ("stop sign",)
     assert not contract.assumptions
     properties = {entry.key: entry.value for entry in onnx.load(STOP_SIGN).metadata_props}
-    assert json.loads(properties["blurnoise.training"])["arm"] == "exposure"
+    assert json.loads(properties["blurnoise.training"]) == {"mix": MIX, "seed": 0, "pictures": 80_000}
     weights = sum(math.prod(tensor.dims) for tensor in onnx.load(STOP_SIGN).graph.initializer)
     assert weights < 1_000_000
     assert detector().input_size_px == (320, 320)

@@ -120,7 +120,7 @@ def test_the_checkpoint_of_another_training_is_refused(
 def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) -> None:
     file = tmp_path / "training.checkpoint"
     file.write_bytes(data)
-    with pytest.raises(ValueError, match=r"checkpoint = .*must be a checkpoint of a training; remove it"):
+    with pytest.raises(ValueError, match=r"checkpoint = .*: remove it, .* is no checkpoint"):
         train(**SMALL, checkpoint=file)
 
 

@@ -83,10 +83,10 @@ COMMANDS = {
         ("--moves targets", "moves: must be all"),
     ],
     "cameras fit": [
-        ("-o x.yaml", "folder, --dng: must be one of them"),
+        ("-o x.yaml", "folder, --dng, --libcamera: must be one of them"),
         ("frames -o x.txt", "suffix of x.txt"),
         ("frames -o x.yaml --bit-depth 17", "--bit-depth = 17"),
-        ("--dng x.dng -o x.yaml --bit-depth 12", "--bit-depth, --temperature-c: go with a folder"),
+        ("--dng x.dng -o x.yaml --bit-depth 12", "--bit-depth: goes with a folder"),
         ("missing -o x.yaml", "folder = 'missing'"),
         ("--dng missing.dng -o x.yaml", "missing.dng"),
     ],

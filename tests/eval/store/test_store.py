@@ -81,6 +81,7 @@ def test_order_of_rows_is_that_of_conditions_not_of_arrival(tmp_path):
             assert list(store.targets()) == [target for r in results for target in r.targets]
 
 
+@pytest.mark.slow
 def test_second_connection_and_second_process_are_refused(tmp_path):
     code = (
         "import sys; from pathlib import Path; from blurnoise_eval.store.store import Store, StoreError\n"
