@@ -60,7 +60,10 @@ def test_generator_gives_one_seed_per_item() -> None:
 def test_normal_and_counts_of_a_seed_are_apart() -> None:
     """Of n = 240 000: mean, variance and correlation within 5 standard errors."""
     like = torch.empty(1, 1, 400, 600)
-    normal, counts = rng.standard_normal([4], like).flatten(), rng.poisson(0 * like + 12.0, [4]).flatten()
+    normal, counts = (
+        rng.standard_normal([4], like).flatten(),
+        rng.poisson(torch.full_like(like, 12.0), [4]).flatten(),
+    )
     assert float(normal.mean()) == pytest.approx(0, abs=5 / 240_000**0.5)
     assert float(normal.var()) == pytest.approx(1, abs=5 * (2 / 240_000) ** 0.5)
     assert float(counts.mean()) == pytest.approx(12, abs=5 * (12 / 240_000) ** 0.5)
