@@ -247,12 +247,13 @@ def test_shares_become_pixels(tmp_path: Path) -> None:
     assert found.pictures[1].load().shape == (64, 64, 3)
 
 
-def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path: Path) -> None:
+@pytest.mark.parametrize("orientation", [5, 6, 7, 8])
+def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path: Path, orientation: int) -> None:
     """A file of 40 x 20 px, held upright: the left half of what is seen is 10 x 40 px."""
     make(tmp_path, {"data.yaml": described(val="images"), "labels/a.txt": "0 0.25 0.5 0.5 1\n"})
     (tmp_path / "images").mkdir()
     exif = PIL.Image.Exif()
-    exif[0x0112] = 6
+    exif[0x0112] = orientation
     PIL.Image.new("RGB", (40, 20)).save(tmp_path / "images" / "a.jpg", exif=exif)
     (picture,) = yolo(tmp_path)
     assert picture.load().shape == (40, 20, 3)
