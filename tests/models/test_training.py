@@ -111,7 +111,7 @@ def test_the_checkpoint_of_another_training_is_refused(
     with pytest.raises(Stopped):
         train(**SMALL, checkpoint=file, progress=stop)
     before = file.read_bytes()
-    with pytest.raises(ValueError, match=r"training\.checkpoint.*was begun with .*another folder"):
+    with pytest.raises(ValueError, match=r"training\.checkpoint.*another folder; it was begun with"):
         train(**{**SMALL, **change}, checkpoint=file)
     assert file.read_bytes() == before
 

@@ -115,7 +115,7 @@ def test_paper_says_what_agrees_and_ends_with_1_where_something_differs(
     ("names", "found"),
     [
         (("mtf50", "mtf50-dx", "patch-snr", "edge-snr", "clipping", "sic", "neq"), {"agrees"}),
-        (("detection", "maps"), {"agrees", "not judged"}),
+        (("detection", "maps"), {"agrees", "differs", "not judged"}),  # a detector that bears more blur
         (("ocr-dx",), {"agrees", "not judged"}),
     ],
 )

@@ -57,7 +57,7 @@ def timeless(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 @pytest.mark.slow
 def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path, capsys):
-    command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS.split()]
+    command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS]
     assert commands.main([*command, "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
     by_command = Evaluation(tmp_path)
