@@ -151,7 +151,11 @@ def test_a_sweep_tells_names_as_they_stand(
     data = {
         "images": [{"id": 0, "file_name": "a.png"}, {"id": 1, "file_name": "b\x1b[31m[b].png"}],
         "categories": [{"id": number, "name": name} for number, name in enumerate(NAMES)],
-        "annotations": [{"image_id": 0, "category_id": n, "bbox": [2, 2, 40, 40]} for n in range(len(NAMES))],
+        "annotations": [
+            {"image_id": image, "category_id": n, "bbox": [2, 2, 40, 40]}
+            for image in (0, 1)
+            for n in range(len(NAMES))
+        ],
     }
     Path("instances.json").write_text(json.dumps(data))
     for number, name in enumerate(NAMES):
@@ -162,7 +166,7 @@ def test_a_sweep_tells_names_as_they_stand(
     assert main(words) == 0
     told, warned = capsys.readouterr()
     assert all(f"yolo[{number}]" in told for number in range(len(NAMES)))
-    assert "b?[31m[b].png" in told + warned
+    assert "b?[31m[b].png" in told + warned or r"b\x1b[31m[b].png" in told + warned
     assert "\x1b" not in told + warned
     assert "Glyph" not in warned
     assert "Warning" not in warned
