@@ -1,19 +1,13 @@
 """Intervals hold the truth as often as they say, in populations of pictures that can be drawn without end."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.scoring import uncertainty
-from blurnoise_eval.scoring.uncertainty import Ends
 from made_tables import curve, table
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Random = np.random.Generator
 EXPOSURES_S = tuple(ms / 1e3 for ms in (1, 2, 5, 10, 15, 20, 30, 45, 60, 90))
 DECADES = 0.25  # by which a picture shifts both edges, one sigma each
 OWN = 0.1  # decades: what of that is one detector's only
@@ -23,18 +17,18 @@ SAMPLES = 600
 LEAST, MOST = 0.93 - 0.021, 0.98 + 0.021
 
 
-def window(dark: Array, bright: Array, noise: Array | float) -> Array:
+def window(dark, bright, noise):
     """Logistic edges at 3 and 40 ms over the logarithm of the exposure, moved by decades, noise on the logits."""
     at = np.log10(EXPOSURES_S)
     rise, fall = (at + 2.523 - dark) / SLOPE + noise, (-1.398 + bright - at) / SLOPE + noise
     return np.asarray(1 / (1 + np.exp(-rise)) / (1 + np.exp(-fall)))
 
 
-def one_sign(rng: Random, pictures: int, samples: int) -> tuple[Array, Array]:
+def one_sign(rng, pictures, samples):
     """One target per picture in three noise fields: (pictures, targets, samples, exposures), of two detectors."""
     shared = np.sqrt(DECADES**2 - OWN**2) * rng.normal(size=(2, pictures, 1, samples, 1))
 
-    def detector(later: float) -> Array:
+    def detector(later):
         dark, bright = shared + OWN * rng.normal(size=shared.shape)
         return 0.97 * window(
             dark + later, bright, 0.5 * rng.normal(size=(pictures, 3, samples, len(EXPOSURES_S)))
@@ -43,7 +37,7 @@ def one_sign(rng: Random, pictures: int, samples: int) -> tuple[Array, Array]:
     return detector(0.0), detector(0.06)
 
 
-def small_targets(rng: Random, pictures: int, samples: int) -> tuple[Array, Array]:
+def small_targets(rng, pictures, samples):
     """1 to 60 targets per picture, 8 on average: most confidences near 0, more so in crowded pictures; else NaN."""
     count = np.minimum(rng.geometric(1 / 8, size=(pictures, 1, samples, 1)), 60)
     there = np.arange(int(count.max()))[:, None, None] < count
@@ -51,7 +45,7 @@ def small_targets(rng: Random, pictures: int, samples: int) -> tuple[Array, Arra
     target = 1.5 * rng.normal(size=(pictures, int(count.max()), samples, 1))
     shared = np.sqrt(DECADES**2 - OWN**2) * rng.normal(size=(2, *count.shape))
 
-    def detector(later: float) -> Array:
+    def detector(later):
         dark, bright = shared + OWN * rng.normal(size=shared.shape)
         known = 1 / (1 + np.exp(3.0 - ease - target - 0.3 * rng.normal(size=target.shape)))
         return np.where(there, known * window(dark + later, bright, 0.0), np.nan)
@@ -59,13 +53,13 @@ def small_targets(rng: Random, pictures: int, samples: int) -> tuple[Array, Arra
     return detector(0.0), detector(0.06)
 
 
-def sums(seen: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+def sums(seen):
     """Of both detectors' confidences and their number, (pictures, samples, exposures)."""
     first, second = (np.nansum(each, axis=1) for each in seen)
     return first, second, np.isfinite(seen[0]).sum(axis=1).astype(float)
 
 
-def share_held(ends: Ends, truth: Array | float) -> float:
+def share_held(ends, truth):
     return float(np.mean((ends.low - 1e-12 <= truth) & (truth <= ends.high + 1e-12)))
 
 
@@ -82,10 +76,10 @@ def test_levels_and_differences(draw, level, pictures):
     centre, centre_2 = uncertainty.ratio_of_sums(own, number), uncertainty.ratio_of_sums(others, number)
     away, away_2 = uncertainty.influence(own, number), uncertainty.influence(others, number)
 
-    def area(y: Array) -> Any:
+    def area(y):
         return np.trapezoid(y, EXPOSURES_S, axis=-1) / (EXPOSURES_S[-1] - EXPOSURES_S[0])
 
-    def at_edge(rising: bool) -> float:
+    def at_edge(rising):
         """An end of a window is held where the interval of the mean at the true end holds the level."""
         top = int(truth.argmax())
         at = int(np.argmax(truth >= level)) - 1 if rising else top + int(np.argmax(truth[top:] < level)) - 1
@@ -110,7 +104,7 @@ def test_levels_and_differences(draw, level, pictures):
 def test_intervals_of_edges_and_areas_hold(pictures):
     """Nominally in 95 %, of 400 replications: the fraction itself is known to 1.1 %, so three of these below 93 %."""
 
-    def drawn(rng: Random, count: int) -> Array:
+    def drawn(rng, count):
         dark, bright = rng.normal(0, DECADES, (2, count, 1))
         return window(dark, bright, 0.0)
 
@@ -133,7 +127,7 @@ def test_intervals_of_edges_and_areas_hold(pictures):
     assert (held / 400 > 0.93 - 3 * 0.011).all(), held / 400
 
 
-def photographs(rng: Random, pictures: int, samples: int, hardness: float) -> tuple[Array, Array, Array]:
+def photographs(rng, pictures, samples, hardness):
     """References (pictures, samples), sums (pictures, samples, exposures), numbers of targets (pictures, samples).
 
     Up to 20 targets a picture, 4 on average, of very different confidence; below 0.05 nothing is listed, so that in
@@ -145,7 +139,7 @@ def photographs(rng: Random, pictures: int, samples: int, hardness: float) -> tu
     dark, bright = DECADES * rng.normal(size=(2, pictures, samples, 1))
     seen = window(dark, bright, 0.0)
 
-    def listed(at: Array) -> Array:
+    def listed(at):
         confidence = np.where(there, 1 / (1 + np.exp(-at)), 0.0)
         return np.asarray(np.where(confidence < 0.05, 0.0, confidence).sum(axis=0))
 

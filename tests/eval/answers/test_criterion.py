@@ -15,12 +15,8 @@ from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
         ({}, True, True, Criterion(0.6, kept=False)),
         ({"keep": 0.8}, True, False, Criterion(0.8, kept=True)),
         ({"threshold": 0.3}, False, False, Criterion(0.3, kept=False)),
-        ({"threshold": 0.3}, False, True, Criterion(0.3, kept=False)),
-        ({"keep": 0.5}, False, True, Criterion(0.5, kept=True, score="exact_match")),
         ({"score": "ap50"}, False, False, Criterion(0.9, kept=True, score="ap50")),
-        ({"score": "ap"}, True, False, Criterion(0.6, kept=False, score="ap")),
         ({"score": "recall@0.05", "keep": 1.0}, False, False, Criterion(1.0, kept=True, score="recall@0.05")),
-        ({"threshold": 0.0}, False, False, Criterion(0.0, kept=False)),
     ],
 )
 def test_what_is_usual(options, rendered, reads, expected):
@@ -33,7 +29,6 @@ def test_what_is_usual(options, rendered, reads, expected):
         ({"keep": 0.9, "threshold": 0.6}, False, r"^keep = 0.9: cannot go with threshold = 0.6"),
         ({"keep": 1.5}, False, r"^keep = 1.5"),
         ({"keep": 0.0}, False, r"^keep = 0.0: must be .* > 0"),
-        ({"keep": float("nan")}, False, r"^keep = nan"),
         ({"threshold": -0.1}, False, r"^threshold = -0.1"),
         (
             {"score": "exact_match"},
@@ -41,10 +36,6 @@ def test_what_is_usual(options, rendered, reads, expected):
             r"^score = 'exact_match': must be one of target_confidence, .* detectors",
         ),
         ({"score": "ap50"}, True, r"^score = 'ap50': must be one of target_confidence, exact_match for text"),
-        ({"score": "recall@0.1"}, True, r"^score = 'recall@0.1'"),
-        ({"score": "recall@0"}, False, r"^score = 'recall@0'"),
-        ({"score": "recall@-1"}, False, r"^score = 'recall@-1'"),
-        ({"score": "recall@RATE"}, False, r"^score = 'recall@RATE'"),
         ({"score": "recall@nan"}, False, r"^score = 'recall@nan'"),
         ({"score": "accuracy"}, False, r"^score = 'accuracy': must be one of"),
     ],
@@ -55,22 +46,9 @@ def test_what_cannot_be(options, reads, message):
     assert "\n" not in str(raised.value)
 
 
-def test_alarms_need_labels():
-    with pytest.raises(ValueError, match=r"^score = 'recall@1': needs pictures with labels"):
-        criterion_for(score="recall@1", rendered=False, reads=False, labelled=False)
-    assert criterion_for(score="ap", rendered=False, reads=False, labelled=False).score == "ap"
-
-
 def test_in_words():
     assert Criterion(0.9, kept=True).text == "keeps 0.9 of its confidence"
     assert Criterion(0.6, kept=False).text == "mean confidence 0.6"
-    assert Criterion(0.9, kept=True).title == "kept confidence"
-    assert Criterion(0.6, kept=False).title == "mean confidence"
-    assert (
-        Criterion(0.8, kept=True, score="recall@0.1").text
-        == "keeps 0.8 of its recall at 0.1 false alarms per picture"
-    )
-    assert Criterion(0.3, kept=False, score="ap50").title == "AP50"
     every = [name.replace("RATE", "2") for kind in ("detector", "reader") for name in names(kind)]
     assert len({Criterion(0.5, kept=True, score=name).text for name in every}) == len(set(every))
 
@@ -81,8 +59,6 @@ def test_in_words():
         (None, "drive-07/frame_0012"),
         (r"drive-(\d+)", "07"),
         (r"drive-\d+", "drive-07"),
-        (r"^(.*)/", "drive-07"),
-        (r"(?:drive|tour)-(\d+)/(\w+)", "07"),
         (r"tour-(\d+)", "drive-07/frame_0012"),
         (r"drive-(x)?", "drive-07/frame_0012"),  # the group took no part
     ],
@@ -95,15 +71,14 @@ def test_a_pattern_that_no_name_holds_is_refused():
     names = ["drive-07/frame_0012", "other"]
     check_cluster(None, names)
     check_cluster(r"drive-(\d+)", iter(names))
-    with pytest.raises(
-        ValueError, match=r"^cluster = 'tour': must be found .* such as 'drive-07/frame_0012'$"
-    ):
+    told = r"^cluster = 'tour': must be found .* such as 'drive-07/frame_0012'$"
+    with pytest.raises(ValueError, match=told):
         check_cluster("tour", names)
     with pytest.raises(ValueError, match=r"must be a regular expression"):
         check_cluster("(", names)
 
 
-def looks(names: list[str], per_scene: int, seed: int = 0) -> dict[str, str]:
+def looks(names, per_scene, seed=0):
     """Hashes of scenes that follow each other in the order of the names: 64 random bits, 3 of them turned in each."""
     rng = np.random.default_rng(seed)
     scene = [int.from_bytes(rng.bytes(8)) for _ in range(len(names))]
@@ -118,12 +93,9 @@ def test_repeated_scenes_are_noticed_until_a_pattern_clusters_them():
         "pattern that finds the same in the file names of one scene"
     )
     assert repeated(found, r"scene_(\d+)") is None
-
-
-def test_unrelated_pictures_and_a_few_pairs_pass():
     names = [f"{n:04d}.png" for n in range(60)]
-    assert repeated(looks(names, 1)) is None
     few = looks(names, 1)
+    assert repeated(few) is None
     assert repeated(few | {"0001.png": few["0000.png"], "0031.png": few["0030.png"]}) is None
     assert repeated(dict.fromkeys(names, "")) is None
     assert repeated({}) is None

@@ -1,29 +1,25 @@
 """Curves of a group of targets: what belongs together, how sure the mean is, where it fails."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.grid.axes import SETTING
-from made_tables import endurances, endurances_across, over, tables
+from made_tables import curve, endurances, over, tables
 from plans import OWN
 
 EXPOSURES_S = (0.01, 0.02, 0.04)
 SPEEDS_PX_S = (0.0, 100.0, 400.0)
-Velocities = tuple[tuple[float, float], ...]
 
 
 def rows(
-    confidence: Callable[[str, int, float, float], float | None] | float,
+    confidence,
     *,
-    images: int = 4,
-    repeats: int = 1,
-    velocities: Velocities = tuple((speed, 0.0) for speed in SPEEDS_PX_S),
-    exposures: tuple[float, ...] = EXPOSURES_S,
-    **fields: Any,
-) -> list[dict[str, Any]]:
+    images=4,
+    repeats=1,
+    velocities=tuple((speed, 0.0) for speed in SPEEDS_PX_S),
+    exposures=EXPOSURES_S,
+    **fields,
+):
     """Rows of one table; ``confidence`` of (image, repeat, exposure, speed), None where not measured."""
     shared = {"model": "m", "group": "g", "illuminance_lux": 50.0, "target_id": 0, **OWN, **fields}
     return [
@@ -53,7 +49,7 @@ def test_rows_become_one_table_per_model_and_group():
 
 
 def test_means_leave_out_what_was_not_measured():
-    def some(image: str, _: int, exposure_s: float, speed: float) -> float | None:
+    def some(image, _, exposure_s, speed):
         if exposure_s == 0.04 and speed == 400.0:
             return None
         return None if image == "p0" and speed == 100.0 else {"p0": 1.0, "p1": 0.4}.get(image, 0.1)
@@ -89,17 +85,11 @@ def test_a_picture_is_one_cluster_with_its_targets_and_noise_fields():
     assert (curve.n_pictures, curve.few_pictures) == (40, False)
 
 
-def by_speed(values: dict[float, float], exposure_s: float, threshold: float) -> Any:
-    """The curve over blur of a score at speeds."""
-    velocities = tuple((v, 0.0) for v in values)
-    (table,) = tables(rows(lambda _i, _r, _t, v: values[v], velocities=velocities, exposures=(exposure_s,)))
-    (curve,) = endurances(table, Criterion(threshold, kept=False))
-    return curve
-
-
 def test_area_and_failure_of_a_straight_line():
     """Confidence 1 - blur / 20 px: at 40 ms and 0 to 16 px its mean is 0.6 and it crosses 0.7 at 6 px."""
-    curve = by_speed({v: 1 - 0.04 * v / 20 for v in (0.0, 100.0, 200.0, 400.0)}, 0.04, 0.7)
+    velocities = tuple((speed, 0.0) for speed in (0.0, 100.0, 200.0, 400.0))
+    every = rows(lambda _i, _r, _t, v: 1 - 0.04 * v / 20, velocities=velocities, exposures=(0.04,))
+    (curve,) = endurances(*tables(every), Criterion(0.7, kept=False))
     assert (curve.axis, curve.at["exposure_s"], curve.at["velocity_x_px_s"]) == ("blur_px", 0.04, None)
     assert curve.x == pytest.approx((0, 4, 8, 16))
     assert (curve.auc, curve.fails_at) == (pytest.approx(0.6), pytest.approx(6))
@@ -108,31 +98,61 @@ def test_area_and_failure_of_a_straight_line():
     assert not curve.non_monotonic
 
 
-def test_directions_of_one_speed_are_one_point_of_blur():
-    per = {(-100.0, 0.0): 0.2, (0.0, 100.0): 0.6, (0.0, 0.0): 0.9, (300.0, 400.0): 0.1}
-    turned = [
-        {**row, "confidence": per[row["velocity_x_px_s"], row["velocity_y_px_s"]]}
-        for row in rows(0.0, velocities=tuple(per), exposures=(0.02,))
-    ]
-    (table,) = tables(turned)
-    (curve,) = endurances(table, Criterion(0.6, kept=False))
-    assert curve.x == pytest.approx((0, 2, 10))
-    assert curve.confidence == pytest.approx((0.9, 0.4, 0.1))
+@pytest.mark.parametrize("steep", [0.02, 0.08])
+@pytest.mark.parametrize("falls_at_s", [0.0102, 0.0199])
+def test_an_end_lies_between_the_tested_exposures_about_it(falls_at_s, steep):
+    """Forty pictures, all alike, lose their target within 0.02 or 0.08 decades: straight lines between 10 and 20 ms
+    cross at about 14 ms wherever it is, and the interval about 14 ms held nothing of it."""
+    x = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05)
+    mean = 1 / (1 + np.exp((np.log10(x) - np.log10(falls_at_s)) / steep))
+    of = curve(np.tile(mean, (40, 1)), x)
+    low, high = of.around(of.windows(0.5)[-1][1], 0.5)
+    assert low <= falls_at_s <= high
+    assert {low, high} <= set(x)
 
 
-def test_curves_over_an_axis_keep_everything_else_apart():
-    """2 f-numbers x 2 lights x 2 exposures x 2 velocities: 8 curves over the f-number, none over light."""
-    how: dict[str, Any] = {"exposures": (0.01, 0.02), "velocities": ((0.0, 0.0), (100.0, 0.0))}
-    table = [
-        row
-        for n in (2.0, 4.0)
-        for lux in (5.0, 50.0)
-        for row in rows(
-            lambda _i, _r, t, v, n=n, lux=lux: 1 / (n + lux + t + v), f_number=n, illuminance_lux=lux, **how
-        )
+X = tuple((0.001 * 2.0 ** np.linspace(0, 6, 13)).tolist())
+_DRAWN = np.random.default_rng(3).uniform(-0.2, 0.2, (30, 1)) + np.linspace(0.4, 0.8, 13)
+COV = 0.02**2 * np.exp(-np.abs(np.subtract.outer(np.arange(13), np.arange(13))) / 4)
+
+
+def predicted(cov):
+    return curve(_DRAWN, X, prediction_cov=cov if cov is None else lambda those: cov[np.ix_(those, those)])
+
+
+def test_half_widths_of_a_prediction_add_as_squares():
+    """And where nothing is open it is as measured, but for steps between the values."""
+    known, unsure, measured = (predicted(cov).interval() for cov in (0 * COV, COV, None))
+    mean = predicted(None).line.mean
+    np.testing.assert_allclose(known, measured)
+    for one, other in zip(known, unsure, strict=True):
+        assert np.abs(other - mean) == pytest.approx(np.hypot(one - mean, 1.96 * 0.02))
+    assert predicted(COV).sure(0.6)[0][0] > predicted(None).sure(0.6)[0][0]
+    assert predicted(COV).possible(0.6)[0][0] < predicted(None).possible(0.6)[0][0]
+    of = predicted(COV)  # known between its values, too
+    assert of.around(of.windows(0.6)[0][0], 0.6) == (of.possible(0.6)[0][0], of.sure(0.6)[0][0])
+
+
+def test_what_is_kept_is_a_ratio_of_sums():
+    """a: 0.8 and 0.1 untouched, 0.4 in two noise fields each; b: 0.5 and 0; c has no original picture."""
+    clean = {("a", 0): 0.8, ("a", 1): 0.1, ("b", 0): 0.5, ("b", 1): 0.0}
+    seen = {
+        ("a", 0): (0.4, 0.6),
+        ("a", 1): (0.2, 0.2),
+        ("b", 0): (0.5, 0.4),
+        ("b", 1): (0.1, 0.0),
+        ("c", 0): (0.9, 0.9),
+    }
+    shared = {"model": "m", "group": "g", "exposure_s": 0.01, "illuminance_lux": 50.0, **OWN}
+    shared |= {"velocity_x_px_s": 0.0, "velocity_y_px_s": 0.0}
+    every = [
+        {**shared, "image": image, "target_id": target, "repeat": repeat, "confidence": confidence}
+        for (image, target), fields in seen.items()
+        for repeat, confidence in enumerate(fields)
     ]
-    found = list(endurances_across(*tables(table), Criterion(0.6, kept=False)))
-    assert [each.axis for each in found] == ["f_number"] * 8
-    for each in found:
-        others = sum(each.at[name] or 0.0 for name in ("illuminance_lux", "exposure_s", "velocity_x_px_s"))
-        assert each.confidence == pytest.approx([1 / (n + others) for n in (2.0, 4.0)])
+    (found,) = tables(every, clean_of=lambda row: clean.get((row["image"], row["target_id"])), kept=True)
+    assert found.clusters == ("a", "b")
+    assert found.counts[:, 0] == pytest.approx([2 * 0.9, 2 * 0.5])
+    assert found.mean[0] == pytest.approx((1.4 + 1.0) / 2.8)
+    assert (found.n_targets, found.clean, found.reference) == (8, pytest.approx(0.35), pytest.approx(1.4))
+    assert found.most == pytest.approx(8 / 2.8)  # if all had confidence 1

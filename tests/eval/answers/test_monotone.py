@@ -6,34 +6,26 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.monotone import is_uniform, pooled
-from blurnoise_eval.answers.table import ScoreTable
 from made_tables import answers, over, table
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-Array = NDArray[np.float64]
 SPEEDS = ((0.0, 0.0), (100.0, 0.0), (300.0, 0.0), (1000.0, 0.0))
 RANK = {"no exposure works": 0, "cannot tell": 1, "works": 2}
 
 
-def made(
-    values: Array,
-    velocities: tuple[tuple[float, float], ...] = SPEEDS,
-    counts: Array | None = None,
-    **at: float,
-) -> ScoreTable:
+def made(values, velocities=SPEEDS, counts=None, **at):
     """A table of values (C, E, V), each of so many targets."""
     counts = np.ones_like(values) if counts is None else counts
     exposures = [2.0**e / 1e3 for e in range(values.shape[1])]
     return table(values * counts, exposures, velocities, counts, at=at, brightness=1.0)
 
 
-def means(of: ScoreTable) -> Array:
+def means(of):
     """(E, V)."""
     return over(of, of.mean)
 
 
-def noisy(rng: np.random.Generator, pictures: int, slope: float, exposures: int = 3) -> Array:
+def noisy(rng, pictures, slope, exposures=3):
     """Confidences about .85 that fall by ``slope`` over the speeds, (pictures, exposures, 4)."""
     own = rng.beta(8, 1.5, (pictures, 1, 1)) - np.linspace(0, slope, len(SPEEDS))
     return np.asarray(np.clip(own + rng.normal(0, 0.2, (pictures, exposures, len(SPEEDS))), 0, 1))
@@ -69,7 +61,6 @@ def test_only_pictures_that_move_as_a_whole_are_pooled():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_answer_is_better_at_a_higher_speed(seed):
-    """Few pictures of much noise, no loss by motion at all: means, intervals, verdicts and windows never rise."""
     rng = np.random.default_rng(seed)
     made_one = made(noisy(rng, 12, 0.0))
     raw = answers(made_one, Criterion(0.75, kept=False), monotone=False)

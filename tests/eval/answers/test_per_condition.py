@@ -1,12 +1,9 @@
 """Scores of a run's conditions: columns, intervals over clusters, readers, and a new score."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers import criterion
-from blurnoise_eval.answers.per_condition import PICTURES, Scored, conditions_of, numbered, scored
+from blurnoise_eval.answers.per_condition import PICTURES, conditions_of, numbered, scored
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import scores as table
 from blurnoise_eval.scoring import uncertainty
@@ -19,10 +16,7 @@ AT = {"exposure_s": 0.01, "illuminance_lux": 5.0, "velocity_x_px_s": 1.0, "veloc
 NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
-def score_rows(
-    folder: Path, results: list[CellResult], truth: Truth | None = None, cluster: str | None = None,
-    moves: Any = lambda row: (None, None),
-) -> list[Scored]:  # fmt: skip
+def score_rows(folder, results, truth=None, cluster=None, moves=lambda row: (None, None)):
     """The scores of model m; of the results, or of what is there."""
     with Store(folder, create=True) as store:
         store.add(results)
@@ -30,13 +24,7 @@ def score_rows(
         return list(scored(store, conditions_of(store, ["m"], clusters), lambda _: truth, moves, clusters))
 
 
-def cell(
-    image: str,
-    found: Detections = NOTHING,
-    rows: list[dict[str, Any]] | None = None,
-    repeat: int = 0,
-    **more: Any,
-) -> CellResult:
+def cell(image, found=NOTHING, rows=None, repeat=0, **more):
     clean = more.pop("clean", False)
     shared = {
         "cell_id": f"{image} {repeat} {clean}",
@@ -46,14 +34,11 @@ def cell(
         "clean": clean,
     }
     shared |= dict.fromkeys(AT) if clean else AT
-    targets = tuple(
-        {**shared, "target_id": place, "group": "g", **row} for place, row in enumerate(rows or [])
-    )
-    return CellResult({**shared, "n_targets": len(targets), **more}, targets, found)
+    targets = [{**shared, "target_id": n, "group": "g", **row} for n, row in enumerate(rows or [])]
+    return CellResult({**shared, "n_targets": len(targets), **more}, tuple(targets), found)
 
 
-def truth_of(names: list[str]) -> Truth:
-    """A stop sign in each picture."""
+def truth_of(names):
     shared = {"category_id": 13, "bbox": [0, 0, 9, 9], "area": 81, "iscrowd": 0}
     annotations = [{**shared, "id": place, "image_id": place} for place in range(1, 1 + len(names))]
     categories = [{"id": 13, "name": "stop sign"}]
@@ -65,13 +50,12 @@ RIGHT = Detections(np.array([[0, 0, 9, 9]]), np.array([0.8]), np.array([0]))
 
 
 def test_rows_of_a_run(tmp_path):
-    """Original pictures do not move."""
     truth = Truth(truth_of(["p"]).coco, {"p": 1, "q": 2}, {0: 13})
     results = [cell("p", RIGHT, [{"confidence": 0.8}], clean=True), cell("q", clean=True)]
     results += [cell("p", error="it threw"), cell("q", RIGHT)]
-    moved: list[Any] = []
+    moved = []
 
-    def moves(row: Any) -> tuple[None, None]:
+    def moves(row):
         moved.append(row["exposure_s"])
         return None, None
 
@@ -92,30 +76,25 @@ def test_rows_of_a_run(tmp_path):
 
 
 def test_scores_have_intervals_over_clusters(tmp_path):
-    """Ten pictures in two repeats: intervals are those of the means, and of AP with each left out."""
     rng = np.random.default_rng(3)
     names = [f"{place}.jpg" for place in range(10)]
     confidence = {name: rng.uniform(size=rng.integers(1, 5)).round(3) for name in names}
     found = {name: RIGHT if place % 3 else NOTHING for place, name in enumerate(names)}
     truth = truth_of(names)
-    results = [
-        cell(name, found[name], [{"confidence": float(value)} for value in confidence[name]], repeat)
-        for repeat in range(2)
-        for name in names
-    ]
+    values = {name: [{"confidence": float(value)} for value in confidence[name]] for name in names}
+    results = [cell(name, found[name], values[name], repeat) for repeat in range(2) for name in names]
     ((row, whole, *_),) = score_rows(tmp_path, results, truth)
     sums, counts = [np.array([f(confidence[name]) for name in names]) for f in (np.sum, len)]
     expected = uncertainty.of_level(sums.sum() / counts.sum(), uncertainty.influence(sums, counts))
     np.testing.assert_allclose((row["target_confidence_low"], row["target_confidence_high"]), expected)
 
-    def ap(some: list[str]) -> Any:
+    def ap(some):
         return Evaluated({}, truth, Answers.of([(name, 0, found[name]) for name in some])).average().value
 
     without = [ap([each for each in names if each != name]) for name in names]
     assert whole.value == row["ap"] == pytest.approx(ap(names), abs=1e-6)
-    np.testing.assert_allclose(
-        whole.influence, uncertainty.left_out([ap(names), *without]).influence, atol=1e-4
-    )
+    expected = uncertainty.left_out([ap(names), *without]).influence
+    np.testing.assert_allclose(whole.influence, expected, atol=1e-4)
     assert 0 <= row["ap_low"] < row["ap"] < row["ap_high"] <= 1
     assert row["detection_rate_low"] < row["detection_rate"] < row["detection_rate_high"]
     assert row["exact_match_low"] is row["calibration_error_low"] is None
@@ -125,25 +104,11 @@ def test_scores_have_intervals_over_clusters(tmp_path):
     assert (one["ap"], one["ap_low"]) == (row["ap"], None)  # one cluster
 
 
-def test_rows_of_a_reader(tmp_path):
-    read = [("STOP", 0.9, 0.0), ("STOO", 0.8, 0.25), ("", 0.0, 1.0), ("STOP", 0.5, 0.0), ("STP", 0.8, 0.25)]
-    rows = [
-        {"truth": "STOP", "text": text, "read_confidence": sure, "character_error_rate": error}
-        | {"confidence": sure if text == "STOP" else 0.0}
-        for text, sure, error in read
-    ]
-    ((row, exact, *_),) = score_rows(tmp_path, [cell("p", rows=rows)])
-    assert (row["exact_match"], row["read_confidence"]) == pytest.approx((0.4, 0.6))
-    assert row["character_error_rate"] == pytest.approx(1.5 / 5)
-    assert (row["target_confidence"], row["detection_rate"]) == pytest.approx((0.28, 0.4))
-    assert (row["ap"], exact.value) == (None, 0.4)
-
-
 def test_a_new_score_is_one_entry(tmp_path, monkeypatch):
     """With its function it has columns and, with a name as a criterion, is what ``--score`` takes."""
     alarms = table.Score("alarms", "Alarms", table.DETECTOR, lambda judged: 7.0, "lower", "count")
     half = {"of_targets": lambda rows: rows.confidence / 2, "criterion": ("half", "half")}
-    doubled = table.Score("half", "Half", table.DETECTOR, **half)  # type: ignore[arg-type]
+    doubled = table.Score("half", "Half", table.DETECTOR, **half)
     monkeypatch.setattr(table, "SCORES", (*table.SCORES, alarms, doubled))
     ((row, *_),) = score_rows(tmp_path, [cell("p", rows=[{"confidence": 0.8}], clean=True)])
     assert (row["alarms"], row["half"]) == (7.0, 0.4)

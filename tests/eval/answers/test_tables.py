@@ -1,7 +1,5 @@
 """Tables of AP by size of targets, and of models: means and intervals are those of the score and its jackknife."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.answers.curves import Curve
@@ -16,12 +14,11 @@ PICTURES = 12
 GENERATOR = np.random.default_rng(2)
 
 
-def estimate(value: float) -> Estimate:
-    """A value, and those without each picture."""
+def estimate(value):
     return left_out(np.concatenate([[value], value + 0.01 * GENERATOR.normal(size=PICTURES)]))
 
 
-def sized(exposure_s: float | None, speed: float, large: Estimate, **pictures: Any) -> Scored:
+def sized(exposure_s, speed, large, **pictures):
     row = {"model": "m", "exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, **OWN}
     row |= {"velocity_y_px_s": 0.0, "saturated": None, "brightness": None, **pictures}
     nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
@@ -37,7 +34,7 @@ CONDITIONS = {
 }
 
 
-def scored() -> list[Scored]:
+def scored():
     exposed = [sized(*at, found, saturated=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
     return [sized(None, 0.0, CLEAN), *exposed[::-1]]
 
@@ -64,16 +61,9 @@ def test_values_and_intervals_are_the_scores_own(kept):
         assert (ends.low[0], ends.high[0]) == pytest.approx((float(expected.low), float(expected.high)))
 
 
-def test_a_size_without_targets_has_no_table():
-    """There is no AP of small targets, and none of medium ones in the original pictures."""
-    assert [table.group for table in tables_by_size(scored(), kept=False)] == ["large"]
-
-
-def rows_of(clean: np.ndarray, exposed: np.ndarray) -> list[dict[str, Any]]:
+def rows_of(clean, exposed):
     """Of models whose AP in the clean and in the exposed pictures is a mean over pictures, (pictures, models)."""
-    models: list[dict[str, Any]] = [
-        {"name": f"m{place}", "kind": "detector"} for place in range(clean.shape[1])
-    ]
+    models = [{"name": f"m{place}", "kind": "detector"} for place in range(clean.shape[1])]
     scores, performances = [], []
     for place, model in enumerate(models):
         for values, is_clean in ((clean, True), (exposed, False)):

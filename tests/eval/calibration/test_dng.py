@@ -1,9 +1,5 @@
 """What a DNG states, as a camera; files made by code."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import made_frames
 import numpy as np
 import pytest
@@ -14,20 +10,20 @@ GAIN, READ_E, BLACK, WHITE = 0.4, 3.0, 64, 4095
 SPAN = WHITE - BLACK
 S = GAIN / SPAN
 O = (GAIN * READ_E / SPAN) ** 2 + 1 / 12 / SPAN**2  # noqa: E741  # as the specification calls it
-TAGS: dict[int, tuple[int, object]] = {
+TAGS = {
     50714: (4, BLACK), 50717: (4, WHITE), 51041: (12, (S, O)), 50708: (2, "Made Up 1"), 34855: (3, 200),
     33434: (5, 0.01), 33437: (5, 1.8),
 }  # fmt: skip
 
 
-def dng(folder: Path, **changed: tuple[int, object] | None) -> Path:
+def dng(folder, **changed):
     tags = {**TAGS, **{int(name[1:]): value for name, value in changed.items()}}
     path = folder / "photo.dng"
     made_frames.write_dng(path, PLANE, {number: value for number, value in tags.items() if value is not None})
     return path
 
 
-def test_the_noise_profile_is_a_camera(tmp_path: Path) -> None:
+def test_the_noise_profile_is_a_camera(tmp_path):
     """At x = 0.3 the camera's K signal + dark variance is (S x + O) of white less black."""
     camera = camera_of_dng(dng(tmp_path))
     assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
@@ -43,7 +39,7 @@ def test_the_noise_profile_is_a_camera(tmp_path: Path) -> None:
     assert camera.sources["pixel_pitch_um"] == "assumed, as of the preset imx250"
 
 
-def test_other_tags(tmp_path: Path) -> None:
+def test_other_tags(tmp_path):
     """The green plane of three, noise below rounding, four black levels, none."""
     camera = camera_of_dng(dng(tmp_path, t51041=(12, (2 * S, O, S, O, 3 * S, O))))
     assert camera.system_gain_dn_per_e == pytest.approx(GAIN)
@@ -59,19 +55,14 @@ def test_other_tags(tmp_path: Path) -> None:
     ("changed", "why"),
     [
         ({"t51041": None}, "states no NoiseProfile"),
-        ({"t51041": (12, (0.0, 1.0))}, "must be pairs of S > 0"),
         ({"t51041": (12, (S, O, S))}, "must be pairs of S > 0"),
         ({"t50714": (4, 5000)}, "must be 0 <= black < white"),
     ],
 )
-def test_tags_that_make_no_camera(tmp_path: Path, changed: dict[str, tuple[int, object]], why: str) -> None:
-    with pytest.raises(ValueError, match=why) as caught:
+def test_files_that_make_no_camera(tmp_path, changed, why):
+    with pytest.raises(ValueError, match=rf"photo\.dng: .*{why}"):
         camera_of_dng(dng(tmp_path, **changed))
-    assert str(caught.value).startswith(str(tmp_path / "photo.dng"))
-
-
-@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"II*\0\x08\0\0\0\xff\xff", b"II*\0\x08\0\0\0"])
-def test_files_that_are_no_dng(tmp_path: Path, data: bytes) -> None:
-    (tmp_path / "x.dng").write_bytes(data)
-    with pytest.raises(ValueError, match=r"x\.dng: is no"):
-        camera_of_dng(tmp_path / "x.dng")
+    for data in (b"", b"\xff\xd8\xff", b"II*\0\x08\0\0\0\xff\xff", b"II*\0\x08\0\0\0"):
+        (tmp_path / "x.dng").write_bytes(data)
+        with pytest.raises(ValueError, match=r"x\.dng: is no"):
+            camera_of_dng(tmp_path / "x.dng")

@@ -1,17 +1,14 @@
-"""Cameras found again in their frames: the simulator's, and those of a model that knows nothing of it."""
-
-from __future__ import annotations
+"""Cameras found again in their frames, by the simulator and by a model that knows nothing of it; and the figure."""
 
 import logging
 from dataclasses import replace
-from pathlib import Path
 
 import made_frames
 import numpy as np
 import pytest
-from blurnoise_eval.calibration.fit import Measurement, measure
-
-from blurnoise import Camera
+from blurnoise_eval.calibration.figure import draw_fit
+from blurnoise_eval.calibration.fit import measure
+from blurnoise_eval.calibration.transfer import rounded, spatial_variance
 
 SIZE = (241, 320)
 ROUNDS_DN = 0.2
@@ -26,24 +23,22 @@ FIGURES = (
 )  # fmt: skip
 
 
-def found_in(folder: Path, camera: Camera, seed: int, **how: object) -> Measurement:
-    return measure(
-        made_frames.save(folder, made_frames.exposed(camera, seed, **how)),  # type: ignore[arg-type]
-        bit_depth=camera.bit_depth,
-    )
+def found_in(folder, camera, seed, **how):
+    frames = made_frames.save(folder, made_frames.exposed(camera, seed, **how))
+    return measure(frames, bit_depth=camera.bit_depth)
 
 
-def off(found: Measurement, camera: Camera, name: str) -> float:
+def off(found, camera, name):
     return abs(found.estimates[name].value / getattr(camera, name) - 1)
 
 
-def covers(found: Measurement, camera: Camera, name: str, more: float = 1.0) -> bool:
+def covers(found, camera, name, more=1.0):
     """Whether the interval, ``more`` times as wide, holds the truth."""
     told, off = found.estimates[name], getattr(camera, name) - found.estimates[name].value
     return bool(-more * (told.value - told.low) <= off <= more * (told.high - told.value))
 
 
-def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path: Path) -> None:
+def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path):
     """Bounds: K 2 %, read noise 5 %; the others 2.5 half-widths of their interval, passed once in 10^6."""
     found = found_in(tmp_path / "frames", CAMERA, 5, size=SIZE, top=1.3)
     assert off(found, CAMERA, "system_gain_dn_per_e") < 0.02
@@ -64,7 +59,7 @@ def test_a_camera_is_found_in_two_frames_each_of_eight_exposures(tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(10))
-def test_ten_drawn_cameras_are_found(tmp_path: Path, seed: int) -> None:
+def test_ten_drawn_cameras_are_found(tmp_path, seed):
     camera = made_frames.drawn_camera(seed)
     found = found_in(tmp_path / "frames", camera, seed, size=SIZE)
     assert off(found, camera, "system_gain_dn_per_e") < 0.02
@@ -78,41 +73,18 @@ def test_ten_drawn_cameras_are_found(tmp_path: Path, seed: int) -> None:
 
 
 @pytest.mark.parametrize(("read_e", "bound"), [(6.0, 0.02), (4.0, 0.02), (2.5, 0.04)])
-def test_read_noise_is_told_where_rounding_rules(tmp_path: Path, read_e: float, bound: float) -> None:
+def test_read_noise_is_told_where_rounding_rules(tmp_path, read_e, bound):
     """0.6, 0.4 and 0.25 DN of noise: 1/12 DN^2 taken off instead would be wrong by 1, 10 and 30 %."""
-    camera = replace(
-        CAMERA, system_gain_dn_per_e=0.1, full_well_e=35000.0, read_noise_e=read_e, dark_current_e_s=9.0
-    )
+    own = {
+        "system_gain_dn_per_e": 0.1,
+        "full_well_e": 35000.0,
+        "read_noise_e": read_e,
+        "dark_current_e_s": 9.0,
+    }
+    camera = replace(CAMERA, **own)
     found = found_in(tmp_path / "frames", camera, 3, size=SIZE)
     assert off(found, camera, "read_noise_e") < bound
     assert found.fit.rounding
-
-
-def test_of_two_numbers_in_the_dark_only_bounds_are_told(tmp_path: Path) -> None:
-    camera = replace(CAMERA, system_gain_dn_per_e=0.05, full_well_e=60000.0, read_noise_e=1.5, dsnu_e=0.5)
-    found = found_in(tmp_path / "frames", camera, 3, size=(100, 121))
-    told = found.estimates["read_noise_e"]
-    assert told.low == 0
-    assert told.high >= 4
-    assert any("bounds only" in note for note in found.notes)
-    assert off(found, camera, "system_gain_dn_per_e") < 0.03
-
-
-def test_photons_tell_the_quantum_efficiency(tmp_path: Path) -> None:
-    planes = made_frames.exposed(CAMERA, 4, size=(120, 161))
-    rows = ["file,kind,exposure_s,photons_per_px"]
-    for (kind, exposure_s), each in planes.items():
-        for number, plane in enumerate(each):
-            name = f"{kind}{1e6 * exposure_s:.0f}-{number}.npy"
-            np.save(tmp_path / name, plane)
-            light = made_frames.photons_s(CAMERA) * exposure_s if kind == "flat" else ""
-            rows.append(f"{name},{kind},{exposure_s},{light}")
-    (tmp_path / "frames.csv").write_text("\n".join(rows))
-    found = measure(tmp_path)
-    told = found.estimates["quantum_efficiency"]
-    assert told.value == pytest.approx(0.6, rel=0.02)
-    assert told.low < 0.6 < told.high
-    assert found.estimates["linearity_error"].value < 0.001
 
 
 SHADES = {
@@ -122,7 +94,7 @@ SHADES = {
 
 
 @pytest.mark.parametrize("shade", SHADES.values(), ids=SHADES)
-def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path: Path, shade: np.ndarray) -> None:
+def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path, shade):
     """Shading over the frame, or the filters of a colour sensor; the second frame has 1.2 % more light."""
     planes = made_frames.exposed(CAMERA, 6, size=(160, 201))
     random = np.random.default_rng(1)
@@ -137,7 +109,7 @@ def test_uneven_light_and_a_lamp_that_drifts_change_nothing(tmp_path: Path, shad
     assert found.estimates["prnu"].value < 0.002  # none, in these
 
 
-def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp_path: Path) -> None:
+def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp_path):
     camera = replace(CAMERA, dark_current_e_s=600.0)
     planes = made_frames.exposed(camera, 6, size=SIZE)
     for (_, exposure_s), each in planes.items():
@@ -150,14 +122,13 @@ def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp
     assert off(found, camera, "system_gain_dn_per_e") < 0.02
 
 
-def drawn(random: np.random.Generator, mean_e: np.ndarray) -> np.ndarray:
-    """A frame of these electrons without fixed pattern."""
+def drawn(random, mean_e):
     noisy_e = random.poisson(mean_e) + CAMERA.read_noise_e * random.standard_normal(mean_e.shape)
     return np.round(CAMERA.black_level_dn + CAMERA.system_gain_dn_per_e * noisy_e).astype(np.uint16)
 
 
 @pytest.mark.slow
-def test_intervals_hold_as_often_as_they_say(tmp_path: Path) -> None:
+def test_intervals_hold_as_often_as_they_say(tmp_path):
     """95 % of 120 seeds, less 4 standard deviations of a share: 0.95 - 4 sqrt(0.95 0.05/120) = 0.87."""
     held = {name: 0 for name in FIGURES if name != "full_well_e"}
     for seed in range(120):
@@ -168,7 +139,7 @@ def test_intervals_hold_as_often_as_they_say(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_emva_1288s_own_analysis_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_emva_1288s_own_analysis_finds_the_same(tmp_path, monkeypatch):
     """Of as many exposures as the standard asks for, by the package, which fits without weights."""
     process = pytest.importorskip("emva1288.process", reason="needs emva1288: pip install 'blurnoise[test]'")
     monkeypatch.setattr(np, "asfarray", lambda values: np.asarray(values, float), raising=False)
@@ -185,7 +156,7 @@ def test_emva_1288s_own_analysis_finds_the_same(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
-def test_a_camera_of_the_independent_model_is_found(tmp_path: Path) -> None:
+def test_a_camera_of_the_independent_model_is_found(tmp_path):
     """emva1288's own simulator, which adds a uniform draw and rounds: 1/12 DN^2 more than rounding alone."""
     module = pytest.importorskip(
         "emva1288.camera.camera", reason="needs emva1288: pip install 'blurnoise[test]'"
@@ -212,3 +183,44 @@ def test_a_camera_of_the_independent_model_is_found(tmp_path: Path) -> None:
     assert found.estimates["dark_current_e_s"].value == pytest.approx(dark_e_s, rel=0.05)
     assert found.estimates["dsnu_e"].value == pytest.approx(1.5, rel=0.1)
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.05)
+
+
+def test_figure_of_frames_shows_their_levels(tmp_path):
+    camera = made_frames.drawn_camera(3)
+    found = measure(made_frames.save(tmp_path / "f", made_frames.exposed(camera, 3, size=(64, 81))))
+    axes = draw_fit(found, "mine").axes
+    assert len(axes) == 2
+    dark, flat = axes[0].lines[:2]
+    assert len(dark.get_ydata()) == len(found.dark)
+    assert len(flat.get_ydata()) == len(found.used)
+    assert "off the line" in axes[1].get_title()
+
+
+# --- rounding of normal noise, against draws and against the range that the standard's users know ---
+
+
+@pytest.mark.parametrize(
+    ("sigma", "place", "spread"), [(0.3, 7.2, 0.0), (0.2, 7.45, 0.1), (0.5, 7.0, 0.3), (0.9, 7.4, 2.0)]
+)
+def test_moments_are_those_of_draws(sigma, place, spread):
+    """20 000 pixels of 50 draws: a mean to sigma/1000, a variance to sqrt(2/10^6), patterns to sqrt(2/20 000)."""
+    random = np.random.default_rng(1)
+    pixels = place + spread * random.standard_normal(20_000)
+    drawn = np.round(pixels + sigma * random.standard_normal((50, 20_000)))
+    mean, variance, by_pixel = rounded(np.array([place]), np.array([sigma**2]), spread)
+    assert mean[0] == pytest.approx(drawn.mean(), abs=5 * (0.001 + spread / 141))
+    assert variance[0] == pytest.approx(drawn.var(0, ddof=1).mean(), abs=0.01 * (sigma**2 + 0.08))
+    seen = drawn.mean(0).var() - drawn.var(0, ddof=1).mean() / 50
+    assert spatial_variance(by_pixel) == pytest.approx(seen, rel=0.06, abs=1e-4)
+
+
+def test_what_rounding_adds_at_a_quarter_step_depends_on_the_place():
+    added = rounded(np.linspace(0, 1, 101), np.full(101, 0.0625), 0.0)[1] - 0.0625
+    assert added.min() == pytest.approx(-0.017, abs=0.001)
+    assert added.max() == pytest.approx(0.188, abs=0.001)
+
+
+def test_the_law_of_a_twelfth_joins_on():
+    low, high = (rounded(np.array([0.25]), np.array([v]), 0.0)[1][0] - v for v in (0.4899, 0.4901))
+    assert low == pytest.approx(high, abs=2e-4)
+    assert high == pytest.approx(1 / 12)

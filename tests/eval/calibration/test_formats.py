@@ -1,10 +1,5 @@
 """Files of frames are read as they were written, and refused where they hold no frames."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import cv2
 import made_frames
 import numpy as np
@@ -14,7 +9,7 @@ from blurnoise_eval.calibration.formats import PACKINGS, RawLayout, format_of, r
 PLANE = np.arange(40 * 50, dtype=np.uint16).reshape(40, 50)
 
 
-def test_files_of_one_frame(tmp_path: Path) -> None:
+def test_files_of_one_frame(tmp_path):
     for name in ("a.png", "a.tiff", "a.pgm"):
         cv2.imwrite(str(tmp_path / name), PLANE)
     np.save(tmp_path / "a.npy", PLANE.astype(float))
@@ -26,7 +21,7 @@ def test_files_of_one_frame(tmp_path: Path) -> None:
         assert format_of(tmp_path / name).pages(tmp_path / name, layout) == 1
 
 
-def test_files_of_several_frames(tmp_path: Path) -> None:
+def test_files_of_several_frames(tmp_path):
     """Of unlike numbers, so that an exchange of pages, rows or columns is seen."""
     stack = np.random.default_rng(1).integers(0, 60_000, (3, 40, 50), dtype=np.uint16)
     cv2.imwritemulti(str(tmp_path / "a.tif"), [*stack])
@@ -40,7 +35,7 @@ def test_files_of_several_frames(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read, stack, name)
 
 
-def packed(name: str, rows: np.ndarray) -> bytes:
+def packed(name, rows):
     """Pixels (H, W) packed bit by bit as the standards draw it; W a multiple of the group."""
     bits, pixels, _, mipi = PACKINGS[name]
     octets = bytearray()
@@ -57,7 +52,7 @@ def packed(name: str, rows: np.ndarray) -> bytes:
 
 
 @pytest.mark.parametrize("name", PACKINGS)
-def test_packed_rows_with_padding(tmp_path: Path, name: str) -> None:
+def test_packed_rows_with_padding(tmp_path, name):
     bits = PACKINGS[name].bits
     frames = np.random.default_rng(2).integers(0, 1 << bits, (2, 40, 64), dtype=np.uint16)
     stride = 64 * bits // 8 + 7
@@ -70,7 +65,7 @@ def test_packed_rows_with_padding(tmp_path: Path, name: str) -> None:
         np.testing.assert_array_equal(read, frames[..., :width])
 
 
-def test_first_bytes_of_mipi_and_mono() -> None:
+def test_first_bytes_of_mipi_and_mono():
     """Numbers worked out by hand: 0x3FF, 0, 0x155, 2 and 0xABC, 0x123."""
     four, two = [[0x3FF, 0, 0x155, 2]], [[0xABC, 0x123]]
     assert packed("mipi10", np.array(four)) == bytes([0xFF, 0x00, 0x55, 0x00, 0b10_01_00_11])
@@ -87,39 +82,34 @@ def test_first_bytes_of_mipi_and_mono() -> None:
         ("mono12p,64x48,95", "stride = 95: must be 96 or more, the bytes of 64 pixels"),
     ],
 )
-def test_layouts_that_cannot_be(text: str, why: str) -> None:
+def test_layouts_that_cannot_be(text, why):
     with pytest.raises(ValueError, match=why):
         RawLayout.parse(text)
 
 
-FAULTY: dict[str, tuple[Callable[[Path], object], str]] = {
+FAULTY = {
     "a.jpg": (lambda path: cv2.imwrite(str(path), PLANE.astype(np.uint8)), "JPEG is lossy"),
-    "jpeg.png": (lambda path: path.write_bytes(b"\xff\xd8\xff"), "JPEG is lossy"),
     "colour.png": (lambda path: cv2.imwrite(str(path), np.zeros((40, 50, 3), np.uint8)), "not colours"),
     "mean.npy": (lambda path: np.save(path, PLANE + 0.5), "whole numbers"),
-    "text.npy": (lambda path: np.save(path, np.full((40, 50), "x")), "whole numbers"),
     "line.npy": (lambda path: np.save(path, PLANE.ravel()), r"shape \(2000,\): must be \(H, W\), or"),
     "small.png": (lambda path: cv2.imwrite(str(path), PLANE[:20]), "at least 32 x 32"),
-    "broken.png": (lambda path: path.write_bytes(b"\x89PNG"), "that OpenCV can decode"),
     "a.raw": (lambda path: PLANE.tofile(path), "4000 bytes: must be 4100, 41 rows of 100 bytes"),
     "mean.fits": (lambda path: made_frames.write_fits(path, PLANE, BSCALE=0.5), "whole numbers"),
-    "text.fits": (lambda path: path.write_bytes(b"x" * 2880), "does not begin with SIMPLE"),
     "short.fits": (lambda path: path.write_bytes(b"SIMPLE  =  T"), "its header has no END"),
-    "table.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS=0), r"must be 2 or 3"),
     "cut.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS2=4000), "by its header"),
     "odd.fits": (lambda path: made_frames.write_fits(path, PLANE, BITPIX=64), "BITPIX = 64"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FAULTY)
-def test_files_that_are_no_frames(tmp_path: Path, name: str) -> None:
+def test_files_that_are_no_frames(tmp_path, name):
     write, why = FAULTY[name]
     write(tmp_path / name)
     with pytest.raises(ValueError, match=f"{name}: .*{why}"):
         read_plane(tmp_path / name, RawLayout.parse("u16,50x41"))
 
 
-def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_missing_is_named(tmp_path, monkeypatch):
     (tmp_path / "a.bin").write_bytes(b"0000")
     with pytest.raises(ValueError, match=r"--raw-layout PACKING,WIDTHxHEIGHT \(packing: u8, u16, mipi10"):
         read_plane(tmp_path / "a.bin")
@@ -127,24 +117,3 @@ def test_what_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     (tmp_path / "a.cr2").write_bytes(b"II*\0")
     with pytest.raises(ValueError, match=r"pip install 'blurnoise\[raw\]'"):
         read_plane(tmp_path / "a.cr2")
-
-
-def test_raw_files_state_how_they_were_taken(tmp_path: Path) -> None:
-    pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
-    plane = np.arange(64 * 96, dtype=np.uint16).reshape(64, 96)
-    exif = {34665: (4, {33434: 0.01, 34855: 800})}
-    made_frames.write_dng(tmp_path / "a.dng", plane, {50708: (2, "Made Up"), **exif})
-    np.testing.assert_array_equal(read_plane(tmp_path / "a.dng"), plane)
-    taken = format_of(tmp_path / "a.dng").taken(tmp_path / "a.dng")
-    assert taken == {"exposure_s": 0.01, "iso": 800.0, "cfa": "RGGB"}
-    (tmp_path / "b.dng").write_bytes(b"II*\0nothing")
-    with pytest.raises(ValueError, match="LibRaw"):
-        read_plane(tmp_path / "b.dng")
-
-
-def test_fits_headers_state_how_they_were_taken(tmp_path: Path) -> None:
-    how = {"EXPTIME": 1.5e-3, "GAIN": 120, "CCD-TEMP": -9.5, "BAYERPAT": "'RGGB'", "IMAGETYP": "'Dark Frame'"}
-    made_frames.write_fits(tmp_path / "a.fits", PLANE, **how)
-    assert format_of(tmp_path / "a.fits").taken(tmp_path / "a.fits") == {
-        "exposure_s": 0.0015, "gain_setting": 120, "temperature_c": -9.5, "cfa": "RGGB", "kind": "dark",
-    }  # fmt: skip

@@ -1,9 +1,5 @@
 """Which frames a folder holds: by frames.csv, by EMVA's descriptor, by names and headers."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import made_frames
 import numpy as np
 import pytest
@@ -22,22 +18,18 @@ PLANE = np.arange(40 * 50, dtype=np.uint16).reshape(40, 50)
         ),
         ("file,kind,exposure_s\na.npy,bias,0.1\n", "line 2: kind = 'bias': must be 'dark' or 'flat'"),
         ("file,kind,exposure_s\na.npy,dark,soon\n", "line 2: exposure_s = 'soon': must be a valid number"),
-        ("file,kind,exposure_s\na.npy,dark,-1\n", "line 2: exposure_s = '-1': must be greater"),
-        ("file,kind,exposure_s,gain_db\na.npy,dark,1,500\n", "line 2: gain_db = '500': must be less"),
-        ("file,kind,exposure_s\n,dark,1\n", "line 2: file: Field required"),
         ("file,kind,exposure_s\n../a.npy,dark,1\n", r"line 2: file name '\.\./a\.npy' leaves the folder"),
-        ("file,kind,exposure_s\nb.npy,dark,1\n", "file 'b.npy': must be a file"),
         ("file,kind,exposure_s\n", "no frames"),
     ],
 )
-def test_lists_with_faults(tmp_path: Path, text: str, why: str) -> None:
+def test_lists_with_faults(tmp_path, text, why):
     np.save(tmp_path / "a.npy", PLANE)
     (tmp_path / "frames.csv").write_text(text)
     with pytest.raises(ValueError, match=why):
         list_frames(tmp_path)
 
 
-def test_a_list_of_stacks(tmp_path: Path) -> None:
+def test_a_list_of_stacks(tmp_path):
     np.save(tmp_path / "a.npy", np.stack([PLANE] * 3))
     (tmp_path / "frames.csv").write_text("file,kind,exposure_s,page\na.npy,dark,1,\na.npy,flat,1,2\n")
     assert [(frame.kind, frame.page) for frame in list_frames(tmp_path).frames] == [
@@ -56,7 +48,7 @@ i images\d_0.npy
 """
 
 
-def test_a_descriptor_of_emva_1288(tmp_path: Path) -> None:
+def test_a_descriptor_of_emva_1288(tmp_path):
     """With decimal commas, backslashes, and pictures that are listed and absent."""
     (tmp_path / "images").mkdir()
     for name in ("b_0", "d_0"):
@@ -70,24 +62,13 @@ def test_a_descriptor_of_emva_1288(tmp_path: Path) -> None:
     assert (dark.kind, dark.exposure_s, dark.photons_per_px) == ("dark", 0.001, None)
     assert found.bit_depth == 10
     assert list(found.notes) == ["Data.txt lists 3 pictures, 1 of which are not there and left out"]
-
-
-@pytest.mark.parametrize(
-    ("line", "why"),
-    [
-        ("b 1000", "line 9: must be b EXPOSURE_NS PHOTONS"),
-        ("b soon 3", "line 9: could not convert"),
-        ("d 1\ni ../x.png", "line 10: file name '../x.png' leaves"),
-    ],
-)
-def test_descriptors_with_faults(tmp_path: Path, line: str, why: str) -> None:
-    (tmp_path / "Data.txt").write_text(DESCRIPTOR + line)
-    with pytest.raises(ValueError, match=f"Data.txt: {why}"):
+    (tmp_path / "Data.txt").write_text(DESCRIPTOR + "b 1000")
+    with pytest.raises(ValueError, match=r"Data\.txt: line 9: must be b EXPOSURE_NS PHOTONS"):
         list_frames(tmp_path)
 
 
-def test_names_of_files_and_folders(tmp_path: Path) -> None:
-    for name in (
+def test_names_of_files_and_folders(tmp_path):
+    for name in [
         "dark_10ms_0",
         "FLAT_2.5ms_b",
         "flat_500us_1",
@@ -95,7 +76,7 @@ def test_names_of_files_and_folders(tmp_path: Path) -> None:
         "flat_10_1",
         "x",
         "flatfish_1ms",
-    ):
+    ]:
         np.save(tmp_path / f"{name}.npy", PLANE)
     for folder in ("darks", "flat"):
         (tmp_path / folder).mkdir()
@@ -114,7 +95,7 @@ def test_names_of_files_and_folders(tmp_path: Path) -> None:
         list_frames(tmp_path / "empty")
 
 
-def test_raw_files_in_a_folder_of_darks_and_beside_it(tmp_path: Path) -> None:
+def test_raw_files_in_a_folder_of_darks_and_beside_it(tmp_path):
     """ISO 800 beside ISO 200 is 12.04 dB; what is not called dark is a frame of light."""
     pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
     plane = np.arange(64 * 96, dtype=np.uint16).reshape(64, 96)
@@ -127,7 +108,7 @@ def test_raw_files_in_a_folder_of_darks_and_beside_it(tmp_path: Path) -> None:
     assert list(found.notes) == ["ISO 200, the lowest, counts as 0 dB of gain"]
 
 
-def test_fits_files(tmp_path: Path) -> None:
+def test_fits_files(tmp_path):
     """By their headers; a gain of a maker's unit needs frames.csv, which counts more."""
     for name, kind, gain in (("a", "'Dark Frame'", 0), ("b", "'FLAT'", 120)):
         made_frames.write_fits(tmp_path / f"{name}.fits", PLANE, EXPTIME=0.02, IMAGETYP=kind, GAIN=gain)

@@ -1,10 +1,5 @@
 """Tone curves found again in brackets and grey scales of curves that are written out here."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
 from blurnoise_eval.calibration import tone
@@ -14,28 +9,25 @@ from PIL import Image
 
 from blurnoise import Camera, ExposedScene
 
-Curve = Callable[[np.ndarray], np.ndarray]
 GRID = np.linspace(0.0, 1.0, 401)
 
 
-def srgb(light: np.ndarray) -> np.ndarray:
+def srgb(light):
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
 
 
-def shouldered(light: np.ndarray) -> np.ndarray:
+def shouldered(light):
     """A camera's: contrast in the middle, as of sRGB and its smoothstep."""
     value = srgb(light)
     return 0.6 * value + 0.4 * (3 * value**2 - 2 * value**3)
 
 
-def scene(seed: int) -> np.ndarray:
+def scene(seed):
     """Reflectances of two decades, (64, 80)."""
     return np.minimum(1.0, np.exp(np.random.default_rng(seed).normal(-1.8, 1.1, (64, 80))))
 
 
-def bracket(
-    folder: Path, curve: Curve, noise: float = 0.0, times: tuple[float, ...] = (1, 2, 4, 8, 16)
-) -> Path:
+def bracket(folder, curve, noise=0.0, times=(1, 2, 4, 8, 16)):
     """Pictures of 8 bits; at 4 ms white is full scale."""
     folder.mkdir()
     random, rows = np.random.default_rng(1), ["file,exposure_s"]
@@ -57,7 +49,7 @@ CURVES = [
 
 
 @pytest.mark.parametrize(("curve", "noise"), CURVES, ids=["gamma", "shoulder", "noisy", "linear"])
-def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path: Path, curve: Curve, noise: float) -> None:
+def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path, curve, noise):
     found = tone.of(bracket(tmp_path / "bracket", curve, noise))
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - curve(GRID)).max() < 0.01
     assert found.doubts == ()
@@ -67,7 +59,7 @@ def test_a_bracket_gives_the_curve_within_a_hundredth(tmp_path: Path, curve: Cur
     assert 0.1 < residual < 0.3 if noise == 0 else residual > 0.5
 
 
-def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path: Path) -> None:
+def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path):
     """Within 1 %, and what 8 bits round, from a tenth of white on; the file is a camera's, and a tone."""
     folder, path = bracket(tmp_path / "bracket", shouldered), tmp_path / "mine.yaml"
     assert main(["cameras", "fit", "--tone", folder, "--base", "imx250m", "-o", path]) == 0
@@ -86,7 +78,7 @@ def test_a_picture_made_linear_by_it_is_the_reflectance(tmp_path: Path) -> None:
     assert Camera.load(tmp_path / "again.yaml").sources == camera.sources
 
 
-def test_a_grey_scale_gives_it_too(tmp_path: Path) -> None:
+def test_a_grey_scale_gives_it_too(tmp_path):
     light = 0.9 * 10 ** -np.linspace(1.7, 0, 12)
     rows = [f"{round(255 * value)},{each}" for value, each in zip(shouldered(light), light, strict=True)]
     (tmp_path / "scale.csv").write_text("\n".join(["number,light", *rows]))
@@ -94,7 +86,7 @@ def test_a_grey_scale_gives_it_too(tmp_path: Path) -> None:
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.01
 
 
-def test_exposures_are_those_of_exif(tmp_path: Path) -> None:
+def test_exposures_are_those_of_exif(tmp_path):
     """JPEG, with time and ISO; blocks of a value, which compression leaves alone."""
     steps = np.repeat(np.repeat(np.linspace(0.02, 1, 64).reshape(8, 8), 16, 0), 16, 1)
     for number, (time, iso) in enumerate(((0.01, 100), (0.01, 200), (0.01, 400), (0.08, 100))):
@@ -107,7 +99,7 @@ def test_exposures_are_those_of_exif(tmp_path: Path) -> None:
     assert np.abs(np.interp(GRID, *np.array(found.points).T) - shouldered(GRID)).max() < 0.015
 
 
-def test_a_wrong_exposure_time_is_doubted(tmp_path: Path) -> None:
+def test_a_wrong_exposure_time_is_doubted(tmp_path):
     folder = bracket(tmp_path / "bracket", shouldered)
     rows = (folder / "frames.csv").read_text().replace("2.png,0.002", "2.png,0.0023")
     (folder / "frames.csv").write_text(rows)
@@ -125,9 +117,7 @@ def test_a_wrong_exposure_time_is_doubted(tmp_path: Path) -> None:
         ((1, 2, 4), "", "no exposure; its EXIF or frames.csv"),
     ],
 )
-def test_what_is_no_bracket_is_refused(
-    tmp_path: Path, times: tuple[float, ...], rows: str | None, why: str
-) -> None:
+def test_what_is_no_bracket_is_refused(tmp_path, times, rows, why):
     folder = bracket(tmp_path / "bracket", lambda light: 0.3 * light, times=times)
     if rows is not None:
         (folder / "frames.csv").write_text(rows)

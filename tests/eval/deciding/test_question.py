@@ -3,24 +3,14 @@
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
-from blurnoise_eval.deciding.question import (
-    FLOOR,
-    Line,
-    Question,
-    conditions_at,
-    lattice,
-    what_breaks,
-)
+from blurnoise_eval.deciding.question import FLOOR, Line, Question, conditions_at, lattice, what_breaks
 from blurnoise_eval.grid.axes import AUTOMATIC
 from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.sweep.exposing import Scene, frames
-from made_up import Veil
 from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
 from blurnoise import Camera
-from blurnoise.light import conditions as exposed
-from blurnoise.light import effects
 
 EXPOSURES_S = 0.001, 0.09
 LINES = tuple(Line(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))
@@ -57,7 +47,7 @@ def test_lattice_is_near_every_place_of_every_line_and_nowhere_else(lines):
     assert {*map(tuple, found)} <= {*map(tuple, wider)}
 
 
-def line_of(at: Conditions) -> Line:
+def line_of(at):
     return Line(at.illuminance_lux, (at.stated["velocity_x_px_s"], at.stated["velocity_y_px_s"]))
 
 
@@ -107,13 +97,3 @@ def test_equal_light_and_motion_are_equal_frames():
 def test_what_breaks_the_plane(axes, reason):
     found = what_breaks(CAMERA, Question({**ONE_WAY, **axes}))
     assert found == [] if reason is None else [reason in each for each in found] == [True]
-
-
-def test_an_effect_of_time_alone_breaks_it(monkeypatch):
-    class Creeping(Veil):
-        def bound(self, at: exposed.Conditions[float]) -> float:
-            return at.exposure_s
-
-    monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Creeping()))
-    (reason,) = what_breaks(CAMERA, Question(ONE_WAY))
-    assert "veil goes with the exposure time alone" in reason

@@ -1,32 +1,25 @@
 """Surfaces: exact at nodes, honest between them, the same weights for every cluster, and what they say on lines."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.deciding.question import FLOOR, Line, Question, lattice, spread
-from blurnoise_eval.deciding.surface import USUAL, Kriging, Predicted, correlation, predicted_table
-from made_tables import answers, on_plane, table
-from numpy.typing import NDArray
+from blurnoise_eval.deciding.question import Line, Question, lattice, spread
+from blurnoise_eval.deciding.surface import USUAL, Kriging, correlation, predicted_table
+from made_tables import answers, table
 
-Array = NDArray[np.float64]
 LINES = [Line(lux, (speed, 0.0)) for lux in (2.0, 45.0, 1000.0) for speed in (0.0, 100.0, 1600.0)]
 PLACES = lattice(LINES, (0.001, 0.09))
-NODES = PLACES[spread(PLACES, 40)]
-EDGES = np.array([-5.0, -4.0, -2.0])
-COUNTS = np.array([4.0, 0.5, 2.0])
 CRITERION = Criterion(0.6, kept=False)
 
 
-def logistic(places: Array) -> Array:
+def logistic(places):
     """Rises with the light at -4 stops, falls with motion at 3."""
     return np.asarray(1 / (1 + np.exp(-1.2 * (places[:, 0] + 4))) / (1 + np.exp(1.5 * (places[:, 1] - 3))))
 
 
-def drawn(lengths: tuple[float, float], scale: float, seed: int) -> Array:
+def drawn(lengths, scale, seed):
     """A surface over PLACES out of the law that kriging assumes, about 0.5."""
     covariance = correlation(PLACES, PLACES, lengths) + 1e-8 * np.eye(len(PLACES))
     return 0.5 + scale * np.linalg.cholesky(covariance) @ np.random.default_rng(seed).normal(size=len(PLACES))
@@ -66,56 +59,6 @@ def test_sigma_is_honest():
     assert np.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=0.28)
 
 
-def rates(places: np.ndarray) -> np.ndarray:
-    """Of three clusters, (3, N): lost in the dark at three edges."""
-    light = 1 / (1 + np.exp(-1.5 * (places[:, 0] - EDGES[:, None])))
-    return np.asarray(light / (1 + np.exp(places[:, 1] - 4)))
-
-
-def observed(places: np.ndarray) -> Predicted:
-    counts = np.repeat(COUNTS[:, None], len(places), axis=1)
-    return Predicted(on_plane(places, rates(places) * counts, counts))
-
-
-def test_no_swing_beyond_what_was_observed():
-    """A detector that is 0.9 sure in a window of light and blind beside it is nowhere surer, nor less than blind."""
-    seen = np.where(abs(NODES[:, 0] + 1) < 2.5, 0.9, 0.0)
-    counts = np.ones((2, len(NODES)))
-    window = Predicted(on_plane(NODES, seen * [[1.0], [0.5]], counts))
-    weights = window.surface.weights(PLACES)
-    seen = np.where(abs(window.places[:, 0] + 1) < 2.5, 0.9, 0.0)
-    swing = weights @ (0.75 * seen)
-    assert swing.max() > 0.68
-    assert swing.min() < -0.01
-    sums, _ = window.on(PLACES)
-    mean = sums.mean(axis=0)
-    assert mean.min() == pytest.approx(0.0, abs=1e-12)
-    assert mean.max() == pytest.approx(0.675)
-    assert sums[0] - sums[1] == pytest.approx(weights @ (0.5 * seen))
-
-
-def test_inside_is_among_the_nodes():
-    found = observed(NODES)
-    assert found.inside(PLACES).mean() > 0.9
-    assert not found.inside([(20.0, 0.0), (0.0, 9.0), (-9.0, 7.0), (-12.0, FLOOR)]).any()
-    rest = observed(lattice([Line(5.0)], (0.001, 0.5)))
-    assert rest.inside([(0.0, FLOOR), (0.0, 1.0), (5.0, FLOOR)]).tolist() == [True, False, False]
-    alone = observed(np.array([[0.0, 1.0]]))
-    assert alone.inside([(0.1, 1.1), (0.0, 2.0)]).tolist() == [True, False]
-
-
-def test_every_direction_has_a_plane_and_rest_is_in_each():
-    velocities = [(0.0, 0.0), (100.0, 0.0), (-50.0, 0.0), (0.0, 70.0), (300.0, -400.0)]
-    made = table(np.random.default_rng(0).random((2, 3, 5)), [0.01, 0.02, 0.04], velocities)
-    planes = {each.direction: each for each in made.on_plane()}
-    # three exposures at rest and in motion; 50 px/s for 10 ms is half a pixel, which is none
-    sizes = {direction: len(each) for direction, each in planes.items()}
-    assert sizes == {(1.0, 0.0): 3 + 3 + 2, (0.0, 1.0): 3 + 3, (0.6, -0.8): 3 + 3}
-    means = {tuple(made.at(place).values()): made.mean[place] for place in range(len(made))}
-    upwards = planes[0.0, 1.0]
-    assert upwards.mean == pytest.approx([means[tuple(upwards.at(place).values())] for place in range(6)])
-
-
 QUESTION = Question(
     {
         "exposure_s": (0.002, 0.064),
@@ -126,13 +69,13 @@ QUESTION = Question(
 )
 
 
-def truth(places: NDArray[np.float64], cluster: int) -> NDArray[np.float64]:
+def truth(places, cluster):
     """A score that rises with light and falls with motion, in each cluster at another light."""
     u, w = places[..., 0], places[..., 1]
     return np.asarray(0.9 / (1 + np.exp(-1.5 * (u + 3 + 0.1 * cluster))) / (1 + np.exp(1.2 * (w - 3))))
 
 
-def plane(clusters: int = 24, **changed: Any) -> ScoreTable:
+def plane(clusters=24, **changed):
     """At the lattice of the question, by exposures of 10 ms."""
     places = lattice(QUESTION.lines, QUESTION.exposures_s)
     sums = np.array([truth(places, cluster) for cluster in range(clusters)])

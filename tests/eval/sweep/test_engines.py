@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -25,7 +24,7 @@ from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.ocr import Recogniser
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.engines import ProcessEngine, RayEngine, ThreadEngine, engine_of
+from blurnoise_eval.sweep.engines import ProcessEngine, ThreadEngine, engine_of
 from blurnoise_eval.sweep.work import Block, Work, blocks, count_cells
 from plans import plan as swept
 from processes import alive, descendants, limited
@@ -49,7 +48,7 @@ def test_rows_depend_neither_on_threads_nor_on_order(detector, pictures, threads
     random.Random(threads).shuffle(todo)
     taken = 0
 
-    def counted() -> Iterator[Block]:
+    def counted():
         nonlocal taken
         for block in todo:
             taken += 1
@@ -125,18 +124,9 @@ def test_no_process_outlives_its_sweep(pictures, detector, tmp_path, engine, how
         pytest.importorskip("ray")
     shown = datasets.image_folder(Path(pictures.source))
     words = f"sweep --exposure-ms 1:60:1 --lux 50 --dx 0,300 --gain auto --engine {engine} --threads 2"
-    files = [
-        "--camera",
-        "imx250",
-        "--model",
-        str(detector.path),
-        "--images",
-        shown.source,
-        "-o",
-        str(tmp_path / "run"),
-    ]
+    words += f" --camera imx250 --model {detector.path} --images {shown.source} -o {tmp_path / 'run'}"
     process = subprocess.Popen(
-        [sys.executable, "-m", "blurnoise_eval.cli", *words.split(), *files],
+        [sys.executable, "-m", "blurnoise_eval.cli", *words.split()],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 560  # a killed driver's cluster goes a minute later
@@ -167,7 +157,7 @@ def test_no_process_outlives_its_sweep(pictures, detector, tmp_path, engine, how
     assert everything(tmp_path / "run") == everything(tmp_path / "anew")
 
 
-def _some_rows(run: Path) -> bool:
+def _some_rows(run):
     """Whether a run that is being computed has committed cells: read from a copy, its file being locked."""
     if not (run / "results.sqlite").exists():
         return False
@@ -186,7 +176,7 @@ def test_what_does_not_pickle_is_named(detector, pictures):
     with pytest.raises(ValueError, match=r"picture 'made up' cannot be sent .*use 'threads'"):
         list(ProcessEngine(1).map(work, [Block(lambdas, ())]))
     with pytest.raises(ValueError, match="models cannot be sent"):
-        list(ProcessEngine(1).map(replace(work, models=(lambda: None,)), []))  # type: ignore[arg-type]
+        list(ProcessEngine(1).map(replace(work, models=(lambda: None,)), []))
 
 
 def test_engines_by_name(monkeypatch):
@@ -194,11 +184,7 @@ def test_engines_by_name(monkeypatch):
     assert engine_of("processes", 2) == ProcessEngine(2)
     with pytest.raises(ValueError, match=r"engine = 'rays': must be one of 'threads', 'processes', 'ray'"):
         engine_of("rays", 1)
-    names = ["threads", "processes"]
-    if importlib.util.find_spec("ray"):
-        names.append("ray")
-        assert engine_of("ray", None, address="here:6379") == RayEngine(None, "here:6379")
-    for name in names:
+    for name in ("threads", "processes"):
         with pytest.raises(ValueError, match=f"{name} = 0: must be >= 1"):
             engine_of(name, 0)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)

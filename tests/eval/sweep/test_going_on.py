@@ -6,25 +6,16 @@ import random
 import subprocess
 import sys
 import weakref
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
-from blurnoise_eval import evaluate
-from blurnoise_eval.datasets import PictureSet
-from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.run_folder import begun_or_gone
 from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system import working_folder
 from blurnoise_eval.system.urls import location
-from numpy.typing import NDArray
 from plans import plan as swept
 from processes import limited, with_helpers
 from s3_servers import BUCKET, at, s3_server
@@ -49,14 +40,14 @@ ONE = swept((0.01,), (50.0,), repeats=2)
 
 @pytest.mark.parametrize(("threads", "after"), [(1, 1), (1, 20), (3, 25)])
 def test_interrupted_sweep_goes_on(detector, tmp_path, threads, after):
-    settled: list[int] = []
+    settled = []
 
-    def interrupt(cells: int) -> None:
+    def interrupt(cells):
         settled.append(cells)
         if sum(settled) >= after:
             raise KeyboardInterrupt
 
-    def run(**options: Any) -> sweep.Outcome:
+    def run(**options):
         return computed(tmp_path / "run", [detector], TWO, ThreadEngine(threads), PLAN, **options)
 
     total = count_cells(TWO, PLAN)
@@ -65,7 +56,7 @@ def test_interrupted_sweep_goes_on(detector, tmp_path, threads, after):
     with Store(tmp_path / "run") as store:  # it is whole: it can be read at once
         kept = len({row["cell_id"] for row in store.rows("SELECT cell_id FROM cells")})
     assert after <= kept < total
-    told: list[int] = []
+    told = []
     outcome = run(progress=told.append)
     assert (outcome.resumed, outcome.computed, sum(told)) == (kept, total - kept, total)
     assert everything(tmp_path / "run") == rows_of(tmp_path / "whole", [detector], CAMERA, TWO, PLAN)
@@ -76,10 +67,10 @@ def test_interrupted_sweep_goes_on(detector, tmp_path, threads, after):
 @pytest.mark.parametrize("threads", [1, 2])
 def test_pictures_in_memory_do_not_grow_with_the_set(detector, tmp_path, threads):
     """Scenes that are kept, and one that each task at work may still hold."""
-    live: set[int] = set()
+    live = set()
     most = 0
 
-    def load() -> NDArray[np.uint8]:
+    def load():
         nonlocal most
         image = noise(32, 32)
         live.add(id(image))
@@ -108,21 +99,7 @@ def test_unreadable_picture_is_named_and_skipped_until_it_is_mended(detector, tm
 # --- which folder is whose ---
 
 
-class Unreachable:
-    def map(self, *_: Any) -> Iterator[Any]:
-        raise ChildProcessError("no cluster")
-        yield
-
-
-def test_a_sweep_whose_engine_cannot_begin_leaves_nothing(tmp_path):
-    with pytest.raises(ChildProcessError, match="no cluster"):
-        evaluate(pictures=TWO, plan=ONE, output=tmp_path / "of/runs", engine=Unreachable())  # type: ignore[arg-type]
-    assert list(tmp_path.iterdir()) == []
-
-
-def begin(
-    folder: Path, *, cells: int = 0, skipped: bool = False, before: str = "", meanwhile: str = ""
-) -> list[str]:
+def begin(folder, *, cells=0, skipped=False, before="", meanwhile=""):
     """Fail after so much was stored; what is there then."""
     if before:
         folder.mkdir(exist_ok=True)
@@ -163,35 +140,20 @@ _DRIVER = """
 import pickle, sys
 from pathlib import Path
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.engines import RayEngine, ThreadEngine
+from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.run import run
 from blurnoise_eval.system import working_folder
 from blurnoise_eval.system.urls import location
 from signs_in_memory import CAMERA
-given, where, address = sys.argv[1:]
+given, where = sys.argv[1:]
 detector, pictures, plan = pickle.loads(Path(given).read_bytes())
-engine = RayEngine(2, address) if address else ThreadEngine(2)
 with working_folder.written_run(location(where)) as folder, Store(folder.path, create=True) as store:
-    run(
-        [detector], CAMERA, pictures, plan, store, engine=engine, progress=lambda cells: print(cells, flush=True)
-    )
+    told = lambda cells: print(cells, flush=True)
+    run([detector], CAMERA, pictures, plan, store, engine=ThreadEngine(2), progress=told)
 """
 
 
-@pytest.fixture(scope="module")
-def two(tmp_path_factory):
-    shown = some_pictures(tmp_path_factory.mktemp("pictures"))
-    return replace(shown, pictures=shown.pictures[:2])
-
-
-@pytest.fixture(scope="module")
-def unbroken(detector, two, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("unbroken")
-    computed(folder, [detector], two, ThreadEngine(2), LONG)
-    return everything(folder)
-
-
-def driven(command: list[str], kill_at: int | None, env: dict[str, str]) -> int:
+def driven(command, kill_at, env):
     """Begin a driver and kill it once it has settled so many cells, None: never. How many it was heard to have."""
     settled, pipe = 0, subprocess.PIPE
     env = {**os.environ, "PYTHONPATH": with_helpers(), **env}
@@ -207,28 +169,23 @@ def driven(command: list[str], kill_at: int | None, env: dict[str, str]) -> int:
     return settled
 
 
-def moments(two: PictureSet, seed: int, count: int) -> list[int]:
-    """When to kill: at the first sign of life, and later and later."""
-    return [1, *sorted(random.Random(seed).sample(range(2, count_cells(two, LONG) - 10), count - 1))]
-
-
-def command(detector: Detector, two: PictureSet, folder: Path, where: object, address: str = "") -> list[str]:
-    (folder / "given").write_bytes(pickle.dumps((detector, two, LONG)))
-    return [sys.executable, "-c", _DRIVER, str(folder / "given"), str(where), address]
-
-
 @pytest.mark.slow
-def test_killed_with_a_run_on_s3(detector, two, tmp_path, unbroken, monkeypatch):
+def test_killed_with_a_run_on_s3(detector, tmp_path, monkeypatch):
     """What is killed goes on from what its machine has, and is put in the end; another machine reads it."""
     s3fs = pytest.importorskip("s3fs")
-    where = f"s3://{BUCKET}/run"
+    (tmp_path / "pictures").mkdir()
+    shown = some_pictures(tmp_path / "pictures")
+    two = replace(shown, pictures=shown.pictures[:2])
+    computed(tmp_path / "unbroken", [detector], two, ThreadEngine(2), LONG)
+    where, total = f"s3://{BUCKET}/run", count_cells(two, LONG)
+    (tmp_path / "given").write_bytes(pickle.dumps((detector, two, LONG)))
     with limited(550), s3_server() as server:
         at(server, monkeypatch.setenv)
         s3fs.S3FileSystem(skip_instance_cache=True).mkdir(BUCKET)
-        driver = command(detector, two, tmp_path, where)
-        for kill_at in [*moments(two, 8, 3), None]:
+        driver = [sys.executable, "-c", _DRIVER, str(tmp_path / "given"), where]
+        for kill_at in [1, *sorted(random.Random(8).sample(range(2, total - 10), 2)), None]:
             settled = driven(driver, kill_at, {"BLURNOISE_CACHE": str(tmp_path / "machine")})
-        assert settled == count_cells(two, LONG)
+        assert settled == total
         monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "reader"))
         with working_folder.read_run(location(where)) as folder:
-            assert everything(folder.path) == unbroken
+            assert everything(folder.path) == everything(tmp_path / "unbroken")

@@ -1,8 +1,6 @@
 """Merging: the runs of parts are the run of the whole, every cell once; what cannot be one run is refused."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -18,7 +16,7 @@ PLAN = SweepPlan({"exposure_s": (0.005, 0.05), "illuminance_lux": (50.0,), "velo
 TIMES = {"simulate_ms", "infer_ms", "example", "latency_ms", "latency_p95_ms"}
 
 
-def signs(count: int = 6) -> datasets.PictureSet:
+def signs(count=6):
     every = datasets.rendered_signs()
     return replace(every, pictures=every.pictures[:count])
 
@@ -32,13 +30,13 @@ def runs(tmp_path_factory):
     return folder
 
 
-def tables(run: Evaluation) -> None:
+def tables(run):
     with Store(run.folder) as store:
         write_exports(store)
     write_tables(run.data, run.output)
 
 
-def table(folder: Path, name: str) -> pd.DataFrame:
+def table(folder, name):
     read = pd.read_csv(folder / name)
     return read[[column for column in read if column not in TIMES]]
 
@@ -47,7 +45,6 @@ def table(folder: Path, name: str) -> pd.DataFrame:
     "order", ["12", pytest.param("21", marks=pytest.mark.slow), pytest.param("1212", marks=pytest.mark.slow)]
 )
 def test_run_of_parts_is_that_of_the_whole(runs, order, tmp_path):
-    """Rows, scores, curves and answers, in whatever order and however often they are given."""
     done = merge([runs / part for part in order], tmp_path / "run")
     assert done == (30, 6)
     tables(Evaluation(tmp_path / "run"))
@@ -74,7 +71,7 @@ def test_run_of_parts_is_that_of_the_whole(runs, order, tmp_path):
     ],
 )
 def test_runs_that_are_no_parts_of_one_sweep_are_refused(runs, changes, named, tmp_path):
-    usual: dict[str, Any] = {"pictures": signs(), "plan": PLAN, "threads": 1, "part": "2/2", "refine": False}
+    usual = {"pictures": signs(), "plan": PLAN, "threads": 1, "part": "2/2", "refine": False}
     evaluate(**{**usual, "output": tmp_path / "other", **changes})
     with pytest.raises(StoreError, match=f"{named}.*only parts of one sweep can be merged"):
         merge([runs / "1", tmp_path / "other"], tmp_path / "run")

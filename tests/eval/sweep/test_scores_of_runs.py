@@ -3,25 +3,15 @@
 import json
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet, Target
 from blurnoise_eval.grid.axes import SETTING
-from blurnoise_eval.grid.conditions import SweepPlan, with_lens
-from blurnoise_eval.report.tables import model_rows
-from blurnoise_eval.scoring import scores
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.met_conditions import met_conditions
-from blurnoise_eval.sweep.score_tables import (
-    LEAST_AP50,
-    dark_below,
-    models_withheld,
-    run_scores,
-)
+from blurnoise_eval.sweep.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from made_tables import table
 from plans import IMX250
 from plans import plan as swept
@@ -69,7 +59,6 @@ def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
 
 
 def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run):
-    """An absolute threshold can be asked of any."""
     summary = Evaluation(run).summary
     (withheld,) = summary["withheld"]
     assert (withheld["model"], withheld["group"], withheld["n_targets"]) == ("small", "a grey wall", 18)
@@ -91,7 +80,7 @@ def test_a_group_that_the_model_does_not_know_is_withheld_and_named(run):
 )
 def test_more_pictures_make_no_group_known(targets, clean, withheld):
     """285 targets of 0.004 each make more than 1 in sum, and the model finds none of them."""
-    of: dict[str, Any] = {"n_targets": targets, "clean": clean, "reference": clean * targets}
+    of = {"n_targets": targets, "clean": clean, "reference": clean * targets}
     kept = table(np.ones((1, 1, 1)), [0.01], kept=True, **of)
     assert kept.knows_too_little == withheld
     assert not replace(kept, kept=False).knows_too_little
@@ -131,11 +120,10 @@ def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
     assert list(models_withheld(manifest, rows)) == (["m"] if withheld else [])
 
 
-def test_scores_are_computed_once_for_each_question(run, tmp_path, monkeypatch):
-    """By the size of targets or not; and again where there is a score that a run scored before has not."""
+def test_scores_are_computed_once_for_each_question(run):
 
-    def computed(by_size: str | None, cluster: str | None = None) -> int:
-        told: list[int] = []
+    def computed(by_size, cluster=None):
+        told = []
         with Store(run, shared=True) as store:
             run_scores(store, cluster, told.append, by_size=by_size)
         return sum(told)
@@ -143,45 +131,16 @@ def test_scores_are_computed_once_for_each_question(run, tmp_path, monkeypatch):
     computed(None)
     assert [computed(by_size) > 0 for by_size in (None, "ap75", "ap75")] == [False, True, False]
     assert computed("ap75", cluster=r"\.(png)") > 0
-    made_up = scores.Score("made_up", "Made up", of=lambda judged: 0.5, charted=True, of_models=scores.BOTH)
-    monkeypatch.setattr(scores, "SCORES", (*scores.SCORES, made_up))
-    assert computed(None) > 0
-    data = Evaluation(run, progress=False).data
-    assert all("made_up" in row for row in data.scores)
-    assert "Made up, original pictures" in [name for name, *_ in model_rows(data)]
 
 
 # --- what a run leaves for training ---
 
 
-def rows_of(plan: SweepPlan) -> list[dict[str, Any]]:
-    """Scores of two models: the clean picture, and every condition."""
-    return 2 * [{"clean": True}, *({"clean": False, **at.on(IMX250)} for at in plan.conditions())]
-
-
-def met(plan: SweepPlan, folder: Path) -> tuple[dict[str, Any], ExposureTable]:
-    """As written, and as the augmentation reads it."""
-    found = met_conditions(rows_of(plan), {"camera": IMX250.to_dict(), "plan": plan.to_dict()})
-    (folder / FILE).write_text(json.dumps(found, allow_nan=False))
-    return found, ExposureTable.of_run(folder)
-
-
-def test_every_condition_stands_there_once_with_its_camera(tmp_path):
-    plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0,), f_number=(2.0, 4.0))
-    held, read = met(plan, tmp_path)
-    assert len(held["conditions"]) == 16
-    assert read.cameras == (with_lens(IMX250, f_number=2.0), with_lens(IMX250, f_number=4.0))
-    names = ("exposure_s", "illuminance_lux", "velocity_x_px_s", "gain_db", "f_number")
-    assert {
-        (at.exposure_s, at.illuminance_lux, at.speed_px_s, at.gain_db, read.cameras[at.camera].f_number)
-        for at in read.rows
-    } == {tuple(at[name] for name in names) for at in plan.conditions()}
-
-
-def test_the_exposures_of_the_one_rule_are_marked_and_saturation_stands_beside():
+def test_conditions_are_left_for_training_with_saturation_and_what_is_recommended(tmp_path):
     """Those for each light at each speed, at the gain that they are for; not what a light's or all average says."""
     plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0, 12.0))
-    rows = [row if row["clean"] else {**row, "saturated": 0.25} for row in rows_of(plan)]
+    every = [{"clean": False, "saturated": 0.25, **at.on(IMX250)} for at in plan.conditions()]
+    rows = 2 * [{"clean": True}, *every]  # of two models
     names = ("scope", "illuminance_lux", "gain_db", "speed", "exposure_s")
     told = [
         {**{name: rows[1][name] for name in SETTING}, **dict(zip(names, values, strict=True))}
@@ -191,7 +150,10 @@ def test_the_exposures_of_the_one_rule_are_marked_and_saturation_stands_beside()
             ("light", 50.0, None, 400.0, 0.002),
         )
     ]
-    held = met_conditions(rows, {"camera": IMX250.to_dict(), "plan": plan.to_dict()}, told)["conditions"]
+    found = met_conditions(rows, {"camera": IMX250.to_dict(), "plan": plan.to_dict()}, told)
+    (tmp_path / FILE).write_text(json.dumps(found, allow_nan=False))
+    read, held = ExposureTable.of_run(tmp_path), found["conditions"]
+    assert (read.cameras, len(read.rows)) == ((IMX250,), 13)  # three have an exposure that is recommended
     assert [each["saturated"] for each in held] == [0.25] * 16
     axes = ("illuminance_lux", "velocity_x_px_s", "gain_db", "exposure_s")
     chosen = {tuple(each[name] for name in axes) for each in held if each["recommended"]}
