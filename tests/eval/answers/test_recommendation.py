@@ -51,6 +51,14 @@ def test_what_saturates_a_tenth_is_not_used_while_another_works():
     assert rows(every)[None, None]["exposure_s"] == 0.001  # all that work saturate: the least of them
 
 
+def test_saturation_is_averaged_as_the_values_are():
+    """14 % at one of three lights is not a tenth of what this exposure sees."""
+    lights = [kept_table({0.0: {0.001: 0.90, 0.003: 0.96}}, lux) for lux in (2.0, 50.0)]
+    bright = kept_table({0.0: {0.001: 0.91, 0.003: 0.95}}, 1000.0, saturated={0.003: 0.14})
+    assert rows(*lights, bright)[None, None]["exposure_s"] == 0.003
+    assert rows(*lights, bright)[1000.0, None]["exposure_s"] == 0.001
+
+
 def test_the_interval_of_an_average_is_paired_by_picture():
     """The same pictures in two lights: their mean varies as each does, and as a Student interval says."""
     lights = [kept_table({0.0: {0.001: 0.6}}, lux, pictures=50, spread=0.2) for lux in (2.0, 50.0)]

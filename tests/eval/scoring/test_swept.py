@@ -9,6 +9,7 @@ import pytest
 from blurnoise_eval.datasets import Picture, Target
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.scoring.boxes import swept_within
 from blurnoise_eval.scoring.evaluated import Evaluated, Truth
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from blurnoise_eval.scoring.on_picture import View
@@ -106,3 +107,11 @@ def test_average_precision_by_the_swept_box(blur_px, other):
     assert of_middle.average(ious=slice(1)).value == pytest.approx(1)
     assert of_middle.swept_ap50.value == pytest.approx(other)
     assert of_smear.average(ious=slice(1)).value == pytest.approx(other)
+
+
+def test_sweeping_ends_at_the_border_of_the_picture():
+    moved = [[2.0, 10.0, 12.0, 20.0], [90.0, 30.0, 99.0, 48.0], [-5.0, 10.0, 30.0, 55.0]]
+    sweep = box_sweeper(Exposure(CAMERA, 0.02, 50.0, (1000.0, -200.0)))
+    swept = sweep(np.array(moved), np.full((3, 2), (100.0, 50.0)), ["square"] * 3)
+    inside = [[0, 8, 22, 22], [80, 28, 100, 50], [-5, 8, 40, 55]]
+    np.testing.assert_allclose(swept_within(swept, moved, (100, 50)), inside)
