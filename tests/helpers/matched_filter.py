@@ -2,25 +2,20 @@
 
 For each sign size the graph compares every patch p of the picture's luma with the drawn sign t (zero mean,
 unit norm) by normalised cross-correlation, NCC = <t, p> / |p - mean(p)|. Its confidence is the share of the
-patch's energy that the sign explains, max(NCC, 0)². Nothing is trained and nothing is downloaded.
+patch's energy that the sign explains, max(NCC, 0)².
 
 Domain: sRGB-coded RGB pictures in [0, 1] with an upright sign of one of the filter's sizes, wholly inside the
 picture; a sign 10 % larger or smaller is not recognised. Output as YOLOv8's: (1, 4 + 1, A), boxes
 (centre x, centre y, width, height) in px, then confidence.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from blurnoise._core.files import write_whole
 from blurnoise.charts import stop_sign
 from blurnoise.optics.colour import srgb_from_linear
 
@@ -31,31 +26,25 @@ VARIANCE_FLOOR = (1 / 255) ** 2
 PAD_VALUE = 118  # of 255: the background of the drawn sign, 18 % reflectance, sRGB-coded
 _PHASES = 4  # correlations per output pixel and axis; see _Graph.correlate
 
-FloatArray = NDArray[np.float32]
 
-
-def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px: int = 320) -> Path:
+def build(path, *, sizes_px=(100, 50, 32), input_px=320):
     """Write the detector for square inputs of ``input_px`` and return its path.
 
-    ``sizes_px``: three sign widths, px, largest first; they answer on the strides 32, 16 and 8. The contract
-    travels in the graph's metadata. Correlation runs at every pixel, at every second one for signs of 64 px
-    or more; that grid includes the picture's centre. Each output cell reports the best of its positions
-    where that lies, so boxes are not rounded to cells.
+    sizes_px: three sign widths, px, largest first; they answer on the strides 32, 16 and 8. Correlation runs at every
+    pixel, at every second one for signs of 64 px or more; that grid includes the picture's centre. Each output cell
+    reports the best of its positions where that lies, so boxes are not rounded to cells.
     """
-    sizes = tuple(sizes_px)
     graph = _Graph()
-    coded = graph.add(
-        "Conv",
-        "images",
-        graph.constant(LUMA.reshape(1, 3, 1, 1)),
-        graph.constant(np.array([-0.5], np.float32)),
-    )
-    answers = [
-        _answers(graph, coded, size, stride, input_px)
-        for size, stride in zip(reversed(sizes), reversed(STRIDES), strict=True)
-    ]
+    coded = graph.add("Conv", "images", LUMA.reshape(1, 3, 1, 1), np.array([-0.5], np.float32))
+    scales = zip(reversed(sizes_px), reversed(STRIDES), strict=True)
+    answers = [_answers(graph, coded, size, stride, input_px) for size, stride in scales]
     graph.add("Concat", *answers, axis=2, output="output0")
-    model = graph.model(input_px, cells=sum((input_px // stride) ** 2 for stride in STRIDES))
+    cells = sum((input_px // stride) ** 2 for stride in STRIDES)
+    images = helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, input_px, input_px])
+    output = helper.make_tensor_value_info("output0", TensorProto.FLOAT, [1, 5, cells])
+    whole = helper.make_graph(graph.nodes, "matched_filter", [images], [output], graph.constants)
+    opset = [helper.make_opsetid("", 17)]
+    model = helper.make_model(whole, opset_imports=opset, ir_version=8, producer_name="blurnoise")
     contract = {
         "family": "yolov8",
         "classes": ["stop sign"],
@@ -67,95 +56,77 @@ def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px
         "nms_iou": 0.5,
     }
     helper.set_model_props(model, {"blurnoise.contract": json.dumps(contract)})
-    onnx.checker.check_model(model)
-    path = Path(path)
-    write_whole(path, model.SerializeToString())
-    return path
+    onnx.save(model, path)
+    return Path(path)
 
 
-def _answers(graph: _Graph, coded: str, size_px: int, stride: int, input_px: int) -> str:
+def _answers(graph, coded, size_px, stride, input_px):
     """Add one sign size; return its answers (1, 5, (input_px / stride)²)."""
-    window, block = _window_px(size_px), _block_px(size_px)
+    window = size_px + size_px % 2  # even, as the picture, so that a centred sign is centred in it
+    block = 2 if size_px >= 64 else 1  # px, of the blocks that pictures are averaged over before
     start = (input_px - window) // 2 % block  # of the first block, so that a centred sign falls on the grid
     if block > 1:
-        coded = graph.slice(coded, start, input_px)
+        coded = graph.slice(coded, start, input_px, input_px)
         coded = graph.add("AveragePool", coded, kernel_shape=[block, block], strides=[block, block])
     side = window // block
     positions = (input_px - start) // block - side + 1
 
-    correlation = graph.correlate(coded, _template(size_px), positions, positions)
-    both = graph.add("Concat", coded, graph.add("Mul", coded, coded), axis=0)
-    mean_down = graph.correlate(both, np.full((side, 1), 1 / side), positions, positions + side - 1)
-    means = graph.correlate(mean_down, np.full((1, side), 1 / side), positions, positions)
-    mean, mean_square = graph.take(means, 0), graph.take(means, 1)
+    def mean_of(signal):
+        down = graph.correlate(signal, np.full((side, 1), 1 / side), positions, positions + side - 1)
+        return graph.correlate(down, np.full((1, side), 1 / side), positions, positions)
+
+    correlation = graph.correlate(coded, _template(size_px, window, block), positions, positions)
+    mean, mean_square = mean_of(coded), mean_of(graph.add("Mul", coded, coded))
     variance = graph.add("Sub", mean_square, graph.add("Mul", mean, mean))
-    energy = graph.add("Add", variance, graph.constant(np.float32(VARIANCE_FLOOR)))
+    energy = graph.add("Add", variance, np.float32(VARIANCE_FLOOR))
     positive = graph.add("Relu", correlation)
-    explained = graph.add(
-        "Mul", graph.add("Mul", positive, positive), graph.constant(np.float32(1 / side**2))
-    )
+    explained = graph.add("Mul", graph.add("Mul", positive, positive), np.float32(1 / side**2))
     confidence = graph.add("Div", explained, energy)
 
     # Index m of the padded map stands for the centre (m + offset) · block; cells of the output tile that map.
     before = (start + window // 2) // block
-    grid = input_px // block
+    grid, cell = input_px // block, stride // block
     after = grid - before - positions
-    pads = np.array([0, 0, before, before, 0, 0, after, after], np.int64)
-    padded = graph.add("Pad", confidence, graph.constant(pads))
-    cell = stride // block
-    best, where = graph.add_pair("MaxPool", padded, kernel_shape=[cell, cell], strides=[cell, cell])
-    offset = (start + window // 2) / block - before
-    width = graph.constant(np.int64(grid))
-    row = graph.add("Div", where, width)
-    column = graph.add("Sub", where, graph.add("Mul", row, width))
-    count = (input_px // stride) ** 2
-    flat = graph.constant(np.array([1, 1, count], np.int64))
-    size = graph.constant(np.full((1, 2, count), size_px, np.float32))
+    padded = graph.add("Pad", confidence, np.array([0, 0, before, before, 0, 0, after, after], np.int64))
+    best, where = graph.add("MaxPool", padded, outputs=2, kernel_shape=[cell, cell], strides=[cell, cell])
+    offset, count = (start + window // 2) / block - before, (input_px // stride) ** 2
+    flat = np.array([1, 1, count], np.int64)
+    row = graph.add("Div", where, np.int64(grid))
+    column = graph.add("Sub", where, graph.add("Mul", row, np.int64(grid)))
     centres = []
     for index in (column, row):
         steps = graph.add("Cast", graph.add("Reshape", index, flat), to=TensorProto.FLOAT)
-        shifted = graph.add("Add", steps, graph.constant(np.float32(offset)))
-        centres.append(graph.add("Mul", shifted, graph.constant(np.float32(block))))
+        centres.append(graph.add("Mul", graph.add("Add", steps, np.float32(offset)), np.float32(block)))
+    size = np.full((1, 2, count), size_px, np.float32)
     return graph.add("Concat", *centres, size, graph.add("Reshape", best, flat), axis=1)
 
 
 class _Graph:
     """Collects the nodes and constants of one ONNX graph."""
 
-    def __init__(self) -> None:
-        self.nodes: list[onnx.NodeProto] = []
-        self.constants: list[onnx.TensorProto] = []
+    def __init__(self):
+        self.nodes, self.constants = [], []
 
-    def add(self, operator: str, *inputs: str, output: str | None = None, **attributes: object) -> str:
-        """Append a node with one output and return that output's name."""
+    def add(self, operator, *inputs, output=None, outputs=1, **attributes):
+        """Append a node, its inputs names or arrays; returns the name of its output, or their names."""
+        given = [each if isinstance(each, str) else self._constant(each) for each in inputs]
         name = output or f"{operator.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
-        return name
+        names = [name] if outputs == 1 else [f"{name}_{each}" for each in range(outputs)]
+        self.nodes.append(helper.make_node(operator, given, names, **attributes))
+        return name if outputs == 1 else names
 
-    def add_pair(self, operator: str, *inputs: str, **attributes: object) -> tuple[str, str]:
-        """Append a node with two outputs and return their names."""
-        names = (f"{operator.lower()}_{len(self.nodes)}", f"{operator.lower()}_{len(self.nodes)}_second")
-        self.nodes.append(helper.make_node(operator, inputs, names, **attributes))
-        return names
-
-    def constant(self, value: NDArray[np.generic] | np.generic) -> str:
+    def _constant(self, value):
         name = f"constant_{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.asarray(value), name))
         return name
 
-    def slice(self, tensor: str, start: int, rows: int, columns: int | None = None) -> str:
-        """Rows start:rows and columns start:columns (as many as rows by default) of (N, C, H, W)."""
-        ends = [rows, rows if columns is None else columns]
-        bounds = (np.array(bound, np.int64) for bound in ([start, start], ends, [2, 3]))
-        return self.add("Slice", tensor, *(self.constant(bound) for bound in bounds))
+    def slice(self, tensor, start, *ends):
+        """Rows and columns of (N, C, H, W)."""
+        bounds = ([start, start], ends, [2, 3])
+        return self.add("Slice", tensor, *(np.array(each, np.int64) for each in bounds))
 
-    def take(self, tensor: str, item: int) -> str:
-        """Item ``item`` of the batch, as a batch of one."""
-        bounds = (np.array([bound], np.int64) for bound in (item, item + 1, 0))
-        return self.add("Slice", tensor, *(self.constant(bound) for bound in bounds))
-
-    def correlate(self, tensor: str, kernel: NDArray[np.floating], rows: int, columns: int) -> str:
-        """Correlation of (N, 1, H, W) with a kernel at every pixel where it fits, as (N, 1, rows, columns).
+    def correlate(self, tensor, kernel, rows, columns):
+        """Correlation of (1, 1, H, H) with a kernel at every pixel where it fits, (1, 1, rows, columns).
 
         A convolution with one output channel runs about ten times slower than its arithmetic. So this one
         steps by _PHASES pixels, with one channel for each shift in between; DepthToSpace interleaves them.
@@ -166,45 +137,15 @@ class _Graph:
         for y in range(_PHASES):
             for x in range(_PHASES):
                 bank[y, x, y : y + height, x : x + width] = kernel
-        weights = self.constant(bank.reshape(_PHASES**2, 1, height + spread, width + spread))
+        weights = bank.reshape(_PHASES**2, 1, height + spread, width + spread)
         phases = self.add("Conv", tensor, weights, strides=[_PHASES] * 2, pads=[0, 0, spread, spread])
         return self.slice(self.add("DepthToSpace", phases, blocksize=_PHASES), 0, rows, columns)
 
-    def model(self, input_px: int, cells: int) -> onnx.ModelProto:
-        """Return the model: images (1, 3, input_px, input_px) to output0 (1, 5, cells)."""
-        images = helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, input_px, input_px])
-        output = helper.make_tensor_value_info("output0", TensorProto.FLOAT, [1, 5, cells])
-        graph = helper.make_graph(self.nodes, "matched_filter", [images], [output], self.constants)
-        return helper.make_model(
-            graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8, producer_name="blurnoise"
-        )
 
-
-def _template(size_px: int) -> NDArray[np.float64]:
-    """Return the drawn sign's luma in the filter's blocks: zero mean, unit norm."""
-    luma = _block_mean(_sign_luma(size_px, _window_px(size_px)), _block_px(size_px)).astype(np.float64)
+def _template(size_px, window, block):
+    """The drawn sign's luma in the filter's blocks: zero mean, unit norm."""
+    coded = srgb_from_linear(stop_sign(size_px, height_px=window, width_px=window))[0].numpy()
+    side = window // block
+    luma = np.tensordot(LUMA, coded, 1).reshape(side, block, side, block).mean(axis=(1, 3)).astype(np.float64)
     luma -= luma.mean()
     return luma / np.linalg.norm(luma)
-
-
-def _sign_luma(size_px: int, side_px: int) -> FloatArray:
-    """Return the coded luma of a sign in the middle of (side_px, side_px)."""
-    coded = srgb_from_linear(stop_sign(size_px, height_px=side_px, width_px=side_px))[0].numpy()
-    luma: FloatArray = np.tensordot(LUMA, coded, 1)
-    return luma
-
-
-def _block_mean(picture: NDArray[np.floating], block_px: int) -> NDArray[np.floating]:
-    height, width = picture.shape
-    blocks = picture.reshape(height // block_px, block_px, width // block_px, block_px)
-    return np.asarray(blocks.mean(axis=(1, 3)))
-
-
-def _window_px(size_px: int) -> int:
-    """Side of the patch compared: even, as the picture's, so that a centred sign is centred in it."""
-    return size_px + size_px % 2
-
-
-def _block_px(size_px: int) -> int:
-    """Side of the blocks that pictures are averaged over before the comparison."""
-    return 2 if size_px >= 64 else 1
