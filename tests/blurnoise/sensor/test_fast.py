@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 
@@ -11,7 +10,6 @@ from blurnoise import Camera
 from blurnoise._core import lookup, rng
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.sensor import readout as sensor
-from blurnoise.sensor.stages import noisy_electrons
 
 BASE = replace(
     Camera.preset("imx250"),
@@ -80,19 +78,6 @@ def test_tones_are_looked_up_for_every_number(fidelity, monkeypatch):
         assert torch.equal(exposed(scene(), small_well, tones=tones, **options), tones[numbers])
 
 
-@pytest.mark.parametrize("unit_e", [1.0, 0.03, 4000.0])
-@pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_merged_noise_is_the_formula_in_any_unit(unit_e, kind):
-    mean_e = np.concatenate([[0.0], np.geomspace(1e-3, 1e5, 2000)]).astype(kind)[None]
-    normal = np.random.default_rng(3).standard_normal(mean_e.shape).astype(kind)
-    noise, skew = np.empty_like(mean_e), np.empty_like(mean_e)
-    signal = (mean_e / unit_e).astype(kind)
-    scale_e = sensor._merged_noise(signal, unit_e, 1.3, normal, normal**2 - 1, noise, skew)
-    exact = noisy_electrons(torch.from_numpy(mean_e).double(), 1.3, torch.from_numpy(normal).double()).numpy()
-    error = np.abs(noise * scale_e - (exact - mean_e)) / np.sqrt(mean_e + 1.69)
-    assert float(error.max()) < (1e-5 if kind is np.float32 else 1e-12)
-
-
 @by_camera
 def test_fields_of_ones_own_are_taken_as_given(camera):
     light, signs = scene().expand(2, -1, -1, -1), {"frame": 1, "read": 1}
@@ -106,16 +91,6 @@ def test_fields_of_ones_own_are_taken_as_given(camera):
     for stream in signs:
         signs[stream] = -1
         assert not torch.equal(exposed(light, camera, draw=draw, **given)[1], drawn[1])
-
-
-@pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 1), (3, 5)])
-@pytest.mark.parametrize("kind", [torch.float32, torch.float64])
-def test_small_pictures(size, kind):
-    dn = exposed(scene(*size).to(kind), EVERY_EFFECT)
-    assert dn.dtype == kind
-    table, written = tones_8bit(EVERY_EFFECT), torch.zeros(dn.shape, dtype=torch.uint8)
-    assert exposed(scene(*size).to(kind), EVERY_EFFECT, tones=table, out=written) is written
-    assert torch.equal(written, table[dn.long()])
 
 
 def test_sixteen_bits_are_all_there():

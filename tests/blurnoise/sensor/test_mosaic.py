@@ -13,7 +13,6 @@ from blurnoise.optics.colour import FilterCurves, inverse
 from blurnoise.optics.radiometry import colour_shares, filter_electrons
 from blurnoise.picture.develop import develop_8bit, in_channels
 from blurnoise.picture.steps import magnification
-from blurnoise.scene import scene as exposure_module
 
 IMX250 = Camera.preset("imx250")
 IMX250C = Camera.preset("imx250c")
@@ -52,14 +51,6 @@ def test_white_gives_each_filter_its_electrons(cfa, illuminant):
     for channels in (1, 3):
         seen = radiometry.on_sensor(torch.ones(1, channels, 4, 6), taker, illuminant)
         torch.testing.assert_close(seen[0, 0, :2, :2].flatten(), expected)
-        dn = simulate(
-            torch.ones(1, channels, 4, 6), taker, illuminant=illuminant, noise=False, quantised=False,
-            exposure_s=0.001, illuminance_lux=10.0,
-        )  # fmt: skip
-        told = (dn[0, 0, :2, :2].flatten() - taker.black_level_dn) / taker.system_gain_dn_per_e
-        torch.testing.assert_close(
-            told, torch.tensor([electrons[letter] for letter in cfa]) * 0.01, rtol=1e-3, atol=1e-3
-        )
     assert photoelectrons(taker, 10.0, 0.001, illuminant) == pytest.approx(max(electrons.values()) * 0.01)
 
 
@@ -93,18 +84,6 @@ def test_other_numbers_of_channels_are_refused(cfa):
         simulate(torch.rand(1, 2, 8, 8), camera(cfa), **CONDITIONS)
 
 
-@pytest.mark.parametrize("cfa", ["mono", "GRBG"])
-@pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_one_field_of_noise_whatever_the_batch(cfa, fidelity):
-    taker = camera(cfa, prnu=0.02, dsnu_e=2.0)
-    given = {"exposure_s": 0.01, "fidelity": fidelity, "velocity_px_s": (300.0, 50.0)}
-    dn = simulate(light(), taker, illuminance_lux=[0.01, 50.0], generator=[1, 2], **given)
-    assert dn.shape == (2, 1, 15, 21)
-    for item, lux in enumerate((0.01, 50.0)):
-        alone = simulate(light()[item][None], taker, illuminance_lux=lux, generator=[item + 1], **given)
-        assert torch.equal(alone[0], dn[item])
-
-
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(
     ("cfa", "jpeg_quality"), [("none", 80), ("mono", None), ("RGGB", 80), ("RCCB", None), ("RCCC", None)]
@@ -129,25 +108,6 @@ def test_scenes_and_simulate_give_the_same_bits(cfa, jpeg_quality, channels):
         seen = in_channels(develop_8bit(dn, by, digital_db, "planck:3000"), channels)
         assert frame.picture.shape == coded.shape
         assert np.array_equal(frame.picture, seen[0].permute(1, 2, 0).numpy())
-
-
-def test_what_is_left_out_counts_as_colours_magnify_it(monkeypatch):
-    """Scenes ask for plans at the brightest that a plane may be; frames, by how much they are to be magnified."""
-    asked = []
-    real = exposure_module.plan_at
-
-    def watched(at, tolerance_dn):
-        asked.append((at.white_e, tolerance_dn))
-        return real(at, tolerance_dn)
-
-    monkeypatch.setattr(exposure_module, "plan_at", watched)
-    wide = camera("RGGB", ccm=((0.5, 0.5, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    scene, white_e = ExposedScene(light(count=1)), photoelectrons(wide, 50.0, 0.01)
-    scene.expose(wide, generator=[1], **CONDITIONS)
-    next(scene.frames([Exposure(wide, 0.01, 50.0)]))
-    assert asked[0] == pytest.approx((1.2 * white_e, 0.1))
-    assert asked[1] == pytest.approx((1.2 * white_e, 0.1 / magnification(wide)))
-    assert magnification(wide) == pytest.approx(2.5)  # blue's gain, 0.5 / 0.2
 
 
 def test_gradients_go_through_the_mosaic():
