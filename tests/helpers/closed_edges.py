@@ -8,25 +8,17 @@ Convention: as in :mod:`blurnoise.charts`: x right, y down, pixel centres at int
 is on the right, at 90° at the top. Distances are positive on the bright side.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.optimize import brentq
-from torch import Tensor
 
 _THIN_PX = 1e-3  # a box below it is a Gaussian of its variance, to w^4 = 1e-12
 
 
-def _boxes_and_sigma(
-    angle_deg: float, sigma_px: float, motion_px: tuple[float, float]
-) -> tuple[list[float], float]:
+def _boxes_and_sigma(angle_deg, sigma_px, motion_px):
     """Widths of the boxes along the normal, px, and the Gaussian's standard deviation, px."""
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     widths = [abs(cos), abs(sin), abs(motion_px[0] * cos - motion_px[1] * sin)]
@@ -34,9 +26,7 @@ def _boxes_and_sigma(
     return [width for width in widths if width >= _THIN_PX], math.sqrt(sigma_px**2 + thin)
 
 
-def edge_spread(
-    distance_px: NDArray[np.float64], boxes_px: Sequence[float], sigma_px: float
-) -> NDArray[np.float64]:
+def edge_spread(distance_px, boxes_px, sigma_px):
     """Unit step convolved with boxes and a Gaussian, at ``distance_px``: 0 far on the dark side, 1 on the other.
 
     n boxes are an n-fold difference of the n-th antiderivative of the Gaussian's distribution function over the
@@ -46,37 +36,36 @@ def edge_spread(
     total = np.zeros_like(below)
     for signs in product((-0.5, 0.5), repeat=len(boxes_px)):
         shift = sum(sign * width for sign, width in zip(signs, boxes_px, strict=True))
-        total += math.prod(2 * sign for sign in signs) * _antiderivative(
-            below + shift, len(boxes_px), sigma_px
-        )
+        side = math.prod(2 * sign for sign in signs)
+        total += side * _antiderivative(below + shift, len(boxes_px), sigma_px)
     total /= math.prod(boxes_px)
-    return np.asarray(np.where(distance_px > 0, 1 - total, total))
+    return np.where(distance_px > 0, 1 - total, total)
 
 
-def _antiderivative(x: NDArray[np.float64], order: int, sigma: float) -> NDArray[np.float64]:
+def _antiderivative(x, order, sigma):
     """Of the normal distribution function of standard deviation ``sigma`` (0: of the step), ``order`` times."""
     if not sigma:
-        return np.asarray(np.maximum(x, 0) ** order / math.factorial(order))
+        return np.maximum(x, 0) ** order / math.factorial(order)
     t = x / sigma
-    density: NDArray[np.float64] = np.exp(-t * t / 2) / math.sqrt(2 * math.pi)
+    density = np.exp(-t * t / 2) / math.sqrt(2 * math.pi)
     below = torch.special.ndtr(torch.from_numpy(t)).numpy()
     before, now = density, below  # n I_n = t I_(n-1) + I_(n-2)
     for n in range(1, order + 1):
         before, now = now, (t * now + before) / n
-    return np.asarray(now * sigma**order)
+    return now * sigma**order
 
 
 def closed_edge(
-    height_px: int,
-    width_px: int,
+    height_px,
+    width_px,
     *,
-    angle_deg: float = 5.0,
-    sigma_px: float = 0.5,
-    motion_px: tuple[float, float] = (0.0, 0.0),
-    offset_px: tuple[float, float] = (0.0, 0.0),
-    dark: float = 0.1,
-    bright: float = 0.8,
-) -> Tensor:
+    angle_deg=5.0,
+    sigma_px=0.5,
+    motion_px=(0.0, 0.0),
+    offset_px=(0, 0),
+    dark=0.1,
+    bright=0.8,
+):
     """Edge through the picture's centre, moved by ``offset_px`` (x, y), (H, W) float64."""
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     x = np.arange(width_px) + 0.5 - width_px / 2 - offset_px[0]
@@ -86,13 +75,7 @@ def closed_edge(
     return torch.from_numpy(dark + (bright - dark) * spread)
 
 
-def closed_mtf(
-    frequency: NDArray[np.float64] | float,
-    *,
-    angle_deg: float = 5.0,
-    sigma_px: float = 0.5,
-    motion_px: tuple[float, float] = (0.0, 0.0),
-) -> NDArray[np.float64]:
+def closed_mtf(frequency, *, angle_deg=5.0, sigma_px=0.5, motion_px=(0.0, 0.0)):
     """Modulus of the transfer function along the edge's normal at ``frequency``, cycles/px."""
     boxes, sigma = _boxes_and_sigma(angle_deg, sigma_px, motion_px)
     f = np.asarray(frequency, np.float64)
@@ -100,13 +83,8 @@ def closed_mtf(
     return np.asarray(gaussian * np.abs(np.prod([np.sinc(width * f) for width in boxes], axis=0)))
 
 
-def closed_mtf50(
-    *, angle_deg: float = 5.0, sigma_px: float = 0.5, motion_px: tuple[float, float] = (0.0, 0.0)
-) -> float:
+def closed_mtf50(**edge):
     """First frequency, cycles/px, at which :func:`closed_mtf` is 1/2."""
-    edge: Any = {"angle_deg": angle_deg, "sigma_px": sigma_px, "motion_px": motion_px}
     reach = np.concatenate([[0.0], np.geomspace(1e-3, 1.0, 400)])
     first = int(np.argmax(closed_mtf(reach, **edge) < 0.5))
-    return float(
-        brentq(lambda f: float(closed_mtf(f, **edge)) - 0.5, *reach[first - 1 : first + 1], xtol=1e-15)
-    )
+    return brentq(lambda f: float(closed_mtf(f, **edge)) - 0.5, *reach[first - 1 : first + 1], xtol=1e-15)

@@ -4,21 +4,15 @@ Domain: one linear region (H, W) float64, its edge near vertical and bright on t
 difference and its half-corrected response, the mean over bins of 1/4 px, a window on the line spread.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 _FINER = 4
 _ORDER = 5
 _MOST_CORRECTION = 10.0
 
 
-def iso_steps(region: Array) -> tuple[Array, Array]:
+def iso_steps(region):
     """Frequencies, cycles/px along the edge's normal, and the response there, 1 at 0."""
     height, width = region.shape
     slope = np.empty_like(region)
@@ -48,7 +42,7 @@ def iso_steps(region: Array) -> tuple[Array, Array]:
     return frequencies, modulus / modulus[0]
 
 
-def mtf50(frequencies: Array, response: Array) -> float:
+def mtf50(frequencies, response):
     """First frequency at which the response is 1/2, straight between its points; NaN where it never is."""
     below = np.flatnonzero(response < 0.5)
     if not len(below):
@@ -58,32 +52,27 @@ def mtf50(frequencies: Array, response: Array) -> float:
     return float(frequencies[k - 1] + share * (frequencies[k] - frequencies[k - 1]))
 
 
-def _bell(count: int, middle: Array, pedestal: float = 0.05) -> Array:
+def _bell(count, middle, pedestal=0.05):
     """Raised cosines, (len(middle), count), each falling to its lowest at the farther end; on a pedestal where the
     edge is looked for."""
     half = np.maximum(middle, count - 1 - middle)[:, None]
     bell = 0.5 + 0.5 * np.cos(np.pi * (np.arange(count) - middle[:, None]) / half)
-    return np.asarray((1 - pedestal) * bell + pedestal)
+    return (1 - pedestal) * bell + pedestal
 
 
-def _centroids(slope: Array, middle: Array) -> Array:
+def _centroids(slope, middle):
     windowed = slope * _bell(slope.shape[1], middle)
-    return np.asarray(windowed @ np.arange(slope.shape[1]) / windowed.sum(1) - 0.5)
+    return windowed @ np.arange(slope.shape[1]) / windowed.sum(1) - 0.5
 
 
-def _binned(region: Array, moved: Array, middle: int) -> Array:
-    """Means over bins of 1/4 px of the distance from the edge."""
+def _binned(region, moved, middle):
+    """Means over bins of 1/4 px of the distance from the edge, an empty bin's as that of its neighbours."""
     bins = _FINER * region.shape[1]
     index = np.ceil(_FINER * (np.arange(region.shape[1]) - moved[:, None])).astype(int) + middle
     kept = (index >= 0) & (index < bins)
     count = np.bincount(index[kept], minlength=bins)
     total = np.bincount(index[kept], weights=region[kept], minlength=bins)
-    return _filled(total.astype(float), count)
-
-
-def _filled(total: Array, count: NDArray[np.integer[Any]]) -> Array:
-    """Means, an empty bin's as that of its neighbours."""
-    means: Array = total / np.maximum(count, 1)
+    means = total / np.maximum(count, 1)
     empty = np.flatnonzero(count == 0)
     last = len(means) - 1
     means[empty] = (means[np.maximum(empty - 1, 0)] + means[np.minimum(empty + 1, last)]) / 2

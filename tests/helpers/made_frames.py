@@ -1,11 +1,7 @@
 """Frames of cameras that are made up, as the simulator takes them, and files that hold them."""
 
-from __future__ import annotations
-
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,14 +13,11 @@ from blurnoise.sensor.readout import read_out
 LONGEST_S = 0.1
 
 
-def drawn_camera(seed: int) -> Camera:
+def drawn_camera(seed):
     """Read noise 0.5 to 20 e-, gain 0.05 to 5 DN/e-, 10 to 16 bits; a well that may or may not fill the converter."""
     random = np.random.default_rng(seed)
     bits = int(random.integers(10, 17))
-    read_e, gain = (
-        10 ** random.uniform(np.log10(0.5), np.log10(20)),
-        10 ** random.uniform(np.log10(0.05), np.log10(5)),
-    )
+    read_e, gain = (10 ** random.uniform(*np.log10(ends)) for ends in ((0.5, 20), (0.05, 5)))
     black = math.ceil(6 * gain * read_e + random.uniform(0, 20)) + float(random.choice([0, 0.3, 0.5]))
     range_e = (2**bits - 1 - black) / gain
     return Camera(
@@ -44,14 +37,12 @@ def drawn_camera(seed: int) -> Camera:
     )
 
 
-def from_photons(photons: torch.Tensor, camera: Camera, **taken: Any) -> torch.Tensor:
+def from_photons(photons, camera, **taken):
     """Digital numbers of mean photons per pixel, (B, C, H, W)."""
-    return read_out(photons, camera, white_e=camera.quantum_efficiency, **taken)  # type: ignore[arg-type]
+    return read_out(photons, camera, white_e=camera.quantum_efficiency, **taken)
 
 
-def exposed(
-    camera: Camera, seed: int, *, size: tuple[int, int], levels: int = 8, frames: int = 2, top: float = 0.9
-) -> dict[tuple[str, float], list[np.ndarray]]:
+def exposed(camera, seed, *, size, levels=8, frames=2, top=0.9):
     """Planes (H, W) uint16 by (kind, exposure_s), the brightest flat ones at ``top`` of saturation."""
     pattern = camera.fixed_pattern((1, *size), seed)
     generator = torch.Generator().manual_seed(seed)
@@ -71,12 +62,12 @@ def exposed(
     return found
 
 
-def photons_s(camera: Camera, top: float = 0.9) -> float:
+def photons_s(camera, top=0.9):
     """Photons per pixel and second of the flat light."""
     return top * camera.saturation_e / float(camera.quantum_efficiency) / LONGEST_S
 
 
-def save(folder: Path, planes: dict[tuple[str, float], list[np.ndarray]]) -> Path:
+def save(folder, planes):
     """As NPY files named by what they are."""
     folder.mkdir(exist_ok=True)
     for (kind, exposure_s), each in planes.items():
@@ -85,7 +76,7 @@ def save(folder: Path, planes: dict[tuple[str, float], list[np.ndarray]]) -> Pat
     return folder
 
 
-def write_dng(path: Path, plane: np.ndarray, tags: dict[int, tuple[int, object]]) -> None:
+def write_dng(path, plane, tags):
     """An uncompressed DNG of one plane, (H, W) uint16; tags: number -> (TIFF's type, value), beside the usual."""
     directory = ImageFileDirectory_v2(b"II*\0\0\0\0\0")
     height, width = plane.shape
@@ -101,7 +92,7 @@ def write_dng(path: Path, plane: np.ndarray, tags: dict[int, tuple[int, object]]
     path.write_bytes(b"II*\0\x08\0\0\0" + directory.tobytes(8) + plane.astype("<u2").tobytes())
 
 
-def write_fits(path: Path, numbers: np.ndarray, **header: object) -> None:
+def write_fits(path, numbers, **header):
     """A FITS file of (H, W) or (N, H, W) uint16 as BZERO shifts them; header: more keywords, or others."""
     sides = {f"NAXIS{axis}": side for axis, side in enumerate(numbers.shape[::-1], 1)}
     cards = {"SIMPLE": "T", "BITPIX": 16, "NAXIS": numbers.ndim, **sides, "BZERO": 32768, "BSCALE": 1}
@@ -115,7 +106,7 @@ def write_fits(path: Path, numbers: np.ndarray, **header: object) -> None:
     )
 
 
-def write_tuning(path: Path, **changes: Any) -> Path:
+def write_tuning(path, **changes):
     """A module whose picture has 200 electrons of green on average, at 1000 lux, 10 ms, gain 2; K 0.25 at 10 bits."""
     slope, black = 4.0, 4096
     algorithms = {

@@ -1,19 +1,15 @@
 """Planes made by hand: of maps, a grid of lights, exposures and speeds; of programs, two kinds of target."""
 
 import math
-from collections.abc import Iterable
 from itertools import product
-from typing import Any
 
 import numpy as np
 from blurnoise_eval.answers.criterion import Criterion
-from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.surface import Predicted
-from blurnoise_eval.maps.nodes import Nodes, nodes_at
+from blurnoise_eval.maps.nodes import nodes_at
 from blurnoise_eval.program.problem import Inputs, Problem
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops
 from made_tables import on_plane, table
-from numpy.typing import NDArray
 from plans import IMX250, OWN
 
 from blurnoise.optics.camera import PRESETS
@@ -21,27 +17,27 @@ from blurnoise.optics.camera import PRESETS
 KEEP = Criterion(0.9, True)
 
 
-def row(exposure_s: float, lux: float, dx: float = 0.0, dy: float = 0.0, **others: float) -> dict[str, Any]:
+def row(exposure_s, lux, dx=0.0, dy=0.0, **others):
     """A condition as the store has it, its gain 0 dB unless stated."""
     at = {"exposure_s": exposure_s, "illuminance_lux": lux, "velocity_x_px_s": dx, "velocity_y_px_s": dy}
     return {"clean": 0, **at, **OWN, "applied_gain_db": 0.0, **others}
 
 
 def plane(
-    exposures_s: Iterable[float] = (0.001, 0.003, 0.01, 0.03, 0.09),
-    lights_lux: Iterable[float] = (1.0, 7.0, 50.0, 360.0),
-    speeds: Iterable[float] = (0.0, 170.0, 600.0),
-) -> Nodes:
+    exposures_s=(0.001, 0.003, 0.01, 0.03, 0.09),
+    lights_lux=(1.0, 7.0, 50.0, 360.0),
+    speeds=(0.0, 170.0, 600.0),
+):
     """A grid, no two conditions of which are one experiment."""
     return nodes_at([row(*at) for at in product(exposures_s, lights_lux, speeds)], IMX250, ())
 
 
-def exact(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def exact(values):
     """Values of which sums over a few clusters are exact: of 24 binary places."""
-    return np.asarray(np.round(values * 2**24) / 2**24)
+    return np.round(values * 2**24) / 2**24
 
 
-def scores_at(nodes: Nodes, values: NDArray[np.float64], clusters: int = 12) -> ScoreTable:
+def scores_at(nodes, values, clusters=12):
     """A table at the nodes with mean :func:`exact` ``values`` (N,), from which clusters depart, each in its way."""
     own = exact(0.1 * np.random.default_rng(0).normal(size=(clusters, len(values))))
     own[-1] = -own[:-1].sum(axis=0)
@@ -56,7 +52,7 @@ METERING = Metering(PRESETS["imx250"], 0.2)
 SPEEDS = {0.0: 0.3, 200.0: 0.5, 800.0: 0.2}
 
 
-def made_planes(pictures: int = PICTURES) -> dict[str, Predicted]:
+def made_planes(pictures=PICTURES):
     """Nodes a stop apart from 2^-11 to 2^3 lux s and from 0.5 to 64 px; each picture is lost elsewhere."""
     generator = np.random.default_rng(5)
     places = np.array([(u, w) for u in np.arange(-11.0, 4) for w in np.arange(-1.0, 7)])
@@ -71,21 +67,20 @@ def made_planes(pictures: int = PICTURES) -> dict[str, Predicted]:
     return found
 
 
-def made_problem(
-    limits: Limits = LIMITS,
-    lights_lux: tuple[float, ...] = half_stops(2.0, 300.0),
-    pictures: int = PICTURES,
-    **more: object,
-) -> Problem:
+def made_problem(limits=LIMITS, **more):
     """A scenario on :func:`made_planes`."""
-    of = {"lights_lux": lights_lux, "speeds_px_s": SPEEDS, "targets": {"large": 1.0, "small": 1.0}}
+    of = {
+        "lights_lux": half_stops(2.0, 300.0),
+        "speeds_px_s": SPEEDS,
+        "targets": {"large": 1.0, "small": 1.0},
+    }
     inputs = Inputs(
         model="made",
         criterion=Criterion(0.9, kept=True),
-        planes=made_planes(pictures),
+        planes=made_planes(),
         metering=METERING,
         scenario=Scenario(half_stops(2.0, 300.0), dict.fromkeys(SPEEDS, 1.0), {"large": 1.0, "small": 1.0}),
         exposures_s=(0.0, math.inf),
         recommended_s=0.005,
     )
-    return Problem(inputs, Scenario(**{**of, **more}), limits)  # type: ignore[arg-type]
+    return Problem(inputs, Scenario(**{**of, **more}), limits)

@@ -1,17 +1,14 @@
 """Every pair of motions by brute force: each pixel's mean over its row's window of what passes it."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from itertools import combinations
 
 import cv2
 import numpy as np
 import torch
-from brute_force import Floats, photograph
-from numpy.typing import NDArray
+from brute_force import photograph
 
 from blurnoise import Camera, Layer, Trajectory
 from blurnoise.light import effects
@@ -27,31 +24,20 @@ INSIDE = (slice(20, -20), slice(22, -22))
 MOTIONS = ("straight", "path", "flow", "rolling", "global reset", "objects")
 
 
-@dataclass(frozen=True)
 class Combination:
     """Which motions a picture has."""
 
-    motions: frozenset[str]
+    def __init__(self, motions):
+        self.motions = motions
+        lines = motions & {"rolling", "global reset"}
+        self.reset = "global reset" in motions
+        self.path = PATH if "path" in motions else None
+        self.row_s = ROW_S if lines else 0.0
+        moves = "straight" in motions or motions == lines  # before rows alone something has to move
+        self.velocity_px_s = VELOCITY_PX_S if moves else (0.0, 0.0)
 
     @property
-    def path(self) -> Trajectory | None:
-        return PATH if "path" in self.motions else None
-
-    @property
-    def row_s(self) -> float:
-        return ROW_S if self.motions & {"rolling", "global reset"} else 0.0
-
-    @property
-    def reset(self) -> bool:
-        return "global reset" in self.motions
-
-    @property
-    def velocity_px_s(self) -> tuple[float, float]:
-        alone = self.motions <= {"rolling", "global reset"}  # before which something has to move
-        return VELOCITY_PX_S if alone or "straight" in self.motions else (0.0, 0.0)
-
-    @property
-    def windows_s(self) -> tuple[Floats, Floats]:
+    def windows_s(self):
         """When each row's exposure begins and ends."""
         tau = (np.arange(HEIGHT) - (HEIGHT - 1) / 2) * self.row_s
         if not self.reset:
@@ -59,21 +45,17 @@ class Combination:
         start = np.full(HEIGHT, -(EXPOSURE_S + tau[-1]) / 2)
         return start, start + EXPOSURE_S + np.arange(HEIGHT) * self.row_s
 
-    def flow(self) -> torch.Tensor:
+    def flow(self):
         """Velocities (2, H, W), px/s."""
         y, x = np.mgrid[:HEIGHT, :WIDTH]
-        middle = (WIDTH - 1) / 2, (HEIGHT - 1) / 2
-        along = [
-            ZOOM_PER_S * (place - at) + by
-            for place, at, by in zip((x, y), middle, self.velocity_px_s, strict=True)
-        ]
-        return torch.from_numpy(np.stack(along))
+        offsets = np.stack([x - (WIDTH - 1) / 2, y - (HEIGHT - 1) / 2])
+        return torch.from_numpy(ZOOM_PER_S * offsets + np.reshape(self.velocity_px_s, (2, 1, 1)))
 
 
 STREET, THING = photograph(HEIGHT, WIDTH, 5, 3)[0], photograph(20, 24, 9, 3)[0]
 
 
-def layer(kind: torch.dtype = torch.float64) -> Layer:
+def layer(kind=torch.float64):
     """A textured disc whose edge is 4 px wide."""
     y, x = np.mgrid[:20, :24]
     alpha = ((1 - np.hypot((y - 9.5) / 9.5, (x - 11.5) / 11.5)) * 3).clip(0, 1)
@@ -82,7 +64,7 @@ def layer(kind: torch.dtype = torch.float64) -> Layer:
     )
 
 
-def _finer(planes: Floats) -> NDArray[np.float32]:
+def _finer(planes):
     """Planes (C, H, W) that wrap round at ``FINE`` times their samples, (H, W, C), by their spectra."""
     channels, height, width = planes.shape
     spectrum = np.zeros((channels, FINE * height, FINE * width), complex)
@@ -94,21 +76,19 @@ def _finer(planes: Floats) -> NDArray[np.float32]:
 
 
 @lru_cache(maxsize=1)
-def _sheets() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    own = layer()
-    light, alpha = own.light.numpy(), own.alpha.numpy()
-    sheet = np.zeros((4, HEIGHT, WIDTH))
-    left, top = OBJECT_PLACE
-    sheet[:, top : top + 20, left : left + 24] = np.concatenate([light * alpha, alpha[None]])
+def _sheets():
+    own, sheet, (left, top) = layer(), np.zeros((4, HEIGHT, WIDTH)), OBJECT_PLACE
+    planes = torch.cat([own.light * own.alpha, own.alpha[None]]).numpy()
+    sheet[:, top : top + 20, left : left + 24] = planes
     return _finer(STREET), _finer(sheet)
 
 
-def _at(sheet: NDArray[np.float32], x: Floats, y: Floats) -> Floats:
+def _at(sheet, x, y):
     places = (np.broadcast_to(FINE * along, (HEIGHT, WIDTH)).astype(np.float32) for along in (x, y))
     return np.asarray(cv2.remap(sheet, *places, cv2.INTER_CUBIC, borderMode=cv2.BORDER_WRAP), float)
 
 
-def truth(of: Combination, moments: int = 256) -> Floats:
+def truth(of, moments=256):
     """The mean (3, H, W) of each row's window, and as much brighter as that is longer."""
     street, thing = _sheets()
     starts, stops = of.windows_s
@@ -121,25 +101,24 @@ def truth(of: Combination, moments: int = 256) -> Floats:
             origin = of.path.origin_px(EXPOSURE_S)
             x = x - np.interp(now, of.path.time_s, of.path.x_px) + origin[0]
             y = y - np.interp(now, of.path.time_s, of.path.y_px) + origin[1]
+        beside = x - OBJECT_PX_S[0] * now, y - OBJECT_PX_S[1] * now
         if "flow" in of.motions:  # where it came from, x' = zoom (x - middle) + v
             grown = np.exp(-ZOOM_PER_S * now)
             (vx, vy), middle = of.velocity_px_s, ((WIDTH - 1) / 2, (HEIGHT - 1) / 2)
-            came = [
-                (place - at + v / ZOOM_PER_S) * grown - v / ZOOM_PER_S + at
-                for place, at, v in zip((x, y), middle, (vx, vy), strict=True)
-            ]
+            x = (x - middle[0] + vx / ZOOM_PER_S) * grown - vx / ZOOM_PER_S + middle[0]
+            y = (y - middle[1] + vy / ZOOM_PER_S) * grown - vy / ZOOM_PER_S + middle[1]
         else:
-            came = [place - v * now for place, v in zip((x, y), of.velocity_px_s, strict=True)]
-        seen = _at(street, *came)
+            x, y = x - of.velocity_px_s[0] * now, y - of.velocity_px_s[1] * now
+        seen = _at(street, x, y)
         if "objects" in of.motions:
-            own = _at(thing, x - OBJECT_PX_S[0] * now, y - OBJECT_PX_S[1] * now)
+            own = _at(thing, *beside)
             seen = own[..., :3] + (1 - own[..., 3:].clip(0, 1)) * seen
         total += seen
     brighter = ((stops - starts) / EXPOSURE_S)[:, None, None]
     return np.moveaxis(total / moments * brighter, -1, 0)
 
 
-def exposed(of: Combination, light: torch.Tensor, flow: torch.Tensor | None = None) -> torch.Tensor:
+def exposed(of, light, flow=None):
     """What the light effects make of a picture (1, 3, H, W)."""
     camera = Camera.preset("imx250")
     if of.row_s:
@@ -160,17 +139,17 @@ def exposed(of: Combination, light: torch.Tensor, flow: torch.Tensor | None = No
     return effects.through(light, at, border="circular")
 
 
-def found(of: Combination, kind: torch.dtype = torch.float64) -> Floats:
+def found(of, kind=torch.float64):
     """The same of the street."""
     return exposed(of, torch.from_numpy(STREET)[None].to(kind))[0].double().numpy()
 
 
-def combinations_of(most: int = len(MOTIONS)) -> list[Combination]:
+def combinations_of(most):
     """All of up to ``most`` motions that one frame may have."""
     every = [frozenset(some) for count in range(1, most + 1) for some in combinations(MOTIONS, count)]
     return [Combination(some) for some in every if not {"rolling", "global reset"} <= some]
 
 
-def error_dn(one: Floats, other: Floats) -> float:
+def error_dn(one, other):
     """RMS, 8-bit numbers of linear light, away from the border."""
     return float(255 * math.sqrt(((one - other)[..., *INSIDE] ** 2).mean()))

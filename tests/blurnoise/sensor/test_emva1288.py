@@ -5,21 +5,15 @@ through the analysis of the ``emva1288`` package (release 4 of the standard), wh
 own camera model is not used. Expected values come from the camera's figures, not from ``blurnoise.sensor.readout``.
 """
 
-from __future__ import annotations
-
 import logging
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from made_frames import from_photons
-from scipy.stats import norm
 
 from blurnoise import Camera
-from blurnoise.sensor import readout as sensor
 
 process = pytest.importorskip("emva1288.process", reason="needs emva1288: pip install 'blurnoise[test]'")
 
@@ -30,40 +24,31 @@ STACK = 48  # frames for a spatial measurement
 TEMPERATURE_C = 27.0
 NANOSECONDS = 1e9  # the package's unit of time
 
-# Why these bounds: standard deviations of the estimators, with those over 24-80 seeds in brackets (largest of
-# the cameras). A pair of frames of P = 83460 pixels gives a variance to sqrt(2/P) = 0.49 %. n = 77 pairs, at
-# times of mean 0.67 and standard deviation 0.32 of the longest.
-#   System gain: slope through the origin of variance against mean, over 33 levels up to 70 % of saturation
-#     and with the variance in proportion to the level: 0.49 % sqrt(9/(5 * 33)) = 0.11 % (0.11 %).
-#   Quantum efficiency: responsivity / K, and means are exact to 1e-4: 0.11 % (0.11 %).
-#   Read noise: half the error of the dark variance at time 0, which a line finds to
-#     0.49 % sqrt(1 + (0.67/0.32)^2)/sqrt(n) = 0.13 %, twice that as dark charge grows to 1.5 times the read
-#     noise's variance; so 0.13 %, and K's 0.11 %: 0.17 % (0.17 %).
-#   Dark current: a dark mean has sigma/sqrt(2 P) = 0.24 % of sigma, and a slope 1/(0.32 sqrt(n)) = 0.36 of it.
-#     With sigma at most 1.5 times the longest exposure's charge (QUIET) that is 0.13 %, and K's 0.11 %:
-#     0.17 % (0.13 %).
-#   Dark current, by variance: 0.49 % * 0.36 of a variance of 1.6 times the charge: 0.28 %; and K's twice:
-#     0.36 % (0.30 %), so that 1 % would be too tight.
-#   PRNU, DSNU: half of sqrt(2/P), a tenth more for the temporal noise left in the mean of the stack; DSNU
-#     also K's: 0.29 % (0.32 %).
-#   Saturation: the highest of noisy variances. The curve rises by 1 % per 1 % of light up to a rounded peak,
-#     where 0.49 % of noise can move the highest by two steps of 0.5 % (0.52 %).
-TOLERANCE = {
-    "system gain": 0.01,
-    "quantum efficiency": 0.01,
-    "read noise": 0.01,
-    "dark current": 0.01,
-    "dark current, by variance": 0.02,
-    "PRNU": 0.02,
-    "DSNU": 0.02,
-    "saturation": 0.03,
+# Standard deviations of the estimators: a pair of frames of P = 83460 pixels gives a variance to sqrt(2/P) = 0.49 %.
+# Lines through n = 77 pairs leave 0.11 % of the system gain and the efficiency, 0.17 % of the read noise and the
+# dark current, 0.36 % of the dark current by variance; PRNU and DSNU are known to 0.32 %.
+QUANTITIES = {
+    "system gain": ("K", 1, 0.01),
+    "quantum efficiency": ("QE", 100, 0.01),
+    "read noise": ("sigma_d", 1, 0.01),
+    "dark current": ("u_I_mean", 1, 0.01),
+    "dark current, by variance": ("u_I_var", 1, 0.02),
+    "PRNU": ("PRNU1288", 100, 0.02),
+    "DSNU": ("DSNU1288", 1, 0.02),
 }
+"""The package's name, its unit, and the tolerance, a share."""
 
-FINE = Camera(
-    name="2.2 um, 14 bit, full well below the converter's range",
-    pixel_pitch_um=2.2,
-    f_number=2.0,
-    transmission=1.0,
+PRESET = replace(
+    Camera.preset("imx250"),
+    quantum_efficiency=0.6,
+    dark_current_e_s=60.0,
+    prnu=0.008,
+    dsnu_e=1.2,
+    black_level_dn=8.0,
+)
+FINE = replace(
+    PRESET,
+    name="14 bit, full well below the converter's range",
     quantum_efficiency=0.7,
     full_well_e=5000.0,
     system_gain_dn_per_e=2.5,
@@ -76,91 +61,40 @@ FINE = Camera(
     black_level_dn=200.0,
     bit_depth=14,
 )
-DEEP = replace(
-    FINE,
-    name="5.5 um, 12 bit, converter full before the well",
-    pixel_pitch_um=5.5,
-    quantum_efficiency=0.45,
-    full_well_e=32000.0,
-    system_gain_dn_per_e=0.15,
-    read_noise_e=8.0,
-    dark_current_e_s=800.0,
-    dark_doubling_c=8.0,
-    prnu=0.01,
-    dsnu_e=10.0,
-    black_level_dn=40.0,
-    bit_depth=12,
-)
 QUIET = replace(
-    FINE,
-    name="9 um, read noise below one electron",
-    pixel_pitch_um=9.0,
-    quantum_efficiency=0.92,
-    full_well_e=20000.0,
-    system_gain_dn_per_e=3.2,
-    read_noise_e=0.7,
-    dark_current_e_s=8.0,
-    dark_doubling_c=6.0,
-    prnu=0.02,
-    dsnu_e=0.8,
-    black_level_dn=32.5,
-    bit_depth=12,
+    FINE, name="read noise below one electron", read_noise_e=0.7, dark_current_e_s=8.0, dsnu_e=0.8
 )
-PRESET = replace(
-    Camera.preset("imx250"),
-    quantum_efficiency=0.6,
-    dark_current_e_s=60.0,
-    prnu=0.008,
-    dsnu_e=1.2,
-    black_level_dn=8.0,
-)
-CAMERAS = {"fine": FINE, "deep": DEEP, "quiet": QUIET, "imx250": PRESET}
+CAMERAS = {"fine": FINE, "quiet": QUIET, "imx250": PRESET}
 
 
 @pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Thousands of short operations: on a busy machine a second thread costs far more than it gives."""
+def surroundings(monkeypatch):
+    """One thread, as operations are short; and a function that the package calls and NumPy 2 has dropped."""
+    monkeypatch.setattr(np, "asfarray", lambda values: np.asarray(values, dtype=float), raising=False)
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(threads)
 
 
-@contextmanager
-def for_numpy_2() -> Iterator[None]:
-    """The package still calls a function that NumPy 2 has dropped."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(np, "asfarray", lambda values: np.asarray(values, dtype=float), raising=False)
-        yield
-
-
-def dark_electrons_s(camera: Camera) -> float:
+def dark_electrons_s(camera):
     doublings = (TEMPERATURE_C - camera.dark_reference_c) / camera.dark_doubling_c
     return camera.dark_current_e_s * 2**doublings
-
-
-def limit_e(camera: Camera) -> float:
-    """Electrons beyond which the digital number no longer grows."""
-    return min(
-        camera.full_well_e, (2**camera.bit_depth - 1 - camera.black_level_dn) / camera.system_gain_dn_per_e
-    )
 
 
 class Bench:
     """A lamp and a range of exposure times, set once for the camera that the data sheet promises."""
 
-    def __init__(self, promised: Camera) -> None:
+    def __init__(self, promised):
         self.longest_s = 1.5 * promised.read_noise_e**2 / dark_electrons_s(promised)
-        self.photons_s = limit_e(promised) / float(promised.quantum_efficiency) / self.longest_s
+        self.photons_s = promised.saturation_e / promised.quantum_efficiency / self.longest_s
 
-    def analysis(
-        self, camera: Camera, seed: int, fidelity: sensor.Fidelity = "auto", *, lines: bool = False
-    ) -> dict[str, float]:
+    def analysis(self, camera, seed, fidelity="auto", lines=False):
         """What the package finds in ``camera``'s frames; lines: also of rows and columns."""
         pattern = camera.fixed_pattern((1, ROWS, COLUMNS), seed)
         generator = torch.Generator().manual_seed(seed)
 
-        def frames(photons: float, exposure_s: float, count: int) -> dict[str, object]:
+        def frames(photons, exposure_s, count):
             dn = from_photons(
                 torch.full((count, 1, ROWS, COLUMNS), photons),
                 camera,
@@ -170,10 +104,9 @@ class Bench:
                 generator=generator,
                 fidelity=fidelity,
             )
-            assert torch.equal(dn, dn.round())
             return process.routines.get_int_imgs(list(dn[:, 0].numpy()))
 
-        def series(exposure_s: float, count: int) -> dict[float, dict[str, object]]:
+        def series(exposure_s, count):
             photons = self.photons_s * exposure_s
             return {light: frames(light, exposure_s, count) for light in (0.0, photons)}
 
@@ -191,80 +124,40 @@ class Bench:
             "temporal": temporal,
             "spatial": {half_s * NANOSECONDS: series(half_s, STACK)},
         }
-        with for_numpy_2():
-            results = process.Results1288(process.Data1288(reduced).data, loglevel=logging.WARNING)
-            parts = (f"{kind}1288_{part}" for kind in ("PRNU", "DSNU") for part in ("row", "col", "pixel"))
-            found = {name: float(getattr(results, name)) for name in parts} if lines else {}
-            return found | {
-                "system gain": float(results.K),
-                "quantum efficiency": float(results.QE) / 100,
-                "read noise": float(results.sigma_d),
-                "dark current": float(results.u_I_mean),
-                "dark current, by variance": float(results.u_I_var),
-                "PRNU": float(results.PRNU1288) / 100,
-                "DSNU": float(results.DSNU1288),
-                "saturation": float(results.u_e_sat),
-            }
-
-    def expected(self, camera: Camera) -> dict[str, float]:
-        return {
-            "system gain": camera.system_gain_dn_per_e,
-            "quantum efficiency": float(camera.quantum_efficiency),
-            "read noise": camera.read_noise_e,
-            "dark current": dark_electrons_s(camera),
-            "dark current, by variance": dark_electrons_s(camera),
-            "PRNU": camera.prnu,
-            "DSNU": camera.dsnu_e,
-            "saturation": self.saturation_e(camera),
+        results = process.Results1288(process.Data1288(reduced).data, loglevel=logging.WARNING)
+        parts = (f"{kind}1288_{part}" for kind in ("PRNU", "DSNU") for part in ("row", "col", "pixel"))
+        found = {name: float(getattr(results, name)) for name in parts} if lines else {}
+        return found | {
+            name: float(getattr(results, field)) / unit for name, (field, unit, _) in QUANTITIES.items()
         }
 
-    def saturation_e(self, camera: Camera) -> float:
-        """Photo-electrons at the peak of the temporal variance, which the standard calls saturation."""
-        photo_e = np.linspace(0.7, 1.05, 3501) * limit_e(camera)
-        dark_e = dark_electrons_s(camera) * photo_e / (self.photons_s * float(camera.quantum_efficiency))
-        return float(photo_e[np.argmax(temporal_variance_e2(camera, photo_e, dark_e))])
-
-
-def temporal_variance_e2(camera: Camera, photo_e: np.ndarray, dark_e: np.ndarray) -> np.ndarray:
-    """Variance over time, averaged over pixels, of the charge that the limit c cuts off; no rounding.
-
-    The charge of a pixel is taken as normal, of mean m and of variance v. With a = (c - m)/sqrt(v) the rest has
-    the variance v [Phi - a phi + a^2 (1 - Phi) - (a (1 - Phi) - phi)^2], as integrating min(x, c) and its
-    square gives. PRNU and DSNU spread m, over which the mean is taken.
-    """
-    unevenness = np.linspace(-5, 5, 201)
-    shares = norm.pdf(unevenness) / norm.pdf(unevenness).sum()
-    spread_e = np.sqrt((camera.prnu * photo_e) ** 2 + camera.dsnu_e**2)
-    mean_e = (photo_e + dark_e)[:, None] + spread_e[:, None] * unevenness
-    variance_e2 = (photo_e + dark_e + camera.read_noise_e**2)[:, None]
-    a = (limit_e(camera) - mean_e) / np.sqrt(variance_e2)
-    above, density = norm.sf(a), norm.pdf(a)
-    cut = variance_e2 * (1 - above - a * density + a**2 * above - (a * above - density) ** 2)
-    return cut @ shares
-
-
-def disagreements(found: Mapping[str, float], expected: Mapping[str, float]) -> set[str]:
-    """Names of the quantities that are further from what is expected than their tolerance, or not a number."""
-    return {name for name, value in expected.items() if not abs(found[name] / value - 1) <= TOLERANCE[name]}
+    def expected(self, camera):
+        dark_s = dark_electrons_s(camera)
+        by_camera = (
+            camera.system_gain_dn_per_e,
+            camera.quantum_efficiency,
+            camera.read_noise_e,
+            dark_s,
+            dark_s,
+        )
+        values = (*by_camera, camera.prnu, camera.dsnu_e)
+        return dict(zip(QUANTITIES, values, strict=True))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fidelity", ["auto", "full"])
-@pytest.mark.parametrize("name", CAMERAS)
-def test_the_camera_is_found_in_its_frames(name: str, fidelity: sensor.Fidelity) -> None:
-    camera, seed = CAMERAS[name], 1 + list(CAMERAS).index(name)
-    bench = Bench(camera)
-    found, expected = bench.analysis(camera, seed, fidelity), bench.expected(camera)
-    assert not disagreements(found, expected), (found, expected)
+@pytest.mark.parametrize(("name", "fidelity"), [*((name, "auto") for name in CAMERAS), ("fine", "full")])
+def test_the_camera_is_found_in_its_frames(name, fidelity):
+    camera, bench = CAMERAS[name], Bench(CAMERAS[name])
+    found, expected = bench.analysis(camera, 1, fidelity), bench.expected(camera)
+    for quantity, value in expected.items():
+        assert found[quantity] == pytest.approx(value, rel=QUANTITIES[quantity][2]), quantity
 
 
 @pytest.mark.slow
-def test_rows_and_columns_are_found_in_the_frames() -> None:
+def test_rows_and_columns_are_found_in_the_frames():
     """The standard's read noise is that of pixels, rows and columns together: sqrt(1.6^2 + 1.2^2) = 2 e-.
 
-    The deviation of 260 rows or 321 columns is known to 1 / sqrt(2 * 260) = 4.4 %; five of them. That of the pixels,
-    as without lines, to 2 %; the read noise's row part to sqrt(2 / (77 * 260)) = 1 % of a variance of which it is a
-    third.
+    The deviation of 260 rows is known to 1 / sqrt(2 * 260) = 4.4 %; five of them.
     """
     camera = replace(
         FINE, row_noise_e=1.2, prnu_row=0.02, prnu_column=0.03, dsnu_row_e=3.0, dsnu_column_e=5.0
@@ -277,61 +170,3 @@ def test_rows_and_columns_are_found_in_the_frames() -> None:
         assert found[f"DSNU1288_{part}"] == pytest.approx(offset_e, rel=within), part
     assert found["read noise"] == pytest.approx(2.0, rel=0.02)
     assert found["system gain"] == pytest.approx(2.5, rel=0.02)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("gain_db", [6.0, 12.0, 18.0])
-def test_gain_and_read_noise_are_found_at_three_gains(gain_db: float) -> None:
-    at_rest = replace(
-        PRESET, read_noise_post_share=0.5, black_level_dn=60.0
-    )  # six times the read noise at 18 dB
-    camera = at_rest.at_gain(gain_db).camera
-    bench = Bench(camera)
-    found = bench.analysis(camera, seed=70 + int(gain_db))
-    g = 10 ** (gain_db / 20)
-    assert found["system gain"] == pytest.approx(g * PRESET.system_gain_dn_per_e, rel=0.01)
-    assert found["read noise"] == pytest.approx(PRESET.read_noise_e * (0.5 + 0.5 / g**2) ** 0.5, rel=0.01)
-    assert not disagreements(found, bench.expected(camera)), found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("field", "factor", "noticed"),
-    [
-        ("system_gain_dn_per_e", 1.1, {"system gain"}),
-        # not 1.1: the package looks for the peak from the end, and stays in the noise that full wells have
-        ("quantum_efficiency", 0.9, {"quantum efficiency"}),
-        ("read_noise_e", 1.1, {"read noise"}),
-        ("dark_current_e_s", 1.1, {"dark current", "dark current, by variance"}),
-        ("dark_doubling_c", 1.1, {"dark current", "dark current, by variance"}),
-        ("prnu", 1.1, {"PRNU"}),
-        ("dsnu_e", 1.1, {"DSNU"}),
-        ("full_well_e", 0.9, {"saturation"}),
-    ],
-)
-def test_a_camera_off_by_a_tenth_is_rejected(field: str, factor: float, noticed: set[str]) -> None:
-    """Frames of a camera that is not as promised: what is off is noticed, and nothing else."""
-    bench = Bench(FINE)
-    found = bench.analysis(replace(FINE, **{field: factor * getattr(FINE, field)}), seed=11)
-    assert disagreements(found, bench.expected(FINE)) == noticed, found
-
-
-def test_the_expected_peak_is_that_of_counted_electrons() -> None:
-    """The normal charge against NumPy's Poisson counts, at the smallest capacity, where they differ most.
-
-    400000 pairs give a variance to sqrt(2/400000) = 0.22 %, at heavier tails 0.4 %: five of it are 2 %, and
-    another 1 % is for Poisson's skewness of 0.03. The peak lies between the first and the third level.
-    """
-    levels = np.array([0.88, 0.92, 0.96, 1.0]) * limit_e(QUIET)
-    random = np.random.default_rng(3)
-    counted = []
-    for photo_e in levels:
-        gain, offset = random.standard_normal((2, 400_000))
-        mean_e = photo_e * (1 + QUIET.prnu * gain)
-        pair = random.poisson(mean_e, (2, 400_000)) + QUIET.dsnu_e * offset
-        pair = np.minimum(pair + QUIET.read_noise_e * random.standard_normal((2, 400_000)), limit_e(QUIET))
-        counted.append(np.mean(np.diff(pair, axis=0) ** 2) / 2)
-    expected = temporal_variance_e2(QUIET, levels, 0 * levels)
-    assert counted == pytest.approx(expected, rel=0.03)
-    assert int(np.argmax(counted)) == 1
-    assert levels[0] < Bench(QUIET).saturation_e(QUIET) < levels[2]

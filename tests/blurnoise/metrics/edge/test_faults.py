@@ -72,7 +72,7 @@ def test_an_edge_of_colour_is_no_fault(steps: tuple[float, float, float]) -> Non
     draw, at = Draw.of(4), Setting(noise=0.03, sigma_px=1.3, offset_px=(0.3, 0.1))
     for apart_px in (0.0, 1.0):
         image = torch.stack([
-            at.noisy(0.2 + step * at.share(at.edge(offset_px=(0.3 + place * apart_px, 0.1))), draw)
+            at.noisy(0.2 + step * at.share(at.edge(place * apart_px)), draw)
             for place, step in zip((1, 0, -1), steps, strict=True)
         ])  # fmt: skip
         flags = slanted_edge(image, full_scale=2.0, bootstrap=0).flags
