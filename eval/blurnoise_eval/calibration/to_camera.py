@@ -9,6 +9,7 @@ the noise in the dark is sqrt(O)/S electrons, rounding included. Source: DNG spe
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections import ChainMap
 from collections.abc import Mapping
@@ -32,6 +33,7 @@ NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SUB, _EXIF = 256, 257, 258, 262, 330, 34665
 _F_NUMBER, _ISO = 33437, 34855
 _RAW = (32803, 34892)  # colour filter array, linear raw
+_COUNTED = "counted from "
 _GREEN = 1  # of NoiseProfile's planes, in the order red, green, blue
 Known = dict[str, tuple[Any, str]]
 """Values and their sources, by the camera's field."""
@@ -89,7 +91,7 @@ def camera_of(
 
 def _gains(found: Measurement, preset: Camera) -> Known:
     """What was measured at gains, or that nothing was."""
-    lowest = f"; counted from {found.lowest_db:g} dB, the lowest measured" if found.lowest_db else ""
+    lowest = f"; {_COUNTED}{found.lowest_db:g} dB, the lowest measured" if found.lowest_db else ""
     if not found.gains:
         law = f"assumed: frames of one gain do not show it, so the law of the preset {preset.name} holds{lowest}"
         return {"read_noise_post_share": (preset.read_noise_post_share, law)}
@@ -110,6 +112,12 @@ def _gains(found: Measurement, preset: Camera) -> Known:
         if getattr(preset, limit) < max(found.gains):
             known[limit] = (max(found.gains), "measured: the highest gain of the frames")
     return known
+
+
+def lowest_gain_db(camera: Camera) -> float:
+    """The gain of the frames at which the camera's 0 dB was measured, by its sources; 0 where these name none."""
+    found = re.search(rf"{_COUNTED}(\S+) dB", " ".join(map(str, camera.sources.values())))
+    return float(found[1]) if found else 0.0
 
 
 def on_base(name: str, known: Known, base: str) -> Camera:

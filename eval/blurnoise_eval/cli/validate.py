@@ -19,6 +19,13 @@ def validate(
         str | None,
         Option(metavar="NAME|FILE", help="to compare them with (default: fitted on every other level)"),
     ] = None,
+    raw_layout: Annotated[
+        str | None,
+        Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
+    ] = None,
+    cfa: Annotated[
+        str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
+    ] = None,
     seed: Annotated[int, Option(metavar="N", help="of the simulated noise")] = 0,
     as_json: Json = False,
 ) -> None:
@@ -33,11 +40,14 @@ def validate(
     camera that was fitted, DIR/camera.yaml.
     """
     from blurnoise_eval import cameras
+    from blurnoise_eval.calibration.formats import RawLayout
     from blurnoise_eval.system.files import write_records
     from blurnoise_eval.validation import page
     from blurnoise_eval.validation.held_out import validate as compared
 
-    found = compared(frames, cameras.find(camera) if camera else None, seed=seed)
+    layout = RawLayout.parse(raw_layout) if raw_layout else None
+    known = cameras.find(camera) if camera else None
+    found = compared(frames, known, layout=layout, cfa=cfa, seed=seed)
     output.mkdir(parents=True, exist_ok=True)
     rows = [each.row() for each in found.comparisons]
     names = ("real from simulated", "real from real")

@@ -80,6 +80,8 @@ def statistics(patches: Floats) -> Floats:
 
 def told_apart(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 0) -> Estimate:
     """AUC with which real frames of levels are told from simulated ones; NaN where the frames are too small."""
+    if min(real[0].shape[1:]) < PATCH_PX:
+        return Estimate(math.nan)
     patches = Patches.of([*real, *simulated])
     patches.level[:] %= len(real)
     is_real = np.repeat([True, False], len(patches.level) // 2)
@@ -88,6 +90,8 @@ def told_apart(real: Sequence[Floats], simulated: Sequence[Floats], seed: int = 
 
 def real_apart(real: Sequence[Floats], seed: int = 0) -> Estimate:
     """AUC with which the first half of each level's real frames is told from the second half."""
+    if min(real[0].shape[1:]) < PATCH_PX:
+        return Estimate(math.nan)
     patches = Patches.of(real)
     count = np.array([len(frames) for frames in real])[patches.level]
     first = patches.frame < count // 2

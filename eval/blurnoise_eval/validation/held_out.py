@@ -16,20 +16,23 @@ import numpy as np
 import torch
 
 from blurnoise._core import rng
+from blurnoise._core.checks import integer
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PLANES
 from blurnoise.optics.radiometry import dark_electrons
 from blurnoise.sensor.readout import read_out
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.checks import CLIPPED
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.formats import RawLayout, refuse
-from blurnoise_eval.calibration.frames import Folder
+from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.listing import Frame
 from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.validation import classifier
 from blurnoise_eval.validation.measures import (
     DIFFERS,
+    MEASURES,
     Comparison,
     Floats,
     Stack,
@@ -40,8 +43,10 @@ from blurnoise_eval.validation.measures import (
 
 MOST_PX = 2048  # along a side: of larger frames their middle
 FEWEST_DARK = 6  # levels, from which on half of them are held out, too
-CLOSE = {"mean": 0.02, "variance": 0.05}
-"""Differences up to which simulated frames behave like the real ones."""
+FEWEST_FLAT_FITTED = 2 * FEWEST_FLAT - 1  # levels, of which every other one is fitted
+HEADLINE = ("mean", "variance")
+"""Measures by which simulated frames behave like the real ones, or differ."""
+_DIM = 0.05  # of the brightest level's signal, below which errors relative to the mean are those of the black level
 
 
 @dataclass(frozen=True)
@@ -74,22 +79,41 @@ class Validation:
         return [each for each in self.comparisons if (each.measure.name, each.kind) == (measure, kind)]
 
     def largest(self, measure: str, kind: str = "flat") -> float:
-        """Largest difference of a measure, as it is, or NaN."""
-        apart = [each.difference for each in self.of(measure, kind) if math.isfinite(each.difference)]
+        """Largest difference of a measure, as it is, or NaN; of flat levels, of those that are not dim."""
+        levels = self.of(measure, kind)
+        if kind == "flat":
+            levels = [each for each in levels if each.level not in self._dim]
+        apart = [each.difference for each in levels if math.isfinite(each.difference)]
         return max(apart, key=abs, default=math.nan)
+
+    @property
+    def _dim(self) -> set[str]:
+        """Flat levels, of which errors say little about the camera."""
+        signal = {
+            pair.name: float(pair.real.mean()) - self.camera.black_level_dn
+            for pair in self.pairs
+            if pair.kind == "flat"
+        }
+        brightest = max(signal.values(), default=0.0)
+        return {name for name, each in signal.items() if each < _DIM * brightest}
 
     @property
     def answer(self) -> str:
         """The first sentences: how close, what differs, and how well a classifier tells them apart."""
-        count = len(self.of("mean", "flat"))
-        mean, variance = (abs(self.largest(name)) for name in CLOSE)
-        like = mean <= CLOSE["mean"] and variance <= CLOSE["variance"]
-        verb = "behave like" if like else "differ from"
+        differ = any(each.verdict == DIFFERS for each in self.comparisons if each.measure.name in HEADLINE)
+        verb = "differ from" if differ else "behave like"
         held = "levels" if self.fitted is None else "held-out levels"
-        near = f"mean within {100 * mean:.2g} %, variance within {100 * variance:.2g} % at {count} {held}"
+        dim = len(self._dim)
+        count = len(self.of("variance", "flat")) - dim
+        close = [
+            f"{name} within {100 * abs(largest):.2g} %"
+            for name in HEADLINE
+            if math.isfinite(largest := self.largest(name))
+        ]
+        near = f"{', '.join(close)} at {count} {held}" + (f" (and {dim} dim ones)" if dim else "")
         rest = [self._differing(kind) for kind in ("flat", "dark")]
         rest = [text for text in rest if text]
-        beyond = f"Beyond chance differ {'; '.join(rest)}" if rest else "Nothing else differs beyond chance"
+        beyond = f"Beyond chance differ {'; '.join(rest)}" if rest else "Nothing differs beyond chance"
         scores = [
             f"{tell.value:.2f} on {kind} frames (real from real {floor.value:.2f})"
             for kind, (tell, floor) in self.apart.items()
@@ -103,12 +127,13 @@ class Validation:
         return f"Simulated frames {verb} these: {near}. {beyond}.{told}"
 
     def _differing(self, kind: str) -> str:
-        """What differs beside mean and variance, and at how many levels; the octaves of spectra together."""
-        found = [each for each in self.comparisons if each.kind == kind and each.measure.name not in CLOSE]
-        names = dict.fromkeys("octaves of spectra" if x.measure.octave else x.measure.title for x in found)
+        """What differs, and at how many levels; the octaves of spectra together."""
+        by_name: dict[str, list[Comparison]] = {}
+        for each in self.comparisons:
+            name = "octaves of spectra" if each.measure.octave else each.measure.title.split(", DN")[0]
+            by_name.setdefault(name, []).extend([each] * (each.kind == kind))
         counts = []
-        for name in names:
-            of = [x for x in found if name == ("octaves of spectra" if x.measure.octave else x.measure.title)]
+        for name, of in by_name.items():
             differing = sum(each.verdict == DIFFERS for each in of)
             counts += [f"{name} ({differing} of {len(of)})"] * (differing > 0)
         return f"on {kind} frames {', '.join(counts)}" if counts else ""
@@ -120,15 +145,20 @@ def validate(
 ) -> Validation:  # fmt: skip
     """Compare the frames of ``folder`` with simulated ones; without a camera one is fitted on every other level.
 
-    Raises ``ValueError`` for frames that cannot be used, as :func:`.fit.measure` does.
+    Compared are levels of the lowest gain; of a mosaic its green pixels, as :func:`.fit.measure` takes them. Raises
+    ``ValueError`` for frames that cannot be used, as that does.
     """
+    seed = integer("seed", seed, 0, rng.LAST_SEED)
     every = Folder(folder, layout, cfa)
-    files, fitted, notes = every.at_gain(every.gains_db[0]), None, list[str]()
+    lowest_db, notes = every.gains_db[0], list[str]()
+    files, fitted = every.at_gain(lowest_db), None
     if len(every.gains_db) > 1:
-        notes.append(f"several gains: compared at {every.gains_db[0]:g} dB")
+        notes.append(f"several gains: compared at {lowest_db:g} dB")
     dark, flat = files.dark, files.flat
     lit = flat
     if camera is None:
+        few = f"frames: {len(flat)} flat levels; must be {FEWEST_FLAT_FITTED} or more without --camera"
+        refuse(len(flat) < FEWEST_FLAT_FITTED, f"{few}, as a camera is fitted on every other one")
         half = copy(files)
         half.flat, flat = flat[::2], flat[1::2]
         if len(dark) >= FEWEST_DARK:
@@ -139,7 +169,9 @@ def validate(
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
     else:
-        camera = camera.at_gain(every.gains_db[0]).camera
+        unlike = f"camera: {camera.name} has the mosaic {camera.cfa}, the frames none; must have none as they"
+        refuse(files.place is None and camera.cfa not in PLANES, f"{unlike}, or state --cfa")
+        camera = _at_gain(camera, lowest_db)
     light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
     if not light.told:
         notes.append("the light is taken from each level's own mean, which is not compared for that")
@@ -173,6 +205,17 @@ def validate(
             tell = classifier.told_apart(real_frames, simulated_frames, seed)
             apart[kind] = (tell, classifier.real_apart(real_frames, seed))
     return Validation(camera, fitted, corrected(found), apart, pairs, notes)
+
+
+def _at_gain(camera: Camera, lowest_db: float) -> Camera:
+    """The camera at the gain of the frames. Its own gains count from the lowest that it was measured at."""
+    zero_db = to_camera.lowest_gain_db(camera)
+    highest_db = zero_db + camera.analogue_gain_max_db
+    refuse(
+        not zero_db <= lowest_db <= highest_db,
+        f"frames: gain_db = {lowest_db:g}; must be {zero_db:g} to {highest_db:g} for the camera {camera.name}",
+    )
+    return camera.at_gain(lowest_db - zero_db).camera
 
 
 def _frames(files: Folder, frames: Sequence[Frame]) -> Floats:
@@ -253,19 +296,53 @@ def _errors(
     fitted: Measurement | None,
     wandering_dn: float,
 ) -> dict[str, float]:
-    """Relative standard errors of what a camera predicts: of its fit, the lamp and a wandering black level.
+    """Standard errors of what a camera predicts: of its fit, the lamp, a wandering black level, and of so few rows
+    and columns.
 
-    wandering_dn: standard deviation of the real dark frames' means within their levels.
+    Each row (column) has one fixed value, and in each frame one of noise, so the picture's own mean and variance are
+    those of H (W) values, whatever the number of pixels. wandering_dn: standard deviation of the real dark frames'
+    means within their levels.
     """
     mean_dn, count = max(simulated.mean_dn, 1e-9), len(simulated.frame_means)
+    height, width = simulated.mean.shape
+    gain = camera.system_gain_dn_per_e
+    signal = max(0.0, mean_dn - camera.black_level_dn)
+    variance = float((simulated.noise**2).mean())
+    both = math.sqrt(2)  # the real and the simulated
     wandering = math.hypot(wandering_dn, camera.black_level_drift_dn) / math.sqrt(count) / mean_dn
-    errors = {"mean": math.hypot(wandering, light.scatter * (frame.kind == "flat"))}
+    dark_rows, dark_columns = gain * camera.dsnu_row_e, gain * camera.dsnu_column_e
+    lit_rows, lit_columns = signal * camera.prnu_row, signal * camera.prnu_column
+    pattern = both * math.hypot(
+        math.hypot(dark_rows, lit_rows) / math.sqrt(height),
+        math.hypot(dark_columns, lit_columns) / math.sqrt(width),
+    )
+    errors = {"mean": math.hypot(wandering, pattern / mean_dn, light.scatter * (frame.kind == "flat"))}
+    if variance:
+        pairs = count // 2
+        rows, columns = (
+            math.hypot(
+                both * math.sqrt(2 / (pairs * lines)) * getattr(camera, name) ** 2,
+                _square_error(fitted, name),
+            )
+            * (gain * gain / variance)
+            for name, lines in (("row_noise_e", height), ("column_noise_e", width))
+        )
+        errors |= {"variance": math.hypot(rows, columns), "correlation_x": rows, "correlation_y": columns}
     if fitted is None:
         return errors
     black = fitted.estimates["black_level_dn"]
     own = (black.high - black.low) / 2 / Z / mean_dn
     errors["mean"] = math.hypot(errors["mean"], own)
-    signal = max(0.0, mean_dn - camera.black_level_dn)
-    variance = float((simulated.noise**2).mean())
-    errors["variance"] = fitted.fit.error(signal, 1.0) / variance if variance else 0.0
+    if variance:
+        line = fitted.fit.error(signal, 1.0) / variance
+        errors["variance"] = math.hypot(errors["variance"], line)
+        errors |= {each.name: line for each in MEASURES if each.octave and each.name.startswith("noise")}
     return errors
+
+
+def _square_error(fitted: Measurement | None, name: str) -> float:
+    """Standard error of the square of a fitted figure, 0 where it was given."""
+    if fitted is None or name not in fitted.estimates:
+        return 0.0
+    figure = fitted.estimates[name]
+    return (figure.high**2 - figure.low**2) / 2 / Z

@@ -22,7 +22,7 @@ from blurnoise_eval.system.tables import finite
 Floats = NDArray[np.float64]
 AGREES, DIFFERS, CANNOT_TELL = "agrees", "differs", "cannot tell"
 SIGNIFICANT = 0.05  # chance that any of all measures differs though none does
-_BLOCK_PX = 64  # of which 32 in small pictures
+_BLOCK_PX = 64  # of which 32 or less in small pictures, two or more along each side
 _BANDS = 16
 _OCTAVES = (0.5, 0.25, 0.125, 0.0625, 0.03125)  # cycles/px
 _WIDEST = {"relative": 0.5, "absolute": 0.1, "kurtosis": 0.5}
@@ -70,7 +70,10 @@ class Stack:
 def _blocks(planes: Floats) -> Floats:
     """Squares (N, G, side, side) of planes (N, H, W)."""
     height, width = planes.shape[1:]
-    side = _BLOCK_PX if min(height, width) >= 4 * _BLOCK_PX else _BLOCK_PX // 2
+    least = min(height, width)
+    side = min(_BLOCK_PX // 2, 1 << ((least // 2).bit_length() - 1))
+    if least >= 4 * _BLOCK_PX:
+        side = _BLOCK_PX
     down, across = height // side, width // side
     cut = planes[:, : down * side, : across * side].reshape(-1, down, side, across, side)
     return np.asarray(cut.swapaxes(2, 3).reshape(len(planes), down * across, side, side))
@@ -90,7 +93,11 @@ def _moments(stack: Stack) -> Floats:
 
 
 def _bands(planes: Floats) -> Floats:
-    """Per band of rows: squared means of rows, times the pixels of a row, and mean squares; (bands, 2)."""
+    """Per band of rows: squared means of rows, times the pixels of a row, and mean squares; (bands, 2).
+
+    Without the means of columns, which every band has alike.
+    """
+    planes = planes - planes.mean(1, keepdims=True)
     over_white = (planes.mean(2) ** 2 * planes.shape[2]).mean(0)
     squares = (planes * planes).mean((0, 2))
     count = max(4, min(_BANDS, len(squares) // 4))
@@ -100,7 +107,12 @@ def _bands(planes: Floats) -> Floats:
 
 
 def _octaves(planes: Floats) -> Floats:
-    """Per block: mean power, DN^2, in each octave of frequency that the block holds."""
+    """Per block: mean power, DN^2, in each octave of frequency, 0 where the block is too small to hold it.
+
+    Without the means of whole rows and columns (``_bands`` has these): blocks beside each other share them, so
+    leaving out blocks would not show how uncertain their power is.
+    """
+    planes = planes - planes.mean(1, keepdims=True) - planes.mean(2, keepdims=True)
     blocks = _blocks(planes)
     side = blocks.shape[-1]
     window = np.hanning(side + 1)[:-1]
@@ -109,7 +121,7 @@ def _octaves(planes: Floats) -> Floats:
     power = np.abs(np.fft.rfft2(blocks * window)) ** 2 / (window**2).sum()
     frequency = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side))
     inside = [(frequency <= top) & (frequency > top / 2) for top in _OCTAVES[:-1]]
-    return np.stack([power[..., band].mean((0, 2)) for band in inside], 1)
+    return np.stack([power[..., band].mean(0).sum(1) / max(1, np.count_nonzero(band)) for band in inside], 1)
 
 
 @dataclass(frozen=True)
@@ -223,7 +235,8 @@ class Comparison:
 def compare(
     level: str, kind: str, real: Stack, simulated: Stack, errors: dict[str, float] | None = None
 ) -> list[Comparison]:
-    """Every measure of a level. errors: relative standard errors of simulated measures, of what was fitted."""
+    """Every measure of a level. errors: standard errors, beside those that the parts of the picture show, of the
+    measures' differences, on their scales."""
     found = []
     for measure in MEASURES:
         sums = [measure.sums(stack) for stack in (real, simulated)]
