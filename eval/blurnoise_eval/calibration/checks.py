@@ -36,22 +36,25 @@ _BLOCKS = 8  # along each side
 
 def too_dim(dark: Sequence[Level], flat: Sequence[Level]) -> list[int]:
     """Places of flat levels whose frames differ by more than a lamp's may, but no more than dark ones do."""
+    steady = _steady(dark, flat)
+    return [place for place, level in enumerate(flat) if level.lamp_spread > MOST_FLICKER and steady[place]]
+
+
+def _steady(dark: Sequence[Level], flat: Sequence[Level]) -> list[bool]:
+    """Of which flat levels the frames differ by no more than the black level's scatter in dark ones explains."""
     scatter = levels.frame_scatter(dark)
-
-    def chance(level: Level) -> float:
-        return CHANCE * math.sqrt(2) * math.hypot(scatter, math.sqrt(level.variance_dn2 / level.pixels))
-
+    chance = [math.hypot(scatter, math.sqrt(level.variance_dn2 / level.pixels)) for level in flat]
     return [
-        place
-        for place, level in enumerate(flat)
-        if level.lamp_spread > MOST_FLICKER and np.ptp(level.means_dn) <= chance(level)
+        bool(np.ptp(level.means_dn) <= CHANCE * math.sqrt(2) * each)
+        for level, each in zip(flat, chance, strict=True)
     ]
 
 
 def remarks(dark: Sequence[Level], flat: Sequence[Level]) -> list[str]:
     """What else to know of the levels."""
     dim = too_dim(dark, flat)
-    lamp = max(level.lamp_spread for place, level in enumerate(flat) if place not in dim)
+    of_lamp = zip(flat, _steady(dark, flat), strict=True)
+    lamp = max((level.lamp_spread for level, steady in of_lamp if not steady), default=0.0)
     names = "; ".join(str(flat[place]) for place in dim)
     every = (
         (
@@ -96,7 +99,7 @@ def check_noise(flat: Sequence[Level]) -> None:
 
 def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
     """Raise ``ValueError`` where a level is off the line by more than 5 %."""
-    worst, over = found.deviation[found.worst], "light" if found.by_photons else "exposure"
+    worst, over = found.deviation[found.worst], "exposure" if found.light == "s" else "light"
     why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
     raw = "raw numbers without gamma, and a steady lamp"
     refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: not linear, {why}: {raw}")

@@ -45,7 +45,8 @@ def draw_fit(found: Measurement, name: str) -> Figure:
     tidy(transfer, x="Mean above the black level / DN", y="Temporal variance / DN²")
     transfer.legend(fontsize=8, frameon=False, loc="upper left")
     if linear:
-        scale, label = (1.0, "Light / photons per pixel") if linear.by_photons else (1e3, "Exposure / ms")
+        units = {"photons": (1.0, "Light / photons per pixel"), "lux s": (1.0, "Light / lux s")}
+        scale, label = units.get(linear.light, (1e3, "Exposure / ms"))
         expected = linear.slope * linear.x + linear.offset
         rest[0].plot(scale * linear.x, expected * (1 + linear.deviation), color=COLOURS[0], **_HOLLOW)
         rest[0].plot(scale * linear.x, expected, **_MODEL)

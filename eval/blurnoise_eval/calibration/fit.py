@@ -107,18 +107,16 @@ def measure(
     mean_dn, signal = columns(flat, "mean_dn")[0], taken.signal(found)
     top_dn = (clip_dn or max(flat[place].mean_dn for place in fitted.used)) - found.dark.offset
     linear = transfer.linearity(flat, signal, top_dn)
-    noise, fixed = taken.stack.temporal(dark), structure.dark_pattern(taken.stack.halves)
-    lines_dn2, error_dn2 = noise.lines
-    dark_dn2 = max(found.read_dn2, 1e-9)
-    own = max(0.0, 1 - lines_dn2 / dark_dn2), error_dn2 / dark_dn2
-    estimates = found.estimates(dark[0].pixels, own, fixed.lines)
+    noise, fixed = taken.noise, structure.dark_pattern(taken.stack.halves)
+    estimates = found.estimates(dark[0].pixels, taken.own(found), fixed.lines)
     terms = {
         "row_noise_e": noise.row, "column_noise_e": noise.column,
         "dsnu_row_e": fixed.row, "dsnu_column_e": fixed.column,
     }  # fmt: skip
     gains = {}
     for each in others:
-        at_gain = _fitted(each, 2.0**bits - 1).fit.estimates(dark[0].pixels, own)
+        at_this = _fitted(each, 2.0**bits - 1).fit
+        at_gain = at_this.estimates(dark[0].pixels, each.own(at_this))
         gains[each.gain_db - taken.gain_db] = {name: at_gain[name] for name in AT_GAIN}
     estimates |= {name: found.rms_e(*variance) for name, variance in terms.items()}
     if clip_dn is not None:
@@ -126,7 +124,7 @@ def measure(
     if linear:
         checks.check_linearity(flat, linear)
         estimates["linearity_error"] = linear.error
-        if linear.by_photons:
+        if linear.light == "photons":
             estimates["quantum_efficiency"] = found.electrons(*linear.responsivity)
 
     chosen = sorted(fitted.used, key=lambda place: flat[place].frames * mean_dn[place])[-_MOST_FOR_PATTERN:]
@@ -176,7 +174,7 @@ class _Taken:
             level, mean = level_of(self.stack.passing(files.planes(frames)), frames[0])
             dark.append(level)
             self.dark_mean = self.dark_mean + (mean - level.mean_dn) / len(files.dark)
-        noise = self.stack.temporal(dark)
+        self.noise = noise = self.stack.temporal(dark)
         self.drift, variance = self.stack.drift(dark, noise)
         if self.drift.value:
             dark = [replace(level, mean_error_dn=math.sqrt(variance / level.frames)) for level in dark]
@@ -194,12 +192,18 @@ class _Taken:
         planes = self.files.planes(frames)
         dark_dn = self.line.at(frames[0].exposure_s)
         level, mean = level_of(stack.passing(planes) if stack else planes, frames[0], dark_dn)
-        return self._of_lines(level), mean
+        error = math.hypot(level.mean_error_dn, self.drift.value / math.sqrt(level.frames))
+        return replace(self._of_lines(level), mean_error_dn=error), mean
 
     def _of_lines(self, level: Level) -> Level:
         """The level, whose variance is as uncertain as that of so few rows and columns."""
         error = math.hypot(level.variance_error_dn2, self._lines_dn2 / math.sqrt(level.frames - 1))
         return replace(level, variance_error_dn2=error)
+
+    def own(self, fit: Transfer) -> structure.Uncertain:
+        """Share of the variance in the dark that is the pixels' own, not of whole rows or columns."""
+        (lines_dn2, error_dn2), dark_dn2 = self.noise.lines, max(fit.read_dn2, 1e-9)
+        return max(0.0, 1 - lines_dn2 / dark_dn2), error_dn2 / dark_dn2
 
     def signal(self, fit: Transfer) -> Floats:
         """Means of the flat levels less those in the dark."""

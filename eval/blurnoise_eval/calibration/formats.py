@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -164,12 +164,33 @@ def _picture(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
     return np.asarray(planes[0])
 
 
+def _tiff_pages(path: Path, _: RawLayout | None) -> int:
+    """How many directories the file chains; OpenCV counts those before the first fault (TIFF 6.0, BigTIFF)."""
+    with path.open("rb") as file:
+        head = file.read(16)
+        order: Literal["little", "big"] = "little" if head[:2] == b"II" else "big"
+        big = int.from_bytes(head[2:4], order) == 43
+        count_bytes, entry, link = (8, 20, 8) if big else (2, 12, 4)
+        place = int.from_bytes(head[link : 2 * link], order)
+        pages: list[int] = []
+        while place and place not in pages:
+            file.seek(place)
+            entries = int.from_bytes(file.read(count_bytes), order)
+            file.seek(place + count_bytes + entry * entries)
+            found = file.read(link)
+            refuse(len(found) < link, f"cut short: page {len(pages) + 1} cannot be read")
+            pages.append(place)
+            place = int.from_bytes(found, order)
+    return max(1, len(pages))
+
+
 def _array(path: Path) -> NDArray[Any]:
     try:
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise ValueError(f"is no NPY file: {error}") from None
     refuse(values.ndim not in (2, 3), f"shape {values.shape}: must be (H, W), or (N, H, W) of N frames")
+    refuse(not values.size, f"shape {values.shape}: holds no frame")
     return values if values.ndim == 3 else values[None]
 
 
@@ -216,16 +237,24 @@ def _fits_header(path: Path) -> tuple[dict[str, Any], int]:
     raise ValueError("is no FITS file: its header has no END")
 
 
+def _number(header: Mapping[str, Any], key: str, default: float) -> float:
+    """Of a header. Raises ``ValueError`` for what is no number."""
+    value = header.get(key, default)
+    refuse(not isinstance(value, float | int), f"{key} = {value!r}: must be a number")
+    return float(value)
+
+
 def _fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
     """The primary array (N, H, W) as it is stored, and the header."""
     header, start = _fits_header(path)
-    axes = [int(header.get(f"NAXIS{axis}", 0)) for axis in range(int(header.get("NAXIS", 0)), 0, -1)]
+    axes = [
+        int(_number(header, f"NAXIS{axis}", 0)) for axis in range(int(_number(header, "NAXIS", 0)), 0, -1)
+    ]
     two = len(axes) in (2, 3) and min(axes) > 0
     refuse(not two, f"axes {axes}: must be 2 or 3 in the primary array (no compressed or tabular extension)")
-    kind = _FITS_NUMBERS.get(int(header.get("BITPIX", 0)), "")
-    refuse(
-        not kind, f"BITPIX = {header.get('BITPIX', 0):g}: must be one of {', '.join(map(str, _FITS_NUMBERS))}"
-    )
+    bits = int(_number(header, "BITPIX", 0))
+    kind = _FITS_NUMBERS.get(bits, "")
+    refuse(not kind, f"BITPIX = {bits}: must be one of {', '.join(map(str, _FITS_NUMBERS))}")
     needed = start + np.dtype(kind).itemsize * math.prod(axes)
     held = path.stat().st_size
     refuse(held < needed, f"{held} bytes: must be {needed}, by its header")
@@ -235,7 +264,8 @@ def _fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
 
 def _fits_plane(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
     values, header = _fits(path)
-    return _whole(header.get("BSCALE", 1.0) * values[page].astype(np.float64) + header.get("BZERO", 0.0))
+    scale, zero = _number(header, "BSCALE", 1.0), _number(header, "BZERO", 0.0)
+    return _whole(scale * values[page].astype(np.float64) + zero)
 
 
 def _fits_taken(path: Path) -> dict[str, Any]:
@@ -245,6 +275,7 @@ def _fits_taken(path: Path) -> dict[str, Any]:
         "cfa": ("BAYERPAT",),
     }  # fmt: skip
     found = {field: header[key] for field, keys in names.items() for key in keys[::-1] if key in header}
+    _number(header, "GAIN", 0.0)
     kind = str(header.get("IMAGETYP", "")).lower()
     if "flat" in kind:
         found["kind"] = "flat"
@@ -285,7 +316,7 @@ def _raw_taken(path: Path) -> dict[str, Any]:
 _LIBRAW = Format(_raw, taken=_raw_taken)
 FORMATS: Mapping[str, Format] = {
     **dict.fromkeys((".png", ".pgm"), Format(_picture)),
-    **dict.fromkeys((".tif", ".tiff"), Format(_picture, lambda path, _: max(1, cv2.imcount(str(path))))),
+    **dict.fromkeys((".tif", ".tiff"), Format(_picture, _tiff_pages)),
     **dict.fromkeys((".raw", ".bin"), Format(_headerless, lambda path, layout: len(_bytes(path, layout)))),
     **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(_fits(path)[0]), _fits_taken)),
     ".npy": Format(lambda path, _, page: _whole(_array(path)[page]), lambda path, _: len(_array(path))),

@@ -26,6 +26,7 @@ FEWEST_FLAT = 3
 _UNLIKE = 0.05  # by which the places of a mosaic differ, of their mean
 _SETTLED_C = 1.0  # over which dark current changes by some 10 %
 _ALIKE = 0.02  # by which its two green ones do
+_EVEN = 0.99  # of the pixels
 
 
 class Folder:
@@ -62,6 +63,10 @@ class Folder:
         )
         few = f"frames: {len(self.flat)} flat exposures of two frames or more; must be 3, better 8 or more"
         refuse(len(self.flat) < FEWEST_FLAT, few)
+        for gain_db in sorted({frames[0].gain_db for frames in levels} - {*self.gains_db}):
+            self.notes.append(
+                f"left out: the frames at {gain_db:g} dB: must be dark levels and {FEWEST_FLAT} flat ones"
+            )
         none = f"frames: dark levels and {FEWEST_FLAT} flat ones must be of one gain_db; they are of none"
         refuse(not self.gains_db, none)
         celsius = [frame.temperature_c for frame in ordered if frame.temperature_c is not None] or [0.0]
@@ -70,10 +75,12 @@ class Folder:
             self.notes.append(f"{warmed}: its dark current is that of no one temperature")
         before = ""
         held = np.zeros(1 << 16, bool)
+        pictures: dict[int, Frame] = {}
         places: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
         for frame in (frame for frames in levels for frame in frames):
             plane = read_plane(frame.file, layout, frame.page)
             held[plane] = True
+            _check_new(plane, frame, pictures)
             height, width = plane.shape
             here = f"{width} x {height} px, {8 * plane.itemsize} bits"
             before = before or here
@@ -132,6 +139,18 @@ class Folder:
         for frame in frames:
             plane = read_plane(frame.file, self._layout, frame.page) // self.step_dn
             yield plane if self.place is None else plane[self.place[0] :: 2, self.place[1] :: 2]
+
+
+def _check_new(plane: Plane, frame: Frame, before: dict[int, Frame]) -> None:
+    """Raise ``ValueError`` where the picture is one of those before, by hash, to which it is added.
+
+    Frames that clip, or without noise, may be the same: nearly all of their pixels hold one number.
+    """
+    first = before.setdefault(hash(plane.tobytes()), frame)
+    if first is frame or np.bincount(plane.ravel()).max() > _EVEN * plane.size:
+        return
+    same = f"page {frame.page}: is the same picture as {first.file.name}, page {first.page}"
+    raise ValueError(f"{frame.file}: {same}; each must be taken anew")
 
 
 def _noticed(light: Floats) -> str | None:

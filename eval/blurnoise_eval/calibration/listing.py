@@ -31,7 +31,7 @@ _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 _DESCRIPTOR = re.compile(r"^n\s+\d+\s+\d+\s+\d+\s*$", re.MULTILINE)
 
 
-class Frame(BaseModel, frozen=True, extra="forbid"):
+class Frame(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     """A frame of a file and how it was taken; each field is a column of frames.csv.
 
     photons_per_px, illuminance_lux, wavelength_nm: of the light of flat frames; photons are the mean during the
@@ -104,9 +104,22 @@ class _Headers:
         return Listing(with_gain, [*notes, f"ISO {base:g}, the lowest, counts as 0 dB of gain"])
 
 
+def _frame(fields: dict[str, Any]) -> Frame:
+    """Raises ``ValueError`` that names the field and its value."""
+    try:
+        return Frame.model_validate(fields)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        got = "" if fault["type"] == "missing" else f" = {fault['input']!r}"
+        columns = ", ".join(Frame.model_fields)
+        unknown = f"; columns: {columns}" if fault["type"] == "extra_forbidden" else ""
+        must = fault["msg"].replace("Input should", "must")
+        raise ValueError(f"{fault['loc'][0]}{got}: {must}{unknown}") from None
+
+
 def _pages(fields: dict[str, Any], layout: RawLayout | None) -> Iterator[Frame]:
     """The frames of a file."""
-    first = Frame.model_validate(fields)
+    first = _frame(fields)
     with naming(first.file):
         count = 1 if "page" in fields else format_of(first.file).pages(first.file, layout)
     for page in range(count):
@@ -136,32 +149,48 @@ def _listed(source: Path, layout: RawLayout | None) -> Listing:
     """Of frames.csv."""
     frames: list[Frame] = []
     headers = _Headers()
-    try:
-        rows = csv.DictReader(read_text(source).splitlines(), skipinitialspace=True)
-        for row in rows:
-            given: dict[str, Any] = {str(name).strip(): value.strip() for name, value in row.items() if value}
-            try:
-                if "file" in given:
-                    path = source.parent / inside(given.pop("file"))
-                    frames += _pages(headers.read(path, given), layout)
-                else:
-                    Frame.model_validate(given)
-            except ValueError as error:
-                raise ValueError(f"line {rows.line_num}: {_plain(error)}") from None
+    lines: dict[tuple[Path, int], int] = {}
+    with naming(source):
+        rows = csv.reader(read_text(source).splitlines(), skipinitialspace=True)
+        try:
+            names = _columns(next(rows, []))
+            for cells in rows:
+                for frame in _row(source.parent, headers, names, cells, layout):
+                    page = frame.file, frame.page
+                    twice = (
+                        f"file {frame.file.name!r}, page {frame.page}: is in line {lines.get(page)} already"
+                    )
+                    refuse(page in lines, twice)
+                    lines[page] = rows.line_num
+                    frames.append(frame)
+        except (ValueError, csv.Error) as error:
+            raise ValueError(f"line {rows.line_num}: {error}") from None
+        refuse(not frames, "no frames: must have a line for each file")
         return headers.apply(frames)
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{source}: {error}") from None
 
 
-def _plain(error: ValueError) -> str:
-    """A fault of a frame's field in words."""
-    if not isinstance(error, ValidationError):
-        return str(error)
-    fault = error.errors(include_url=False)[0]
-    got = "" if fault["type"] == "missing" else f" = {fault['input']!r}"
-    columns = ", ".join(Frame.model_fields)
-    unknown = f"; columns: {columns}" if fault["type"] == "extra_forbidden" else ""
-    return f"{fault['loc'][0]}{got}: {fault['msg'].replace('Input should', 'must')}{unknown}"
+def _columns(header: Sequence[str]) -> list[str]:
+    """Names of the columns, in small letters."""
+    names = [name.strip().lower() for name in header]
+    separated = "columns must be separated by commas, and decimals written with a point"
+    refuse(len(names) == 1 and re.search(r"[;\t]", names[0]), f"{header[:1]}: {separated}")
+    twice = [name for name in names if name and names.count(name) > 1]
+    refuse(twice, f"column {', '.join(twice[:1])!r}: must be there once")
+    return names
+
+
+def _row(
+    folder: Path, headers: _Headers, names: Sequence[str], cells: Sequence[str], layout: RawLayout | None
+) -> Iterator[Frame]:
+    """The frames of a line of frames.csv."""
+    refuse(len(cells) > len(names), f"{len(cells)} cells; must be at most {len(names)}, as the header has")
+    given: dict[str, Any] = {
+        name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()
+    }
+    if "file" in given:
+        yield from _pages(headers.read(folder / inside(given.pop("file")), given), layout)
+    elif given:
+        _frame(given)
 
 
 def _described(source: Path) -> Listing:
@@ -181,9 +210,9 @@ def _described(source: Path) -> Listing:
             elif letter == "i":
                 name = line.strip()[1:].strip().replace("\\", "/")
                 path = source.parent / inside(name)
-                frames.append(Frame.model_validate({"file": path, **given}))
+                frames.append(_frame({"file": path, **given}))
         except (IndexError, ValueError) as error:
-            text = _plain(error) if isinstance(error, ValueError) else "must be b EXPOSURE_NS PHOTONS"
+            text = str(error) if isinstance(error, ValueError) else "must be b EXPOSURE_NS PHOTONS"
             raise ValueError(f"{source}: line {number}: {text}") from None
     here = [frame for frame in frames if frame.file.is_file()]
     absent = len(frames) - len(here)

@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -333,7 +333,7 @@ def spatial_variance(pixel_dn: Floats) -> float:
 
 @dataclass(frozen=True)
 class Linearity:
-    """Signal against light: slope in DN per second, or per photon; x in that unit, deviation a fraction.
+    """Signal against light: slope in DN per unit of ``light``; x in that unit, deviation a fraction.
 
     responsivity: slope of the line through the origin, which a camera without an offset of its own has. error:
     largest deviation from the line among the levels that it is fitted to, which is at ``worst``.
@@ -346,7 +346,7 @@ class Linearity:
     deviation: Floats
     worst: int
     error: Estimate
-    by_photons: bool
+    light: Literal["photons", "lux s", "s"]
 
 
 def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity | None:
@@ -354,8 +354,14 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
 
     signal (N,): mean of each level less that in the dark. None where fewer than three levels are in that range.
     """
-    by_photons = all(level.photons_per_px is not None for level in flat)
-    x, mean_error = columns(flat, "photons_per_px" if by_photons else "exposure_s", "mean_error_dn")
+    x, lux, photons, mean_error = columns(
+        flat, "exposure_s", "illuminance_lux", "photons_per_px", "mean_error_dn"
+    )
+    light: Literal["photons", "lux s", "s"] = "s"
+    if not np.isnan(photons).any():
+        x, light = photons, "photons"
+    elif len(np.unique(lux)) > 1 and not np.isnan(lux).any():
+        x, light = lux * x, "lux s"
     inside = (signal >= 0.05 * top_dn) & (signal <= 0.95 * top_dn)
     count = int(inside.sum())
     if len(np.unique(x[inside])) < 3:
@@ -371,4 +377,4 @@ def linearity(flat: Sequence[Level], signal: Floats, top_dn: float) -> Linearity
     rate = float(through_0.sum() / (through_0 @ through_0))
     rate_error = rate * math.hypot(float(rate * through_0.std(ddof=1)), scatter) / math.sqrt(count)
     off = normal(abs(float(deviation[worst])), float(error.max()), least=0.0)
-    return Linearity(float(slope), float(offset), (rate, rate_error), x, deviation, worst, off, by_photons)
+    return Linearity(float(slope), float(offset), (rate, rate_error), x, deviation, worst, off, light)

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument, Option
 
 from blurnoise_eval.cli._options import new_file
-from blurnoise_eval.system.terminal import say, show
+from blurnoise_eval.system.terminal import say, say_wrapped, show
 
 
 def cameras_fit(
@@ -124,7 +124,7 @@ def cameras_fit(
         from blurnoise_eval.calibration.libcamera import camera_of_libcamera
 
         camera = camera_of_libcamera(libcamera, base=base, bit_depth=bit_depth)
-    table, notes = None, list[object]()
+    table, notes = None, list[str]()
     if folder is not None:
         from rich.table import Table
 
@@ -156,4 +156,6 @@ def cameras_fit(
         notes += [f"tone: {curve.text}", *(f"warning: {doubt}" for doubt in curve.doubts)]
     camera.save(output)
     show(table or figures(camera))
-    say(*notes, output, *([] if folder is None else [plot]))
+    for note in notes:
+        say_wrapped(note, hanging=2)
+    say(output, *([] if folder is None else [plot]))

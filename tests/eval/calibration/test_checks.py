@@ -93,7 +93,7 @@ REFUSED = {
     "bands": (lambda p: flats(p, banded), "flickering in bands"),
     "filtered": (lambda p: flats(p, blurred), "filtered or lossy"),
     "compressed": (lambda p: every(p, squeezed), "filtered or lossy"),
-    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "all frames are the same"),
+    "the same frame twice": (lambda p: {key: [x[0], x[0]] for key, x in p.items()}, "is the same picture as"),
     "two exposures": (lambda p: dict(list(p.items())[:4]), "2 flat exposures of two frames or more; must be 3"),
     "no dark": (lambda p: {key: x for key, x in p.items() if key[0] == "flat"}, "no dark ones"),
     "one frame each": (lambda p: {key: x[:1] for key, x in p.items()}, "no dark ones; must be two or more"),

@@ -30,8 +30,9 @@ def test_lists_with_faults(tmp_path, text, why):
 
 
 def test_a_list_of_stacks(tmp_path):
-    np.save(tmp_path / "a.npy", np.stack([PLANE] * 3))
-    (tmp_path / "frames.csv").write_text("file,kind,exposure_s,page\na.npy,dark,1,\na.npy,flat,1,2\n")
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, np.stack([PLANE] * 3))
+    (tmp_path / "frames.csv").write_text("file,kind,exposure_s,page\na.npy,dark,1,\nb.npy,flat,1,2\n")
     assert [(frame.kind, frame.page) for frame in list_frames(tmp_path).frames] == [
         ("dark", 0), ("dark", 1), ("dark", 2), ("flat", 2),
     ]  # fmt: skip

@@ -88,6 +88,7 @@ def test_wrong_figures_differ(tmp_path):
     assert found.answer.startswith("Simulated frames differ from these")
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth():
     """Of the variance's ratio, of normal noise of ratio 1.1, in 95 % of 200 (90 to 99 %)."""
     random, held = np.random.default_rng(3), 0
