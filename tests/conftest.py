@@ -6,9 +6,7 @@ packages: ``pytest -m "" @FILE``.
 """
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import hypothesis
 import pytest
@@ -20,7 +18,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # PyTorch reads it when it is imported
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
+def pytest_addoption(parser):
     parser.addoption("--most-cpu-s", type=float, help="fail a test whose body takes more CPU seconds")
     parser.addoption(
         "--skips", metavar="FILE", help="fail a test that is skipped for a reason that is not in FILE"
@@ -29,7 +27,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
+def pytest_runtest_call(item):
     before = sum(os.times()[:4])
     yield
     used, most = sum(os.times()[:4]) - before, item.config.getoption("--most-cpu-s")
@@ -40,18 +38,18 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Iterator[Any]:
+def pytest_runtest_makereport(item):
     report = yield
     return _skips_listed(report, item.config)
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[Any]:
+def pytest_make_collect_report(collector):
     report = yield
     return _skips_listed(report, collector.config)
 
 
-def _skips_listed(report: Any, config: pytest.Config) -> Any:
+def _skips_listed(report, config):
     listed = config.getoption("--skips")
     if listed is None or not report.skipped or hasattr(report, "wasxfail"):
         return report
@@ -62,7 +60,7 @@ def _skips_listed(report: Any, config: pytest.Config) -> Any:
     return report
 
 
-def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+def pytest_terminal_summary(terminalreporter, config):
     if noted := config.getoption("--note-skipped"):
         names = dict.fromkeys(each.nodeid for each in terminalreporter.stats.get("skipped", ()))
         Path(noted).write_text("".join(f"{name}\n" for name in names), encoding="utf-8")

@@ -4,15 +4,12 @@ tests/data/mutations.yaml has the faults: a file, a text that it has once, what 
 run. One that survives has a reason there; any other ends this with 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -24,7 +21,7 @@ COPIED = ("blurnoise", "eval", "models", "tests", "pyproject.toml")
 LONGEST_S = 300
 
 
-def main() -> int:
+def main():
     """Run the faults that are named, or all. Returns 1 where one survives without a reason, or is caught with one."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="of faults (default: all)")
@@ -47,13 +44,13 @@ def main() -> int:
     return int(surprises > 0)
 
 
-def misplaced(fault: Mapping[str, str]) -> str:
+def misplaced(fault):
     """Why a fault cannot be put into the sources; "" where it can."""
     count = (ROOT / fault["file"]).read_text(encoding="utf-8").count(fault["old"])
     return "" if count == 1 else f"{fault['file']} has {fault['old']!r} {count} times; must be once"
 
 
-def survives(fault: Mapping[str, str]) -> bool:
+def survives(fault):
     """Whether all tests pass with the fault, in a copy of sources and tests."""
     with tempfile.TemporaryDirectory() as folder:
         for name in COPIED:
@@ -68,7 +65,7 @@ def survives(fault: Mapping[str, str]) -> bool:
         return run_tests(Path(folder), fault["tests"].split()) == 0
 
 
-def run_tests(tree: Path, tests: Sequence[str]) -> int:
+def run_tests(tree, tests):
     """0 where all pass, 1 where one fails or takes far too long. Raises ``RuntimeError`` where none can be run."""
     parts = [tree, tree / "eval", tree / "models"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, parts)), "OMP_NUM_THREADS": "1"}

@@ -3,8 +3,6 @@
 A circle is found wherever it is, so floors name only what a circle would not show: what may never know of what.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path
@@ -84,18 +82,18 @@ SOURCES = {
 GRAPH = imports_of.graph(SOURCES)
 
 
-def test_modules_make_no_circle() -> None:
+def test_modules_make_no_circle():
     assert not imports_of.circles(GRAPH)
 
 
-def test_rooms_make_no_circle() -> None:
+def test_rooms_make_no_circle():
     """Neither files nor folders, each taken as a whole, in any folder."""
     for folder, inside in imports_of.rooms(GRAPH).items():
         assert not imports_of.circles(inside), folder
 
 
 @pytest.mark.parametrize("folder", FLOORS)
-def test_imports_point_down(folder: str) -> None:
+def test_imports_point_down(folder):
     floor = {room: level for level, rooms in enumerate(FLOORS[folder]) for room in rooms}
     above = [
         f"{room} -> {target}"
@@ -106,14 +104,14 @@ def test_imports_point_down(folder: str) -> None:
     assert not above, f"in {folder}, imports that point up: {above}"
 
 
-def test_every_folder_has_a_floor() -> None:
+def test_every_folder_has_a_floor():
     for package, folder in PACKAGES.items():
         named = set().union(*FLOORS[package])
         folders = {path.parent.relative_to(folder).parts[:1] for path in folder.rglob("*.py")} - {()}
         assert {name for (name,) in folders} <= named, f"{package}: add the folder to FLOORS"
 
 
-def test_packages_meet_as_allowed() -> None:
+def test_packages_meet_as_allowed():
     for module, targets in GRAPH.items():
         package, *inside = module.split(".")
         for target in {name.split(".")[0] for name in targets} - {package}:
@@ -121,7 +119,7 @@ def test_packages_meet_as_allowed() -> None:
             assert target in ALLOWED_ACROSS[package] or (room, target) in EXCEPTIONS, f"{module} -> {target}"
 
 
-def test_tests_mirror_the_folders() -> None:
+def test_tests_mirror_the_folders():
     tests = ROOT / "tests"
     for path in tests.rglob("test_*.py"):
         top, *inside = path.relative_to(tests).parts
@@ -133,13 +131,13 @@ def test_tests_mirror_the_folders() -> None:
         assert folder.is_dir() or private.is_dir(), f"{path}: there is no {folder.relative_to(ROOT)}"
 
 
-def test_sql_stays_in_the_store() -> None:
+def test_sql_stays_in_the_store():
     texts = {name: path.read_text(encoding="utf-8") for name, path in SOURCES.items()}
     asking = {name for name, text in texts.items() if speaks_sql(text)}
     assert {name.rpartition(".")[0] for name in asking} == {"blurnoise_eval.store"}
 
 
-def speaks_sql(source: str) -> bool:
+def speaks_sql(source):
     """Whether a string in the source is a query, or the source opens a database itself."""
     return any(
         (isinstance(node, ast.Constant) and isinstance(node.value, str) and SQL.search(node.value))
@@ -148,13 +146,13 @@ def speaks_sql(source: str) -> bool:
     )
 
 
-def test_all_that_is_printed_goes_through_the_terminal_room() -> None:
+def test_all_that_is_printed_goes_through_the_terminal_room():
     """There, names that files give become plain text."""
     texts = {name: path.read_text(encoding="utf-8") for name, path in SOURCES.items()}
     assert {name for name, text in texts.items() if prints(text)} == {"blurnoise_eval.system.terminal"}
 
 
-def prints(source: str) -> bool:
+def prints(source):
     """Whether the source prints, or makes a console of rich, itself."""
     return any(
         isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("print", "Console")
@@ -162,12 +160,12 @@ def prints(source: str) -> bool:
     )
 
 
-def test_no_file_is_too_long() -> None:
+def test_no_file_is_too_long():
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in SOURCES.items()}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_LINES}
 
 
-def test_packages_are_typed_and_project_folders_are_none() -> None:
+def test_packages_are_typed_and_project_folders_are_none():
     """In the simulator's root stand ``charts``, which goes with the metrics, and a door of training."""
     assert all((folder / "py.typed").is_file() for folder in PACKAGES.values())
     assert not [name for name in ("eval", "models") if (ROOT / name / "__init__.py").exists()]
@@ -178,7 +176,7 @@ def test_packages_are_typed_and_project_folders_are_none() -> None:
     }
 
 
-def test_no_global_randomness() -> None:
+def test_no_global_randomness():
     """Randomness is an argument: no module draws from, or seeds, a global generator."""
     forbidden = ("torch.manual_seed", "np.random.seed", "np.random.rand", "random.seed", "torch.seed(")
     for path in SOURCES.values():
@@ -199,7 +197,7 @@ def test_no_global_randomness() -> None:
         "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from p.a import x",
     ],
 )
-def test_a_circle_is_seen_however_it_is_imported(tmp_path: Path, back: str) -> None:
+def test_a_circle_is_seen_however_it_is_imported(tmp_path, back):
     """Of modules, and of folders whose modules make none."""
     files = {"a": "from p.b import y", "b": "from p.c import z", "c": back, "d": "from p.a import x"}
     files |= {"e/one": "from p.f.one import x", "e/two": "", "f/one": "", "f/two": "from p.e.two import x"}
@@ -211,7 +209,7 @@ def test_a_circle_is_seen_however_it_is_imported(tmp_path: Path, back: str) -> N
     assert ["e", "f"] in imports_of.circles(imports_of.rooms(found)["p"])
 
 
-def test_what_prints_or_asks_a_database_is_seen() -> None:
+def test_what_prints_or_asks_a_database_is_seen():
     assert prints("def f(): print(1)")
     assert not prints("say(1)\n# print(1)\n'print(1)'")
     assert speaks_sql('rows(f"SELECT {name} FROM cells")')

@@ -1,15 +1,11 @@
 """README and guide: their commands are the parser's, their Python runs, and the guide is built without network."""
 
-from __future__ import annotations
-
 import functools
 import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
-from pathlib import Path
 
 import documented
 import made_files
@@ -25,14 +21,14 @@ _ABROAD = re.compile(
 
 
 @pytest.fixture
-def parse(monkeypatch: pytest.MonkeyPatch) -> Callable[[list[str]], int]:
+def parse(monkeypatch):
     """The command line, which parses all that it is given and runs none of it."""
     monkeypatch.setattr(TyperCommand, "invoke", lambda self, ctx: None)
     return cli.main
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_every_command_is_one(page: str, parse: Callable[[list[str]], int]) -> None:
+def test_every_command_is_one(page, parse):
     """Named rightly, with options that there are and values that they take; nothing else stands in the blocks."""
     for words in documented.commands(page):
         if "://" in " ".join(words):
@@ -48,25 +44,25 @@ def test_every_command_is_one(page: str, parse: Callable[[list[str]], int]) -> N
 
 
 @pytest.mark.parametrize("words", [["sweep", "--luxx", "1", "-o", "run"], ["swep", "-o", "run"]])
-def test_a_command_that_is_none_is_seen(words: list[str], parse: Callable[[list[str]], int]) -> None:
+def test_a_command_that_is_none_is_seen(words, parse):
     with pytest.raises(SystemExit, match="2"):
         parse(words)
 
 
-def test_python_compiles() -> None:
+def test_python_compiles():
     for page in PAGES:
         for number, block in enumerate(documented.blocks(page, "python"), 1):
             compile(block, f"{page}, block {number}", "exec")
 
 
-def test_every_example_is_in_the_guide() -> None:
+def test_every_example_is_in_the_guide():
     shown = (ROOT / "docs/pages/examples.md").read_text(encoding="utf-8")
     assert len(EXAMPLES) == 5
     assert all(f'--8<-- "examples/{name}"' in shown for name in EXAMPLES)
 
 
 @pytest.fixture
-def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def prepared(tmp_path, monkeypatch):
     """A folder with all files that are named, which is the working one.
 
     Rendered signs are one picture of each size, and no page is drawn, which takes longer than all that leads to it.
@@ -83,7 +79,7 @@ def prepared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if documented.ours(page)])
-def test_commands_run(page: str, prepared: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_run(page, prepared, capsys):
     """In their order, in one folder; a run is begun anew by each command that makes it."""
     for name, text in documented.settings(page).items():
         kept = [line.replace("car:", "stop sign:") for line in text.splitlines() if "person:" not in line]
@@ -100,7 +96,7 @@ def test_commands_run(page: str, prepared: Path, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if documented.blocks(page, "python")])
-def test_python_runs(page: str, prepared: Path) -> None:
+def test_python_runs(page, prepared):
     for number, block in enumerate(documented.blocks(page, "python"), 1):
         if "albumentations" in block:
             pytest.importorskip("albumentations", reason="albumentations is not installed")
@@ -109,7 +105,7 @@ def test_python_runs(page: str, prepared: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_examples_run(name: str, tmp_path: Path) -> None:
+def test_examples_run(name, tmp_path):
     """As a user runs them, and each says something."""
     command = [sys.executable, str(ROOT / "examples" / name)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -118,7 +114,7 @@ def test_examples_run(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path: Path) -> None:
+def test_the_guide_is_built_and_loads_nothing_from_abroad(tmp_path):
     pytest.importorskip("mkdocs")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

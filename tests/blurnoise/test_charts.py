@@ -1,7 +1,5 @@
 """Charts: areas and closed forms of edges, stars and signs, boxes, and refusals."""
 
-from __future__ import annotations
-
 import math
 import re
 
@@ -9,7 +7,6 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise.charts import (
@@ -27,7 +24,7 @@ angles = st.floats(-720, 720)
 sizes = st.integers(1, 40)
 
 
-def sign_shares(picture: Tensor, background: float) -> tuple[Tensor, Tensor]:
+def sign_shares(picture, background):
     """White and red share of each pixel, solved from the three colour channels."""
     colours = torch.tensor([SIGN_WHITE, SIGN_RED], dtype=torch.float64).T - background
     contrast = (picture[0].double() - background).reshape(3, -1)
@@ -35,7 +32,7 @@ def sign_shares(picture: Tensor, background: float) -> tuple[Tensor, Tensor]:
     return white.reshape(picture.shape[-2:]), red.reshape(picture.shape[-2:])
 
 
-def centred(n: int) -> Tensor:
+def centred(n):
     return torch.arange(n, dtype=torch.float64) + 0.5 - n / 2
 
 
@@ -49,13 +46,13 @@ def centred(n: int) -> Tensor:
         (stop_sign(5, height_px=7, width_px=11), (1, 3, 7, 11)),
     ],
 )
-def test_pictures_are_float32_reflectance_of_the_asked_shape(picture: Tensor, shape: tuple[int, ...]) -> None:
+def test_pictures_are_float32_reflectance_of_the_asked_shape(picture, shape):
     assert (picture.shape, picture.dtype) == (shape, torch.float32)
     assert 0 <= picture.min() <= picture.max() <= 1
     assert torch.equal(flat_patch(3, 5), torch.full((1, 1, 3, 5), 0.18))
 
 
-def counted_edge(height_px: int, width_px: int, angle_deg: float, n: int) -> Tensor:
+def counted_edge(height_px, width_px, angle_deg, n):
     """The bright half-plane counted on n² points per pixel; at 0° the bright side is the right one."""
     y, x = (
         (torch.arange(size * n, dtype=torch.float64) + 0.5) / n - size / 2 for size in (height_px, width_px)
@@ -66,20 +63,20 @@ def counted_edge(height_px: int, width_px: int, angle_deg: float, n: int) -> Ten
 
 
 @pytest.mark.parametrize("angle_deg", [5.0, -5.0, 37.0, 95.0, 185.0, -130.0])
-def test_edge_is_the_area_found_by_supersampling(angle_deg: float) -> None:
+def test_edge_is_the_area_found_by_supersampling(angle_deg):
     picture = slanted_edge(11, 16, angle_deg=angle_deg, dark=0.0, bright=1.0)[0, 0].double()
     torch.testing.assert_close(picture, counted_edge(11, 16, angle_deg, 64), rtol=0, atol=1e-3)
 
 
 @given(sizes, sizes, angles)
 @settings(deadline=None)
-def test_edge_divides_the_picture_in_equal_halves(height_px: int, width_px: int, angle_deg: float) -> None:
+def test_edge_divides_the_picture_in_equal_halves(height_px, width_px, angle_deg):
     picture = slanted_edge(height_px, width_px, angle_deg=angle_deg, dark=0.25, bright=0.75).double()
     assert picture.mean().item() == pytest.approx(0.5, abs=1e-7)
     torch.testing.assert_close(picture + picture.flip(2, 3), torch.ones_like(picture), rtol=0, atol=1e-6)
 
 
-def test_edge_without_slant_is_exact() -> None:
+def test_edge_without_slant_is_exact():
     assert slanted_edge(1, 5, angle_deg=0, dark=0, bright=1).flatten().tolist() == [0, 0, 0.5, 1, 1]
     assert slanted_edge(4, 1, angle_deg=90, dark=0, bright=1).flatten().tolist() == [1, 1, 0, 0]
     picture = slanted_edge(8, 8, angle_deg=45, dark=0, bright=1)[0, 0]
@@ -87,7 +84,7 @@ def test_edge_without_slant_is_exact() -> None:
     assert (picture.triu(1) + picture.tril(-1)).sum() == 28  # above the diagonal 1, below 0
 
 
-def test_star_is_a_cosine_of_the_polar_angle() -> None:
+def test_star_is_a_cosine_of_the_polar_angle():
     cycles, size_px = 36, 300
     picture = siemens_star(size_px, height_px=301, width_px=320, angle_deg=4, dark=0, bright=1)[0, 0].double()
     y, x = centred(301)[:, None], centred(320)[None, :]
@@ -103,9 +100,7 @@ def test_star_is_a_cosine_of_the_polar_angle() -> None:
 
 @given(st.floats(5, 60), angles, st.floats(0, 0.6), st.floats(-3, 3), st.floats(-3, 3))
 @settings(max_examples=25, deadline=None)
-def test_sign_has_the_area_and_centre_of_its_octagon(
-    size_px: float, angle_deg: float, background: float, dx: float, dy: float
-) -> None:
+def test_sign_has_the_area_and_centre_of_its_octagon(size_px, angle_deg, background, dx, dy):
     centre = 37 + dx, 42 + dy
     picture = stop_sign(
         size_px, height_px=83, width_px=77, angle_deg=angle_deg, centre_px=centre, background=background
@@ -121,7 +116,7 @@ def test_sign_has_the_area_and_centre_of_its_octagon(
     assert math.dist((float(found[0]), float(found[1])), centre) < 1 / 8
 
 
-def test_sign_before_a_picture_covers_what_it_covers_of_grey() -> None:
+def test_sign_before_a_picture_covers_what_it_covers_of_grey():
     """Every pixel is the share of white, of red and of what is behind; the picture behind stays as it was."""
     behind = torch.rand((1, 3, 61, 73), generator=torch.Generator().manual_seed(1))
     kept, at = behind.clone(), {"size_px": 31.3, "angle_deg": 8.0, "centre_px": (30.2, 33.7)}
@@ -137,7 +132,7 @@ LETTERS = {"S": (-9.15, 2.65), "T": (-3.25, 2.4), "O": (2.65, 2.75), "P": (9.15,
 """Of the drawing, in inches on the 30 in sign: centre x, half width."""
 
 
-def test_white_is_the_border_and_four_letters_10_in_high() -> None:
+def test_white_is_the_border_and_four_letters_10_in_high():
     px_per_in = 20
     white, red = sign_shares(stop_sign(600, height_px=600, width_px=600, supersample=4), 0.18)
     y, x = centred(600)[:, None] / px_per_in, centred(600)[None, :] / px_per_in
@@ -165,7 +160,7 @@ GLYPHS = {
 
 @pytest.mark.parametrize("angle_deg", [0, 30, -100])
 @pytest.mark.parametrize(("size_px", "contrast"), [(200, 0.95), (32, 0.6)])
-def test_legend_reads_stop(size_px: int, contrast: float, angle_deg: float) -> None:
+def test_legend_reads_stop(size_px, contrast, angle_deg):
     white, _ = sign_shares(stop_sign(size_px, height_px=220, width_px=250, angle_deg=angle_deg), 0.18)
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     for name, glyph in GLYPHS.items():
@@ -183,7 +178,7 @@ def test_legend_reads_stop(size_px: int, contrast: float, angle_deg: float) -> N
 
 @given(st.floats(1, 40), angles, st.floats(-5, 5), st.floats(-5, 5))
 @settings(deadline=None)
-def test_box_holds_the_eight_corners(size_px: float, angle_deg: float, dx: float, dy: float) -> None:
+def test_box_holds_the_eight_corners(size_px, angle_deg, dx, dy):
     centre = 28 + dx, 30 + dy
     box = stop_sign_box(size_px, height_px=60, width_px=56, angle_deg=angle_deg, centre_px=centre)
     radius = size_px / 2 / math.cos(math.pi / 8)
@@ -194,7 +189,7 @@ def test_box_holds_the_eight_corners(size_px: float, angle_deg: float, dx: float
 
 
 @pytest.mark.parametrize(("size_px", "height_px", "width_px"), [(60.5, 83, 77), (9.0, 9, 9)])
-def test_text_box_is_tight_around_the_word(size_px: float, height_px: int, width_px: int) -> None:
+def test_text_box_is_tight_around_the_word(size_px, height_px, width_px):
     white, _ = sign_shares(stop_sign(size_px, height_px=height_px, width_px=width_px, supersample=16), 0.18)
     x, y = centred(width_px).abs() * 30 / size_px, centred(height_px).abs()[:, None] * 30 / size_px
     reach = torch.maximum(torch.maximum(x, y), (x + y) / math.sqrt(2))
@@ -224,6 +219,6 @@ def test_text_box_is_tight_around_the_word(size_px: float, height_px: int, width
         (lambda: stop_sign_text_box(25, height_px=20, width_px=30), "inside the picture, 30 x 20 px"),
     ],
 )
-def test_bad_input_is_named(call, message: str) -> None:
+def test_bad_input_is_named(call, message):
     with pytest.raises((TypeError, ValueError), match=re.escape(message)):
         call()

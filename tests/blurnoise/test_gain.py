@@ -31,7 +31,7 @@ MEASURED = replace(
 
 
 @given(st.floats(0.0, 24.0))
-def test_analogue_gain_multiplies_k_and_divides_what_comes_after(gain_db: float):
+def test_analogue_gain_multiplies_k_and_divides_what_comes_after(gain_db):
     g, (camera, digital_db) = 10 ** (gain_db / 20), IMX250.at_gain(gain_db)
     assert digital_db == 0
     assert camera.system_gain_dn_per_e == pytest.approx(g * IMX250.system_gain_dn_per_e, rel=1e-12)

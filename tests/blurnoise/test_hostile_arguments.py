@@ -1,7 +1,5 @@
 """Every public function under arguments of every wrong kind: a documented error of one line, or a finite result."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Mapping
@@ -14,11 +12,7 @@ from torch import Tensor
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
-from blurnoise.metrics import (
-    information,
-    patches,
-    slanted_edge,
-)
+from blurnoise.metrics import information, patches, slanted_edge
 from blurnoise.optics.camera import staggered
 from blurnoise.scene.hdr import captured
 from blurnoise.training.augmentation import expose_pictures
@@ -136,7 +130,7 @@ HOSTILE: Mapping[str, Any] = {
 }
 
 
-def test_every_public_function_is_here() -> None:
+def test_every_public_function_is_here():
     called = {function for function, _ in CALLS}
     assert {getattr(blurnoise, name) for name in blurnoise.__all__} <= called
     assert {getattr(metrics, name) for name in metrics.__all__} - {
@@ -158,7 +152,7 @@ def test_every_public_function_is_here() -> None:
     CALLS,
     ids=[f"{each.__module__.split('.')[-1]}.{each.__name__}" for each, _ in CALLS],
 )
-def test_wrong_arguments_are_named_in_a_line(function: Callable[..., Any], good: Mapping[str, Any]) -> None:
+def test_wrong_arguments_are_named_in_a_line(function, good):
     function(**good)
     for argument in good:
         for kind, bad in HOSTILE.items():
@@ -185,6 +179,6 @@ def test_wrong_arguments_are_named_in_a_line(function: Callable[..., Any], good:
         (lambda: Camera.load(3), "path = 3: must be a path"),
     ],
 )  # fmt: skip
-def test_no_raw_errors_of_torch_or_python(call: Callable[[], object], message: str) -> None:
+def test_no_raw_errors_of_torch_or_python(call, message):
     with pytest.raises(TypeError, match=message):
         call()

@@ -1,7 +1,5 @@
 """A picture's own tone curve, taken out before it is exposed: against curves written out here."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -21,11 +19,11 @@ POINTS = (
 )  # level in the middle and where it clips
 
 
-def srgb(light: np.ndarray) -> np.ndarray:
+def srgb(light):
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
 
 
-def filmic(light: np.ndarray) -> np.ndarray:
+def filmic(light):
     """Brooks et al. 2019, eq. 5: a smoothstep of the coded value."""
     value = srgb(light)
     return 3 * value**2 - 2 * value**3
@@ -35,7 +33,7 @@ CURVES: list[Any] = [("srgb", srgb), ("filmic", filmic), ("linear", lambda light
 
 
 @pytest.mark.parametrize(("name", "coded"), CURVES)
-def test_a_pictures_light_is_that_of_its_curve(name: Any, coded: Any) -> None:
+def test_a_pictures_light_is_that_of_its_curve(name, coded):
     """In double precision to 1e-7, in 8 bits to what one of them is worth; and a frame is that of its light."""
     values = torch.from_numpy(coded(LIGHT))
     assert np.abs(untoned(values, name).numpy() - LIGHT).max() < 1e-7
@@ -49,7 +47,7 @@ def test_a_pictures_light_is_that_of_its_curve(name: Any, coded: Any) -> None:
     assert torch.allclose(frame, simulate(light, camera, encoding="linear", **given), rtol=1e-4)
 
 
-def test_points_are_inverted_and_level_parts_are_their_least_light() -> None:
+def test_points_are_inverted_and_level_parts_are_their_least_light():
     coded = torch.tensor([0.0, 0.2, 0.4, 0.7, 1.0], dtype=torch.float64)
     assert untoned(coded, POINTS).tolist() == pytest.approx([0.0, 0.05, 0.1, 0.65, 0.8])
     rising = ((0.0, 0.02), (0.2, 0.5), (1.0, 0.9))
@@ -63,7 +61,7 @@ def test_points_are_inverted_and_level_parts_are_their_least_light() -> None:
     ("encoding", "kind"),
     [("gamma", ValueError), (3, TypeError), ([[0, 0]], ValueError), ([[0, 0], [0.5, 1]], ValueError)],
 )
-def test_what_is_no_curve_is_named(encoding: Any, kind: type[Exception]) -> None:
+def test_what_is_no_curve_is_named(encoding, kind):
     for use in (
         lambda: simulate(torch.zeros(1, 1, 4, 4), Camera.preset("imx250"), encoding=encoding, exposure_s=1e-2,
                          illuminance_lux=1.0),
@@ -73,7 +71,7 @@ def test_what_is_no_curve_is_named(encoding: Any, kind: type[Exception]) -> None
             use()
 
 
-def test_training_pictures_leave_their_curve_and_get_the_cameras() -> None:
+def test_training_pictures_leave_their_curve_and_get_the_cameras():
     """Noise is 1 % of white here: the mean of 1e4 pixels is right to 1e-3."""
     camera = Camera.from_dict({"base": "imx250", "tone": [[0, 0], [0.25, 0.6], [1, 1]]})
     image = torch.full((1, 3, 100, 100), float(filmic(np.array(0.2))))

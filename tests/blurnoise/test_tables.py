@@ -1,7 +1,5 @@
 """The chain's tables: an entry that nobody else knows of takes part everywhere; the fast route does as they say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -29,16 +27,16 @@ CAMERA = replace(
 CONDITIONS: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 50.0}
 
 
-def picture(height: int = 41, width: int = 67) -> torch.Tensor:
+def picture(height=41, width=67):
     return torch.rand(1, 3, height, width, generator=torch.Generator().manual_seed(3))
 
 
-def mean_frame(**options: Any) -> torch.Tensor:
+def mean_frame(**options):
     return simulate(picture(), CAMERA, **{"noise": False, "quantised": False, **CONDITIONS, **options})
 
 
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_a_new_light_effect_is_one_entry(monkeypatch: pytest.MonkeyPatch, fidelity: str) -> None:
+def test_a_new_light_effect_is_one_entry(monkeypatch, fidelity):
     before = mean_frame(fidelity=fidelity)
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(0.1)))
     white_dn = CAMERA.system_gain_dn_per_e * 0.1 * photo_e()
@@ -53,13 +51,13 @@ def test_a_new_light_effect_is_one_entry(monkeypatch: pytest.MonkeyPatch, fideli
     assert told["veil"].kept
 
 
-def photo_e() -> float:
+def photo_e():
     return photoelectrons(CAMERA, CONDITIONS["illuminance_lux"], CONDITIONS["exposure_s"])
 
 
 @pytest.mark.parametrize("place", [3, 6])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int) -> None:
+def test_a_new_sensor_stage_is_one_entry(monkeypatch, fidelity, place):
     """Before shot noise or after it: in the frame and in the plan; the fast route declines."""
     before = mean_frame(fidelity=fidelity, quantised=True)
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:place], Pedestal(500.0), *stages.STAGES[place:]))
@@ -74,13 +72,11 @@ def test_a_new_sensor_stage_is_one_entry(monkeypatch: pytest.MonkeyPatch, fideli
 
 @pytest.mark.parametrize(("place", "full_well_e"), [(1, 20000.0), (3, 5000.0), (6, 5000.0)])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_the_reference_in_pieces_is_that_of_whole_pictures(
-    monkeypatch: pytest.MonkeyPatch, fidelity: str, place: int, full_well_e: float
-) -> None:
+def test_the_reference_in_pieces_is_that_of_whole_pictures(monkeypatch, fidelity, place, full_well_e):
     """The same bits, wherever a stage stands that wants the whole picture: here one that rolls it."""
 
     class Rolled(Pedestal):
-        def apply(self, signal: torch.Tensor, at: Any) -> torch.Tensor:
+        def apply(self, signal, at):
             return torch.roll(signal, 7, -2)
 
     camera = replace(CAMERA, full_well_e=full_well_e)
@@ -100,7 +96,7 @@ def test_the_reference_in_pieces_is_that_of_whole_pictures(
     assert torch.equal(frames[0], frames[2])
 
 
-def test_what_is_small_is_left_out_whatever_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_small_is_left_out_whatever_it_is(monkeypatch):
     before = mean_frame()
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Veil(1e-8)))
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(1e-4), *stages.STAGES[6:]))
@@ -110,7 +106,7 @@ def test_what_is_small_is_left_out_whatever_it_is(monkeypatch: pytest.MonkeyPatc
     assert not torch.equal(mean_frame(fidelity="full"), before)
 
 
-def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch):
     monkeypatch.setattr(effects, "EFFECTS", (Veil(0.05), *effects.EFFECTS, Shift()))
     monkeypatch.setattr(stages, "STAGES", (*stages.STAGES[:6], Pedestal(40.0), *stages.STAGES[6:]))
     coded = (picture()[0].permute(1, 2, 0) * 255).round().byte().numpy()
@@ -135,13 +131,7 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch: p
 @pytest.mark.parametrize(
     "alone", [(), ("prnu",), ("dark_current_e_s",), ("dsnu_e",), ("read_noise_e",), None]
 )
-def test_the_fast_route_is_the_reference_stage_by_stage(
-    alone: tuple[str, ...] | None,
-    read_noise_e: float,
-    noise: bool,
-    full_well_e: float,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_fast_route_is_the_reference_stage_by_stage(alone, read_noise_e, noise, full_well_e, monkeypatch):
     """With each stage alone, with none and with all: equal but for rounding, one DN in one pixel of a thousand.
 
     The well beyond the converter, and cutting a third of the brighter picture.
@@ -165,7 +155,7 @@ def test_the_fast_route_is_the_reference_stage_by_stage(
         assert float(reference.std()) > 0
 
 
-def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch):
     every = stages.active(CAMERA)
     assert readout.supports(every)
     assert not readout.supports(every[:-1])
@@ -173,7 +163,7 @@ def test_the_fast_route_declines_another_order_or_a_lack(monkeypatch: pytest.Mon
     assert not readout.supports([stage for stage in every if stage is not stages.QUANTISATION])
 
 
-def test_every_noise_of_the_dark_counts_in_threshold_and_range() -> None:
+def test_every_noise_of_the_dark_counts_in_threshold_and_range():
     """A stage that draws has its figures in the camera's sum, which doubles with them."""
     drawn = {figure for stage in stages.STAGES if stage.draws for figure in stage.figures}
     assert drawn - {"black_level_drift_dn", "photon_transfer"} == set(DARK_NOISE)  # of frames; of light
@@ -182,7 +172,7 @@ def test_every_noise_of_the_dark_counts_in_threshold_and_range() -> None:
     assert noisier.threshold_e > 1.7 * CAMERA.threshold_e
 
 
-def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch):
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Shift((3, 2))))
     boxes = torch.tensor([[[5.0, 6.0, 20.0, 26.0], [1.0, 2.0, 3.0, 4.0]]] * 2)
     options: dict[str, Any] = {"exposure_s": 0.004, "illuminance_lux": 50.0, "speed_px_s": 0.0, "p": 1.0}
@@ -192,7 +182,7 @@ def test_boxes_of_the_augmentation_move_with_the_picture(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_a_new_noise_is_drawn_where_no_other_is(monkeypatch: pytest.MonkeyPatch, fidelity: str) -> None:
+def test_a_new_noise_is_drawn_where_no_other_is(monkeypatch, fidelity):
     """In the dark of a camera without read noise: 20 e- of columns, their deviation known to 5 / sqrt(2 n)."""
     quiet = replace(Camera.preset("imx250"), read_noise_e=0.0, black_level_dn=100.0)
     place = stages.STAGES.index(stages.GAIN)

@@ -1,17 +1,13 @@
 """The default camera: of one sensor, in colour or grey as the pictures are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from blurnoise_eval import datasets
 from blurnoise_eval.cli import given
-from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
-from blurnoise_eval.evaluation import Evaluation, evaluate
+from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from signs_in_memory import matched_detector
@@ -21,31 +17,28 @@ from blurnoise import Camera
 PLAN = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (100.0,)})
 
 
-def made(*, colour: bool, seed: int = 1) -> np.ndarray:
+def made(*, colour, seed=1):
     """Of 45 x 63 px, at random."""
     grey = np.random.default_rng(seed).integers(0, 256, (45, 63, 1)).astype(np.uint8)
     return np.concatenate([grey, grey, 255 - grey if colour else grey], axis=-1)
 
 
-def folder_of(folder: Path, *colours: bool) -> PictureSet:
+def folder_of(folder, *colours):
     folder.mkdir(exist_ok=True)
     for place, colour in enumerate(colours):
         datasets.write_picture(folder / f"{place}.png", made(colour=colour, seed=place))
     return datasets.image_folder(folder)
 
 
-def manifest(done: Evaluation) -> dict[str, object]:
+def manifest(done):
     with Store(done.folder, shared=True) as store:
         return dict(store.about("manifest")["camera"])
 
 
 @pytest.mark.parametrize(
-    ("colours", "name"),
-    [((True, True), "imx250c"), ((False, False), "imx250m"), ((False, True), "imx250c")],
+    ("colours", "name"), [((True, True), "imx250c"), ((False, False), "imx250m"), ((False, True), "imx250c")]
 )
-def test_pictures_choose_the_camera_and_the_manifest_says_why(
-    tmp_path: Path, colours: tuple[bool, ...], name: str
-) -> None:
+def test_pictures_choose_the_camera_and_the_manifest_says_why(tmp_path, colours, name):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", *colours)
     camera = manifest(evaluate(model, pictures, plan=PLAN, output=tmp_path / "run"))
     assert camera["name"] == name
@@ -55,13 +48,13 @@ def test_pictures_choose_the_camera_and_the_manifest_says_why(
 
 
 @pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
-def test_a_named_camera_wins(tmp_path: Path, named: str) -> None:
+def test_a_named_camera_wins(tmp_path, named):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     camera = manifest(evaluate(model, pictures, named, PLAN, tmp_path / "run"))
     assert camera == Camera.preset(named).to_dict()
 
 
-def test_a_run_of_another_camera_is_not_resumed(tmp_path: Path) -> None:
+def test_a_run_of_another_camera_is_not_resumed(tmp_path):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
     with pytest.raises(StoreError, match=r"another camera\.name \(imx250 there, imx250c here\)"):
@@ -74,7 +67,7 @@ def test_a_run_of_another_camera_is_not_resumed(tmp_path: Path) -> None:
         evaluate(model, pictures, brighter, PLAN, tmp_path / "run")
 
 
-def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding() -> None:
+def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding():
     grey, colour = made(colour=False), made(colour=True)
     assert is_grey(grey)
     assert is_grey(grey[..., :1])
@@ -91,7 +84,7 @@ def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding() -> None:
     assert is_grey(grey.astype(np.uint16) * 257)
 
 
-def test_the_terminal_names_a_default_and_three_sensors() -> None:
+def test_the_terminal_names_a_default_and_three_sensors():
     for camera in (Camera.preset("imx250"), given.camera(None, cfa="none")):
         assert "a sensor for each colour" in str(camera_text(camera, colour=True))
     assert camera_text(Camera.preset("imx250"), colour=False) is None

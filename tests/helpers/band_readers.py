@@ -1,12 +1,7 @@
 """A recogniser that reads the colours of bands: a graph made by hand, so that every answer is known."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx import helper, numpy_helper, parser
 
 LETTERS = "b\ng\nr"  # by the channels of a network that takes blue, green, red
@@ -20,7 +15,7 @@ _BANDS = """bands (float[N,3,48,W] x) => (float[N,T,5] ANSWER) {
 }"""
 
 
-def band_reader(path: Path, *, softmax: bool = True, metadata: dict[str, str] | None = None) -> Path:
+def band_reader(path, *, softmax=True, metadata=None):
     """Write a recogniser that answers, every 8 px, with the brightest channel: classes blank, b, g, r, space.
 
     Logits: 20 times a channel's mean over 8 columns, 10 for the blank, so that dark (-1) and zero (0) are blank.
@@ -31,16 +26,14 @@ def band_reader(path: Path, *, softmax: bool = True, metadata: dict[str, str] | 
     return _saved(path, _BANDS.replace("ANSWER", "answer" if softmax else "logits"), held, metadata)
 
 
-def constant_reader(path: Path, answer: NDArray[np.float32], metadata: dict[str, str] | None = None) -> Path:
+def constant_reader(path, answer, metadata=None):
     """Write a recogniser that gives the same answer to every picture."""
     shape = ",".join(map(str, answer.shape))
     text = f"constant (float[1,3,48,W] x) => (float[{shape}] answer) {{ answer = Identity(rows) }}"
     return _saved(path, text, {"rows": answer}, metadata)
 
 
-def _saved(
-    path: Path, graph: str, held: dict[str, NDArray[np.generic]], metadata: dict[str, str] | None
-) -> Path:
+def _saved(path, graph, held, metadata):
     model = parser.parse_model(f"{_HEAD} {graph}")
     model.graph.initializer.extend(numpy_helper.from_array(value, name) for name, value in held.items())
     helper.set_model_props(model, {"character": LETTERS} if metadata is None else metadata)

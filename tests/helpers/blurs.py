@@ -1,20 +1,15 @@
 """Blurs and warps that tests need alone: by a lens, by each pixel's displacement, of rows read one after another."""
 
-from __future__ import annotations
-
 import torch
-from torch import Tensor
 
-from blurnoise._core.borders import Border
 from blurnoise._core.threads import differentiable
 from blurnoise.blur.convolution import exposure_blur
 from blurnoise.blur.displacement import STILL_PX, stretch
 from blurnoise.blur.rows import _lanczos_taps, mixed, shifted_rows
 from blurnoise.blur.sub_exposures import exposed, flowing
-from blurnoise.optics.transfer import Optics
 
 
-def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "reflect") -> Tensor:
+def flow_blur(image, displacement_px, *, border="reflect"):
     """Pictures (B, C, H, W) of which each pixel averages from d/2 before it to d/2 behind, d (2, H, W) or
     (B, 2, H, W), px."""
     sheets = flowing(image, displacement_px, border)
@@ -23,17 +18,12 @@ def flow_blur(image: Tensor, displacement_px: Tensor, *, border: Border = "refle
     return torch.stack([exposed(sheet) for sheet in sheets])
 
 
-def optical_blur(image: Tensor, optics: Optics, *, border: Border = "reflect") -> Tensor:
+def optical_blur(image, optics, *, border="reflect"):
     """Blur by the lens."""
     return exposure_blur(image, (0.0, 0.0), optics, border=border)
 
 
-def warped(
-    light: Tensor,
-    velocity_px_s: Tensor | tuple[float, float],
-    row_s: float,
-    border: Border,
-) -> Tensor:
+def warped(light, velocity_px_s, row_s, border):
     """Pictures of which row i shows what was at (x - v_x tau_i, i - v_y tau_i); differentiable, in the velocity too.
 
     Light is not kept: what moves along with the readout is read longer. Raises as

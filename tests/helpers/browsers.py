@@ -1,16 +1,12 @@
 """A headless Chromium spoken to by its DevTools protocol: pages opened, scripts run, keys pressed."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 from urllib.request import urlopen
 
 CHROMIUM = next(
@@ -24,7 +20,7 @@ class Tab:
     """A tab of its own browser context, as another visitor has; ``failures``: its errors, ``asked``: URLs it
     asked for."""
 
-    def __init__(self, address: str, domains: Sequence[str] = ("Page", "Runtime", "Network", "Log")) -> None:
+    def __init__(self, address, domains=("Page", "Runtime", "Network", "Log")):
         from websockets.sync.client import connect
 
         self._socket = connect(address, max_size=1 << 28, open_timeout=30, ping_interval=None)
@@ -34,7 +30,7 @@ class Tab:
         for domain in domains:
             self.call(f"{domain}.enable")
 
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def call(self, method, **parameters):
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
@@ -44,7 +40,7 @@ class Tab:
                 return dict(told["result"])
             self._note(told.get("method"), told.get("params", {}))
 
-    def _note(self, method: str, what: dict[str, Any]) -> None:
+    def _note(self, method, what):
         if method == "Runtime.exceptionThrown":
             self.failures.append(str(what["exceptionDetails"].get("exception", what["exceptionDetails"])))
         elif method == "Log.entryAdded" and what["entry"]["level"] == "error":
@@ -52,16 +48,16 @@ class Tab:
         elif method == "Network.requestWillBeSent":
             self.asked.append(what["request"]["url"])
 
-    def open(self, url: str) -> None:
+    def open(self, url):
         self.call("Page.navigate", url=url)
 
-    def run(self, script: str) -> Any:
+    def run(self, script):
         """The value of an expression, awaited."""
         told = self.call("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
-    def until(self, script: str, seconds: float = 60) -> Any:
+    def until(self, script, seconds=60):
         """Wait for an expression to be true; returns its value."""
         end = time.monotonic() + seconds
         told = "value instanceof Node ? true : value"  # an element has no value of its own here
@@ -71,31 +67,31 @@ class Tab:
             time.sleep(0.05)
         return value
 
-    def press(self, key: str) -> None:
+    def press(self, key):
         text = {"text": "\r"} if key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=_KEYS[key], **text)
 
-    def close(self) -> None:
+    def close(self):
         self._socket.close()
 
 
 class Browser:
     """A Chromium; ``tab`` opens a visitor's own."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port):
         self._port = port
         with urlopen(f"http://127.0.0.1:{port}/json/version", timeout=30) as answer:
             self._all = Tab(json.load(answer)["webSocketDebuggerUrl"], ())
 
-    def tab(self) -> Tab:
+    def tab(self):
         context = self._all.call("Target.createBrowserContext")["browserContextId"]
         target = self._all.call("Target.createTarget", url="about:blank", browserContextId=context)
         return Tab(f"ws://127.0.0.1:{self._port}/devtools/page/{target['targetId']}")
 
 
 @contextmanager
-def browser() -> Iterator[Browser]:
+def browser():
     """A Chromium for as long as it is used."""
     with tempfile.TemporaryDirectory(prefix="blurnoise-browser-", ignore_cleanup_errors=True) as folder:
         words = [str(CHROMIUM), *_FLAGS.split(), "--remote-debugging-port=0", f"--user-data-dir={folder}"]

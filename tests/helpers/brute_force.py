@@ -1,7 +1,5 @@
 """Brute force: pictures as means of many sub-exposures, each displaced by whole and Lanczos-6 parts of a pixel."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -12,7 +10,7 @@ Path = Callable[[Floats], tuple[Floats, Floats]]
 """Places (x, y), px, at times, s."""
 
 
-def photograph(height: int, width: int, seed: int = 5, channels: int = 1) -> Floats:
+def photograph(height, width, seed=5, channels=1):
     """Noise whose amplitude falls as 1/f through a lens of 0.7 px, within [0, 1]: (1, C, H, W).
 
     Detail that Lanczos-6 displaces wrongly, beyond 0.4 cycles/px, is 0.01 of it.
@@ -26,14 +24,14 @@ def photograph(height: int, width: int, seed: int = 5, channels: int = 1) -> Flo
     return np.asarray(seen / seen.max((1, 2), keepdims=True))[None]
 
 
-def _taps(length: int, shifts_px: Floats) -> Floats:
+def _taps(length, shifts_px):
     """Weights (n, length) at whole distances, which wrap round, of displacements (n,)."""
     off = (np.arange(length) - shifts_px[:, None] + length / 2) % length - length / 2
     weights = np.where(np.abs(off) < 6, np.sinc(off) * np.sinc(off / 6), 0.0)
     return np.asarray(weights / weights.sum(1, keepdims=True))
 
 
-def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments: int = 128) -> Floats:
+def rolled(light, path, starts_s, stops_s, moments=128):
     """Row i exposed from starts_s[i] to stops_s[i], every row by as many moments of its own."""
     out = np.empty_like(light)
     height, width = light.shape[-2:]
@@ -45,6 +43,6 @@ def rolled(light: Floats, path: Path, starts_s: Floats, stops_s: Floats, moments
     return out
 
 
-def rms_dn(first: Floats, second: Floats) -> float:
+def rms_dn(first, second):
     """RMS difference in 8-bit numbers of linear light."""
     return float(255 * np.sqrt(((first - second) ** 2).mean()))

@@ -1,13 +1,10 @@
 """Google Cloud Storage and the Hugging Face Hub as far as their file systems ask them, on ports of this machine."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
 import threading
 from base64 import b64encode
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -20,17 +17,17 @@ Answer = tuple[int, Any, dict[str, str]]
 
 
 @contextmanager
-def _server(answer: Callable[[str, str, dict[str, str], bytes], Answer]) -> Iterator[str]:
+def _server(answer):
     """Of an answer to method, path, query and body; yields its address."""
     lock = threading.Lock()
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
-        def log_message(self, *_: object) -> None:
+        def log_message(self, *_):
             pass
 
-        def do_GET(self) -> None:
+        def do_GET(self):
             url, body = urlsplit(self.path), self.rfile.read(int(self.headers.get("Content-Length") or 0))
             asked = {name: values[0] for name, values in parse_qs(url.query).items()}
             with lock:
@@ -53,10 +50,10 @@ def _server(answer: Callable[[str, str, dict[str, str], bytes], Answer]) -> Iter
 
 
 @contextmanager
-def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
+def gcs_server(objects):
     """A bucket of the objects by their names, as they are whenever it is asked."""
 
-    def about(name: str) -> dict[str, str]:
+    def about(name):
         digest = hashlib.md5(objects[name], usedforsecurity=False)
         generation = str(int(digest.hexdigest()[:12], 16))
         return {
@@ -65,7 +62,7 @@ def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
             "md5Hash": b64encode(digest.digest()).decode(), "contentType": "application/octet-stream",
         }  # fmt: skip
 
-    def listed(asked: dict[str, str]) -> dict[str, Any]:
+    def listed(asked):
         prefix, delimiter = asked.get("prefix", ""), asked.get("delimiter", "")
         entries = dict[str, bool]()  # whether it is a prefix
         for name in sorted(name for name in objects if name.startswith(prefix)):
@@ -78,7 +75,7 @@ def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
         more = {"nextPageToken": str(begin + _PAGE)} if begin + _PAGE < len(entries) else {}
         return {"kind": "storage#objects", "items": items, "prefixes": prefixes, **more}
 
-    def answer(method: str, path: str, asked: dict[str, str], body: bytes) -> Answer:
+    def answer(method, path, asked, body):
         found = re.fullmatch(r"/(?:(?:upload|download)/)?storage/v1/b/([^/]+)(/o(?:/(.*))?)?", path)
         if found is None or found[1] != BUCKET:
             return _missing()
@@ -101,21 +98,21 @@ def gcs_server(objects: dict[str, bytes]) -> Iterator[str]:
         yield address
 
 
-def _missing() -> Answer:
+def _missing():
     reason = {"code": 404, "message": "notFound", "errors": [{"reason": "notFound"}]}
     return 404, {"error": reason}, {}
 
 
 @contextmanager
-def hub_server(files: dict[str, bytes]) -> Iterator[str]:
+def hub_server(files):
     """A data set of the files by their names, as they are whenever it is asked."""
 
-    def about(name: str) -> dict[str, Any]:
+    def about(name):
         date = {"id": _COMMIT, "title": "", "date": _DATE}
         oid = hashlib.sha1(files[name], usedforsecurity=False).hexdigest()
         return {"type": "file", "oid": oid, "size": len(files[name]), "path": name, "lastCommit": date}
 
-    def answer(method: str, path: str, asked: dict[str, str], body: bytes) -> Answer:
+    def answer(method, path, asked, body):
         path, text = unquote(path), body.decode()
         if re.fullmatch(rf"/api/{REPOSITORY}(/revision/main)?", path):
             return 200, {"id": "user/set", "sha": _COMMIT, "siblings": []}, {}

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from blurnoise_eval.detectors.records import Detections
 from faster_coco_eval import COCO, COCOeval_faster
-from numpy.typing import ArrayLike, NDArray
 
 Box = Sequence[float]
 
 
-def overlap(one: Box, other: Box) -> float:
+def overlap(one, other):
     """Intersection over union."""
     width = min(one[2], other[2]) - max(one[0], other[0])
     height = min(one[3], other[3]) - max(one[1], other[1])
@@ -19,7 +17,7 @@ def overlap(one: Box, other: Box) -> float:
     return shared / (sum(areas) - shared) if shared else 0.0
 
 
-def target_confidence(detections: Detections, box_xyxy: Box, class_id: int) -> float:
+def target_confidence(detections, box_xyxy, class_id):
     """Highest score of the class with an IoU of at least 0.5 with the box, else 0."""
     rows = zip(
         detections.boxes_xyxy.tolist(), detections.scores.tolist(), detections.class_ids.tolist(), strict=True
@@ -28,7 +26,7 @@ def target_confidence(detections: Detections, box_xyxy: Box, class_id: int) -> f
     return max(right, default=0.0)
 
 
-def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDArray[np.bool_]:
+def hits(detections, targets_xyxy, class_id):
     """Which detections of the class, highest score first, match a target of their own at an IoU of 0.5, (n,)."""
     free = np.asarray(targets_xyxy, float).reshape(-1, 4).tolist()
     found = []
@@ -40,12 +38,10 @@ def hits(detections: Detections, targets_xyxy: ArrayLike, class_id: int) -> NDAr
     return np.array(found, bool)
 
 
-def average_precision(
-    detections: Sequence[Detections], targets_xyxy: Sequence[ArrayLike], class_id: int
-) -> tuple[float, float, float]:
+def average_precision(detections, targets_xyxy, class_id):
     """AP, AP50 and AP75 of one class over pictures, by the library."""
 
-    def sides(boxes: ArrayLike) -> list[list[float]]:
+    def sides(boxes):
         corners = np.asarray(boxes, float).reshape(-1, 4)
         return np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1).tolist()
 

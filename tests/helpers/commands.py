@@ -1,20 +1,15 @@
 """Commands called in the test's process, and pictures to give them."""
 
-from __future__ import annotations
-
 import json
 import tempfile
-from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from blurnoise_eval import cli
-from numpy.typing import NDArray
 
 from blurnoise.motion.ego import Vehicle
 
@@ -24,7 +19,7 @@ FLAGS = {"--no-refine": ("refine", False), "--keep-empty": ("keep_empty", True)}
 VEHICLE = {each.name for each in fields(Vehicle)}
 
 
-def main(words: Iterable[object]) -> int:
+def main(words):
     """The command line, or a module's; what is stated as an option and has none is a setting in a file."""
     name, *rest = map(str, words)
     if name in MODULES:
@@ -33,7 +28,7 @@ def main(words: Iterable[object]) -> int:
     return cli.main([name, *in_a_file(name, rest)])
 
 
-def in_a_file(command: str, words: list[str]) -> list[str]:
+def in_a_file(command, words):
     """The words with those options that have to stand in a file in one."""
     if not hasattr(cli.function(command) if command in cli.COMMANDS else None, "settings"):
         return words
@@ -61,18 +56,18 @@ def in_a_file(command: str, words: list[str]) -> list[str]:
     return [*left, f"--{file}", written.name]
 
 
-def told(capsys: Output, *arguments: object) -> Any:
+def told(capsys, *arguments):
     """The JSON that a command prints, which must succeed."""
     assert main([*arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
 
-def stated(folder: Path, **settings: Any) -> str:
+def stated(folder, **settings):
     """A file of settings."""
     path = folder / "settings.yaml"
     path.write_text(yaml.safe_dump(settings))
     return str(path)
 
 
-def pixels(shape: Sequence[int], dtype: type = np.uint8) -> NDArray[Any]:
+def pixels(shape, dtype=np.uint8):
     return np.random.default_rng(0).integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)

@@ -1,9 +1,6 @@
 """Graphs with known answers: the same for every picture, or such that grow with its brightness."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,18 +13,18 @@ Shape = Sequence[int | str]
 
 
 def answering_graph(
-    path: Path,
-    outputs: Mapping[str, tuple[Values, Values | None]],
-    taken: Shape,
+    path,
+    outputs,
+    taken,
     *,
-    takes: int = TensorProto.FLOAT,
-    dtype: int = TensorProto.FLOAT,
-    white: float = 1.0,
-    shapes: Mapping[str, Shape] | None = None,
-    extras: Sequence[tuple[str, int, Shape]] = (),
-    metadata: Mapping[str, str] | None = None,
-    opset: int = 17,
-) -> Path:
+    takes=TensorProto.FLOAT,
+    dtype=TensorProto.FLOAT,
+    white=1.0,
+    shapes=None,
+    extras=(),
+    metadata=None,
+    opset=17,
+):
     """Write a graph that takes a picture of the form ``taken``, "images", and gives ``outputs`` by their names.
 
     outputs: values for a black picture, in ``dtype`` unless they are integers, and what one whose mean is ``white``
@@ -72,7 +69,7 @@ def answering_graph(
     return path
 
 
-def constant_graph(path: Path, outputs: Sequence[NDArray[np.float32]], size_px: tuple[int, int]) -> Path:
+def constant_graph(path, outputs, size_px):
     """Write a graph that takes one RGB picture (height, width) and gives ``outputs``, out0, out1, ..."""
     named = {f"out{number}": (values, None) for number, values in enumerate(outputs)}
     return answering_graph(path, named, [1, 3, *size_px])

@@ -1,10 +1,7 @@
 """What README and the guide show: their blocks of commands and of Python, and what of it is not run as it stands."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,13 +29,13 @@ SUBSTITUTES = (
 )
 
 
-def blocks(page: str, language: str) -> list[str]:
+def blocks(page, language):
     """The blocks of a page in a language, without the examples, which are files of their own."""
     text = (ROOT / page).read_text(encoding="utf-8")
     return [found[2] for found in _BLOCK.finditer(text) if found[1] == language and "--8<--" not in found[2]]
 
 
-def commands(page: str) -> Iterator[list[str]]:
+def commands(page):
     """The words of every command of a page, without its remark."""
     for block in blocks(page, "bash"):
         for line in block.replace("\\\n", " ").splitlines():
@@ -46,7 +43,7 @@ def commands(page: str) -> Iterator[list[str]]:
                 yield words
 
 
-def settings(page: str) -> dict[str, str]:
+def settings(page):
     """Files of settings that a page shows, by the name in their first line."""
     return {
         text.splitlines()[0].removeprefix("# "): text
@@ -55,12 +52,12 @@ def settings(page: str) -> dict[str, str]:
     }
 
 
-def ours(page: str) -> list[list[str]]:
+def ours(page):
     """The words behind "blurnoise" of those commands that are ours."""
     return [words[1:] for words in commands(page) if words[0] == "blurnoise"]
 
 
-def substituted(words: list[str], folder: Path) -> list[str]:
+def substituted(words, folder):
     """The words with made-up files and machines in place of those that a test does not have."""
     text = shlex.join(words) + (" # decide" if words[0] == "decide" else "")
     for stated, taken in SUBSTITUTES:
@@ -68,7 +65,7 @@ def substituted(words: list[str], folder: Path) -> list[str]:
     return shlex.split(text, comments=True)
 
 
-def is_long(words: list[str]) -> bool:
+def is_long(words):
     if words[0] == "explore" and "-o" in words:  # writes a picture and ends
         return False
     return any(["blurnoise", *words][: len(long.split())] == long.split() for long in LONG)

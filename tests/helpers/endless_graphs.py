@@ -1,9 +1,5 @@
 """ONNX graphs of YOLOv8's form whose answer never ends."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import onnx
 from onnx import parser
 
@@ -21,7 +17,7 @@ endless (float[1,3,640,640] images) => (float[1,84,8400] output0)
 }"""
 
 
-def endless_below(path: Path, mean: float) -> Path:
+def endless_below(path, mean):
     """A loop that never ends for inputs whose mean is below this one, and answers zeros else."""
     onnx.save(parser.parse_model(_ENDLESS.replace("LIMIT", f"{mean}")), path)
     return path

@@ -1,9 +1,6 @@
 """Colour filters as they might be, for want of measured ones."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.typing import NDArray
 
 from blurnoise.optics.colour import FilterCurves
 from blurnoise.optics.spectra import Curve
@@ -11,11 +8,11 @@ from blurnoise.optics.spectra import Curve
 _NM = {"red": (600.0, 40.0), "green": (535.0, 40.0), "blue": (460.0, 30.0)}
 
 
-def behind_generic_filters(bare: float) -> FilterCurves:
+def behind_generic_filters(bare):
     """A sensor of one quantum efficiency behind Gaussian filters about 600, 535 and 460 nm, 90 % at the peak."""
     nm = np.arange(400.0, 651.0, 10.0)
 
-    def curve(transmission: float | NDArray[np.float64]) -> Curve:
+    def curve(transmission):
         return Curve((*nm, 660.0), (*np.round(np.full(len(nm), bare) * transmission, 4), 0.0))
 
     each = {

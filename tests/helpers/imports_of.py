@@ -5,22 +5,19 @@ functions and under TYPE_CHECKING count like the others. Importing `a.b` runs `a
 here, as every module of a package would have it: an edge to `a.__init__` stands for a name taken from there.
 """
 
-from __future__ import annotations
-
 import ast
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 Graph = Mapping[str, set[str]]
 
 
-def modules(package: str, folder: Path) -> dict[str, Path]:
+def modules(package, folder):
     """Every module of the package in `folder`: dotted name to file."""
     every = sorted(folder.rglob("*.py"))
     return {".".join((package, *path.relative_to(folder).with_suffix("").parts)): path for path in every}
 
 
-def imported(module: str, path: Path) -> set[str]:
+def imported(module, path):
     """Dotted names that the file imports, relative ones resolved: `a.b.name` for `from a.b import name`."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -33,12 +30,12 @@ def imported(module: str, path: Path) -> set[str]:
     return names
 
 
-def graph(sources: Mapping[str, Path]) -> dict[str, set[str]]:
+def graph(sources):
     """Module to the modules among `sources` that it imports."""
     return {module: _among(sources, imported(module, path)) - {module} for module, path in sources.items()}
 
 
-def _among(sources: Mapping[str, Path], names: Iterable[str]) -> set[str]:
+def _among(sources, names):
     """The modules that hold the names: `a.b.name` is the module `a.b.name`, or a name in `a.b`."""
     found = set()
     for name in names:
@@ -49,7 +46,7 @@ def _among(sources: Mapping[str, Path], names: Iterable[str]) -> set[str]:
     return found
 
 
-def rooms(of: Graph) -> dict[str, dict[str, set[str]]]:
+def rooms(of):
     """Folder to the graph of what stands in it, files and folders, each folder taken as one room.
 
     A folder's `__init__` is the door and no room: it may import what stands in the folder, and the rooms beside the
@@ -68,10 +65,10 @@ def rooms(of: Graph) -> dict[str, dict[str, set[str]]]:
     return found
 
 
-def circles(of: Graph) -> list[list[str]]:
+def circles(of):
     """Sets of two and more nodes that reach each other, sorted."""
 
-    def reached(start: str) -> set[str]:
+    def reached(start):
         found: set[str] = set()
         waiting = [start]
         while waiting:

@@ -3,7 +3,6 @@
 import json
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import made_frames
 import numpy as np
@@ -21,7 +20,7 @@ PHOTOS = ("photo-0.png", "photo-1.png", "photo-2.png")  # by their names, either
 MODELS = ("yolox_nano", "yolov8n", "fastestdet", "fp32", "int8", "m", "a", "b")
 
 
-def write_all(folder: Path) -> None:
+def write_all(folder):
     """Into an empty folder."""
     listing = write_coco(folder, seed=2, count=len(PHOTOS), size_px=SIZE_PX)
     names = [entry["file_name"] for entry in json.loads(listing.read_text())["images"]]
@@ -39,7 +38,7 @@ def write_all(folder: Path) -> None:
     _write_camera(folder)
 
 
-def _write_pictures(folder: Path, scene: str) -> None:
+def _write_pictures(folder, scene):
     picture = read_picture(folder / scene)
     large = np.tile(picture, (3, 4, 1))  # objects of the guide begin at x = 300
     for name in ("photo.png", "night.png", "street.png"):
@@ -60,18 +59,18 @@ def _write_pictures(folder: Path, scene: str) -> None:
         write_picture(folder / name, (light[0, 0].clamp(0, 1) * 60000 + 64).round().numpy().astype(np.uint16))
 
 
-def _random(seed: int) -> torch.Generator:
+def _random(seed):
     return torch.Generator().manual_seed(seed)
 
 
-def _radiance(picture: np.ndarray) -> bytes:
+def _radiance(picture):
     """A picture of Radiance's format, shared exponents."""
     exponents = np.full((*picture.shape[:2], 1), 128, np.uint8)
     header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {picture.shape[0]} +X {picture.shape[1]}\n"
     return header.encode() + np.concatenate([picture, exponents], axis=2).tobytes()
 
 
-def _write_labels(folder: Path, names: list[str]) -> None:
+def _write_labels(folder, names):
     (folder / "data.yaml").write_text("val: photos\nnames: [stop sign]\n")
     (folder / "labels.txt").write_text("".join(f"{name}\trgb\n" for name in names))
     (folder / "keys.txt").write_text(LETTERS + "\n")
@@ -80,7 +79,7 @@ def _write_labels(folder: Path, names: list[str]) -> None:
         (folder / "photos" / name).with_suffix(".txt").write_text("0 0.5 0.5 0.4 0.4\n")
 
 
-def _write_camera(folder: Path) -> None:
+def _write_camera(folder):
     replace(Camera.preset("imx250"), dark_current_e_s=10.0).save(folder / "mine.yaml")
     (folder / "qe.csv").write_text("400,0.4\n550,0.6\n700,0.3\n")
     made_frames.save(folder / "frames", made_frames.exposed(made_frames.drawn_camera(1), 1, size=(64, 80)))

@@ -2,7 +2,6 @@
 
 import math
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -26,7 +25,7 @@ SCORES = {
 Row = dict[str, Any]
 
 
-def confidence(at: Row, best: float) -> float:
+def confidence(at, best):
     """A model that needs light (exposure x lux, less of it at f/2.8), dislikes blur (exposure x speed) and heat."""
     gathered = at["exposure_s"] * at["illuminance_lux"] * (1.4 / at["f_number"]) ** 2
     seen_px = 0.0 if at["moves"] == 2 else at["exposure_s"] * at["velocity_x_px_s"]  # of a tracked target
@@ -35,19 +34,19 @@ def confidence(at: Row, best: float) -> float:
 
 
 def made_run(
-    folder: Path,
-    groups: dict[str, float] | None = None,
-    exposures_s: tuple[float, ...] = EXPOSURES_S,
-    lights_lux: tuple[float, ...] = (10.0, 200.0),
-    speeds: tuple[float, ...] = (0.0, 600.0),
-    interval: bool = True,
-    n_examples: int = 2,
-    models: tuple[str, ...] = ("yolox-nano",),
-    kind: str = "detector",
-    f_numbers: tuple[float, ...] = (1.4,),
-    temperatures_c: tuple[float, ...] = (25.0,),
-    moves: tuple[float, ...] = (0.0,),
-) -> RunData:
+    folder,
+    groups=None,
+    exposures_s=EXPOSURES_S,
+    lights_lux=(10.0, 200.0),
+    speeds=(0.0, 600.0),
+    interval=True,
+    n_examples=2,
+    models=("yolox-nano",),
+    kind="detector",
+    f_numbers=(1.4,),
+    temperatures_c=(25.0,),
+    moves=(0.0,),
+):
     """``groups`` gives the best confidence of each target group, which model k reaches to 1 - k/5."""
     axes = {"illuminance_lux": lights_lux, "temperature_c": temperatures_c, "f_number": f_numbers}
     axes |= {"defocus_radius_px": (0.0,), "gain_db": (0.0,), "moves": moves, "ego_speed_m_s": (0.0,)}
@@ -83,7 +82,7 @@ def made_run(
     return RunData(_manifest(models, kind, len(every)), skipped=[], **found)
 
 
-def _table(model: str, group: str, best: float, conditions: list[Row], pictures: int) -> ScoreTable:
+def _table(model, group, best, conditions, pictures):
     """Of so many pictures that differ by up to 5 %."""
     rows = sorted(conditions, key=lambda at: [at[name] for name in ORDER])
     each = np.linspace(0.95, 1.05, pictures)[:, None]
@@ -101,7 +100,7 @@ def _table(model: str, group: str, best: float, conditions: list[Row], pictures:
     )
 
 
-def _score(model: str, kind: str, at: Row, best_of: dict[str, float]) -> Row:
+def _score(model, kind, at, best_of):
     values = [best if at["clean"] else confidence(at, best) for best in best_of.values()]
     mean = float(np.mean(values)) if values else None
     row: Row = dict.fromkeys((*SCORES["detector"], *SCORES["reader"]))
@@ -115,7 +114,7 @@ def _score(model: str, kind: str, at: Row, best_of: dict[str, float]) -> Row:
     )
 
 
-def _summary(model: str, kind: str, k: int, scored: bool) -> Row:
+def _summary(model, kind, k, scored):
     names = ("p", "mpc", "rpc", "auc_exposure", "auc_blur", "target_confidence", "ap50", "ar100")
     row: Row = {name: 0.8 - k / 10 - place / 50 if scored else None for place, name in enumerate(names)}
     row |= {"ap50": None, "ar100": None} if kind == "reader" else {}
@@ -129,7 +128,7 @@ def _summary(model: str, kind: str, k: int, scored: bool) -> Row:
     return row | {"latency_ms": 30.0 - 8 * k, "latency_p95_ms": 36.0 - 8 * k, "latency_threads": 1}
 
 
-def _example(folder: Path, index: int, model: str, kind: str, at: Row, best_of: dict[str, float]) -> Row:
+def _example(folder, index, model, kind, at, best_of):
     text = "STOP" if kind == "reader" else None
     targets: list[Row] = []
     for k, best in enumerate(list(best_of.values())[:3]):
@@ -148,7 +147,7 @@ def _example(folder: Path, index: int, model: str, kind: str, at: Row, best_of: 
     return facts | {"detections": detections if kind == "detector" else []} | at
 
 
-def _manifest(models: tuple[str, ...], kind: str, n_conditions: int) -> Row:
+def _manifest(models, kind, n_conditions):
     sources = {"family": "output shapes", "colour_order": "assumed (usual for YOLOX)"}
     contract: Row = {
         "family": "yolox",

@@ -1,6 +1,6 @@
 """Score tables of made values: of rows as the store has them, or of arrays over exposures and velocities."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from itertools import groupby
 from typing import Any
 
@@ -9,7 +9,7 @@ from blurnoise_eval.answers import curves, exposure_window
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of
 from blurnoise_eval.grid.axes import NAMES
 from blurnoise_eval.store.queries import TargetColumns
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from plans import OWN
 
 Row = Mapping[str, Any]
@@ -17,16 +17,16 @@ Array = NDArray[np.float64]
 
 
 def tables(
-    target_rows: Iterable[Row],
-    value_of: Callable[[Row], float | None] = lambda row: row["confidence"],
-    cluster_of: Callable[[str], str] = lambda picture: picture,
+    target_rows,
+    value_of=lambda row: row["confidence"],
+    cluster_of=lambda picture: picture,
     *,
-    clean_of: Callable[[Row], float | None] = lambda row: None,
-    kept: bool = False,
-) -> Iterator[ScoreTable]:
+    clean_of=lambda row: None,
+    kept=False,
+):
     """One of each model and group of rows of exposed targets; value_of, clean_of: of a row, None where unknown."""
 
-    def key(row: Row) -> tuple[str, str]:
+    def key(row):
         return row["model"], row["group"]
 
     for own, alike in groupby(sorted(target_rows, key=key), key):
@@ -45,9 +45,7 @@ def tables(
             yield found
 
 
-def curve(
-    values: Array, x: Sequence[float], counts: ArrayLike = 1.0, *, logarithmic: bool = True, **fields: Any
-) -> curves.Curve:
+def curve(values, x, counts=1.0, *, logarithmic=True, **fields):
     """A curve of values (C, N), each of so many targets; fields: of its table."""
     each = np.broadcast_to(np.asarray(counts, float), values.shape)
     line = table((values * each)[:, :, None], x, counts=each[:, :, None], **fields)
@@ -55,16 +53,16 @@ def curve(
 
 
 def table(
-    sums: Array,
-    exposures_s: Sequence[float],
-    velocities_px_s: Sequence[tuple[float, float]] = ((0.0, 0.0),),
-    counts: ArrayLike = 1.0,
+    sums,
+    exposures_s,
+    velocities_px_s=((0.0, 0.0),),
+    counts=1.0,
     *,
-    saturated: ArrayLike = 0.0,
-    brightness: ArrayLike = 0.4,
-    at: Mapping[str, float] | None = None,
-    **fields: Any,
-) -> ScoreTable:
+    saturated=0.0,
+    brightness=0.4,
+    at=None,
+    **fields,
+):
     """Of one setting, ``at`` on some axes. sums, counts: (C, E, V); saturated, brightness: (E, V)."""
     shape = sums.shape
     setting = {"illuminance_lux": 50.0, **OWN, **(at or {})}
@@ -84,12 +82,12 @@ def table(
     )
 
 
-def flat(values: Array) -> Array:
+def flat(values):
     """Values (..., E, V) as a table has them, (..., N)."""
     return np.swapaxes(values, -1, -2).reshape(*values.shape[:-2], -1)
 
 
-def over(of: ScoreTable, values: Array) -> Array:
+def over(of, values):
     """Values (..., N) of a table of one setting, over its exposures and velocities, (..., E, V); NaN where it has
     none."""
     exposures, e = np.unique(of.conditions["exposure_s"], return_inverse=True)
@@ -103,33 +101,33 @@ def over(of: ScoreTable, values: Array) -> Array:
 class Named(dict[str, Any]):
     """A row whose columns are attributes, too; ``at``: those of the axes."""
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name):
         if name in self:
             return self[name]
         raise AttributeError(name)
 
     @property
-    def at(self) -> dict[str, Any]:
+    def at(self):
         """The values of the axes."""
         return {name: self[name] for name in NAMES if name in self}
 
 
-def answers(*of: Any, **options: Any) -> list[Named]:
+def answers(*of, **options):
     """The answers of a table."""
     return list(map(Named, exposure_window.answers(*of, **options)))
 
 
-def endurances(*of: Any) -> Iterator[Named]:
+def endurances(*of):
     """The curves of a table over exposure and blur."""
     return map(Named, curves.endurances(*of))
 
 
-def endurances_across(*of: Any) -> Iterator[Named]:
+def endurances_across(*of):
     """The curves of a table over further axes."""
     return map(Named, curves.endurances_across(*of))
 
 
-def on_plane(places: Array, sums: Array, counts: ArrayLike = 1.0, **fields: Any) -> ScoreTable:
+def on_plane(places, sums, counts=1.0, **fields):
     """A plane of sums and counts (C, N) at places (N, 2)."""
     each = np.broadcast_to(np.asarray(counts, float), sums.shape)
     made = table(sums[..., None], np.ones(len(places)), counts=each[..., None], **fields)

@@ -1,18 +1,13 @@
 """A light effect and a sensor stage that no camera has, each one object: what a table's new entry has to be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.borders import Border
-from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import LightEffect
-from blurnoise.sensor.stage import Frames, SensorStage
+from blurnoise.sensor.stage import SensorStage
 
 
 @dataclass(frozen=True)
@@ -22,10 +17,10 @@ class Veil(LightEffect):
     name = "veil"
     share: float = 0.1
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at):
         return self.share
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light, at, border):
         return light + self.share
 
 
@@ -36,13 +31,13 @@ class Shift(LightEffect):
     name = "shift"
     by_px: tuple[int, int] = (20, 10)
 
-    def bound(self, at: Conditions[float]) -> float:
+    def bound(self, at):
         return 0.5
 
-    def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
+    def apply(self, light, at, border):
         return torch.roll(light, (self.by_px[1], self.by_px[0]), (-2, -1))
 
-    def move_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
+    def move_boxes(self, boxes_xyxy, at):
         return boxes_xyxy + boxes_xyxy.new_tensor([*self.by_px, *self.by_px])
 
 
@@ -51,13 +46,13 @@ class Pedestal(SensorStage):
 
     name = "pedestal"
 
-    def __init__(self, electrons: float = 500.0) -> None:
+    def __init__(self, electrons=500.0):
         self.electrons = electrons
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal, at):
         return signal + self.electrons
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at):
         return self.electrons * at.camera.system_gain_dn_per_e if math.isfinite(self.electrons) else 0.0
 
 
@@ -67,11 +62,11 @@ class ColumnNoise(SensorStage):
     name = "column noise"
     draws = True
 
-    def __init__(self, electrons: float) -> None:
+    def __init__(self, electrons):
         self.electrons = electrons
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal, at):
         return signal + self.electrons * rng.standard_normal(at.seeds, signal[..., :1, :], self.name)
 
-    def bound_dn(self, at: Conditions[float]) -> float:
+    def bound_dn(self, at):
         return self.electrons * at.camera.system_gain_dn_per_e

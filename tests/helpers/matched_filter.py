@@ -9,10 +9,7 @@ picture; a sign 10 % larger or smaller is not recognised. Output as YOLOv8's: (1
 (centre x, centre y, width, height) in px, then confidence.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +59,7 @@ _SIZE = """
   answers_K = Concat<axis = 1>(flat_K, width_K, scores_K)"""
 
 
-def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px: int = 320) -> Path:
+def build(path, *, sizes_px=(100, 50, 32), input_px=320):
     """Write the detector for square inputs of ``input_px`` and return its path.
 
     ``sizes_px``: three sign widths, px, largest first; they answer on the strides 32, 16 and 8. The contract
@@ -94,7 +91,7 @@ def build(path: str | Path, *, sizes_px: Sequence[int] = (100, 50, 32), input_px
     return Path(path)
 
 
-def _size(size_px: int, stride: int, input_px: int) -> tuple[str, dict[str, NDArray[np.generic]]]:
+def _size(size_px, stride, input_px):
     """The nodes and constants of a sign size, whose answers are (1, 5, (input_px / stride)²)."""
     block = 2 if size_px >= 64 else 1  # px that are averaged before the comparison
     window = size_px + size_px % 2  # even, as the picture's side, so that a centred sign is centred in it

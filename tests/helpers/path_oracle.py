@@ -3,21 +3,15 @@
 Frequencies in cycles/px, fx right and fy down, and H = mean over time of exp(-2 pi i f . x), x in px.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fresnel, jv
 
 from blurnoise import Trajectory
 
 
-def polyline_grid(
-    fx: NDArray[Any], fy: NDArray[Any], knots_px: NDArray[Any], shares: NDArray[Any]
-) -> NDArray[np.complex128]:
+def polyline_grid(fx, fy, knots_px, shares):
     """Of straight segments, exact, on a grid (h, w) of fy (h,) and fx (w,).
 
     knots_px: (2, K), x and y. shares: (K - 1,) of the exposure.
@@ -30,9 +24,7 @@ def polyline_grid(
     return total
 
 
-def vibration(
-    along: Any, frequency_hz: float, exposure_s: float, *, middle_s: Any = 0.0, phase_rad: float = 0.0
-) -> NDArray[np.complex128]:
+def vibration(along, frequency_hz, exposure_s, *, middle_s=0.0, phase_rad=0.0):
     """A sinusoid seen from ``middle_s`` - T/2 to ``middle_s`` + T/2, ``along`` = f . a in cycles; they broadcast.
 
     sum_k J_k(2 pi f . a) exp(-i k (2 pi nu t + phase)) sinc(k nu T); of whole periods J0 alone. MTF50 is then at
@@ -50,7 +42,7 @@ def vibration(
     return np.asarray(total)
 
 
-def accelerated(along_velocity: Any, along_acceleration: Any, exposure_s: float) -> NDArray[np.complex128]:
+def accelerated(along_velocity, along_acceleration, exposure_s):
     """Constant acceleration x = v t + g t^2 / 2, t from -T/2 to T/2, by Fresnel's integrals; of f . v and f . g.
 
     v is the velocity at mid-exposure: from rest, g T / 2, and then it has no zeros. Where f . g is 0 it is the sinc
@@ -65,7 +57,7 @@ def accelerated(along_velocity: Any, along_acceleration: Any, exposure_s: float)
     return np.where(uniform, np.sinc(v * exposure_s), curved)
 
 
-def straight_path(velocity_px_s: tuple[float, float], duration_s: float) -> Trajectory:
+def straight_path(velocity_px_s, duration_s):
     """Uniform motion, for exposures up to ``duration_s``."""
     time = np.array([-0.5, 0.5]) * duration_s
     return Trajectory.of(time, np.outer(velocity_px_s, time))

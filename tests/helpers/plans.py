@@ -1,7 +1,5 @@
 """Plans of a sweep, briefly."""
 
-from collections.abc import Iterable
-
 from blurnoise_eval.grid.axes import FURTHER
 from blurnoise_eval.grid.conditions import Conditions, SweepPlan
 
@@ -11,16 +9,16 @@ IMX250 = Camera.preset("imx250")
 
 
 def plan(
-    exposures_s: Iterable[float],
-    lights_lux: Iterable[float],
-    right_px_s: Iterable[float] = (0.0,),
-    down_px_s: Iterable[float] = (0.0,),
-    repeats: int = 1,
-    seed: int = 0,
+    exposures_s,
+    lights_lux,
+    right_px_s=(0.0,),
+    down_px_s=(0.0,),
+    repeats=1,
+    seed=0,
     *,
-    examples: bool = True,
-    **further: Iterable[float],
-) -> SweepPlan:
+    examples=True,
+    **further,
+):
     """The plan over the four axes that every condition states, and ``further`` ones by name."""
     core = {"exposure_s": exposures_s, "illuminance_lux": lights_lux}
     core |= {"velocity_x_px_s": right_px_s, "velocity_y_px_s": down_px_s}

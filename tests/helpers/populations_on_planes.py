@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from blurnoise_eval.answers.curves import windows
 from blurnoise_eval.deciding.question import Line, exposures_on
-from blurnoise_eval.deciding.search import Search
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -21,22 +20,22 @@ _DARK, _BLURRED = _RNG.normal(-4, 1.2, (PICTURES, 1)), _RNG.normal(3, 1, (PICTUR
 REFERENCES = _RNG.gamma(2, 1, PICTURES)
 
 
-def photographs(places: Array) -> Array:
+def photographs(places):
     """Lost in the dark and in motion, each picture elsewhere; a third is lost to saturation."""
     return np.asarray(_unsaturated(places) * (1 - 0.3 / (1 + np.exp(-2 * (places[:, 0] - 3)))))
 
 
-def dips(places: Array) -> Array:
+def dips(places):
     """Two windows at rest: half is lost about 2.8 lux s, and comes back."""
     return np.asarray(_unsaturated(places) * (1 - 0.5 * np.exp(-(((places[:, 0] - 1.5) / 1.2) ** 2))))
 
 
-def _unsaturated(places: Array) -> Array:
+def _unsaturated(places):
     u, w = places.T
     return np.asarray(1 / (1 + np.exp(-1.5 * (u - _DARK))) / (1 + (2**w / 2**_BLURRED) ** 2))
 
 
-def notched(places: Array) -> Array:
+def notched(places):
     """Half is lost in a notch of half a stop, at the edge of the dark."""
     return np.asarray(photographs(places) * (1 - 0.5 * (np.abs(places[:, 0] + 3) < 0.25)))
 
@@ -48,16 +47,14 @@ class Found(NamedTuple):
     error: Array
 
 
-def seen(rates: Rates, places: Array, references: Array = REFERENCES) -> Found:
+def seen(rates, places, references=REFERENCES):
     """What the pictures give at places."""
     sums = rates(places) * references[:, None]
     mean = sums.sum(axis=0) / references.sum()
     return Found(mean, np.sqrt(((sums - mean * references[:, None]) ** 2).sum(axis=0)) / references.sum())
 
 
-def searched(
-    search: Search, *questions: Rates, references: Array = REFERENCES, until: str = "done"
-) -> list[Array]:
+def searched(search, *questions, references=REFERENCES, until="done"):
     """Answer the search until it is done, or in a phase; the batches that it asked."""
     asked: list[Array] = []
     while search.phase not in ("done", until) and len(asked) < 400:
@@ -68,7 +65,7 @@ def searched(
     return asked
 
 
-def edges(mean: Callable[[Array], Array], line: Line, level: float) -> list[float]:
+def edges(mean, line, level):
     """log2 of the exposures at which a line's windows begin and end within the range, s."""
     times = exposures_on(EXPOSURES, 24)
     found = windows(tuple(times.tolist()), mean(line.places(times)).tolist(), level, True)

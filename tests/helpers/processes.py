@@ -3,10 +3,9 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pytest
 
@@ -16,7 +15,7 @@ T = TypeVar("T")
 
 
 @contextmanager
-def ray_cluster(cores: int) -> Iterator[Any]:
+def ray_cluster(cores):
     """A cluster whose head has so many cores; its workers import what stands in this folder."""
     import ray
     from ray.cluster_utils import Cluster
@@ -32,7 +31,7 @@ def ray_cluster(cores: int) -> Iterator[Any]:
             cluster.shutdown()
 
 
-def tried(begin: Callable[[], T], clean: Callable[[], object] = lambda: None) -> T:
+def tried(begin, clean=lambda: None):
     """What begins on a machine that may be busy."""
     for tries_left in reversed(range(_TRIES)):
         try:
@@ -44,12 +43,12 @@ def tried(begin: Callable[[], T], clean: Callable[[], object] = lambda: None) ->
     raise AssertionError
 
 
-def with_helpers() -> str:
+def with_helpers():
     """PYTHONPATH with this folder."""
     return os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
 
 
-def lasting_once(told: Path, load: Callable[[], Any]) -> Any:
+def lasting_once(told, load):
     """What ``load`` gives, but the first of all processes to ask never has it. The file tells whose child that is."""
     if told.exists():
         return load()
@@ -59,7 +58,7 @@ def lasting_once(told: Path, load: Callable[[], Any]) -> Any:
     return threading.Event().wait()
 
 
-def process_states() -> dict[int, tuple[str, int, str]]:
+def process_states():
     """State, parent and time of start of every process, by its number. Linux."""
     found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -72,7 +71,7 @@ def process_states() -> dict[int, tuple[str, int, str]]:
     return found
 
 
-def descendants(process: int) -> set[tuple[int, str]]:
+def descendants(process):
     """Numbers and times of start of a process and all that it and its children began."""
     states = process_states()
     family = {process}
@@ -81,7 +80,7 @@ def descendants(process: int) -> set[tuple[int, str]]:
     return {(number, states[number][2]) for number in family if number in states}
 
 
-def alive(family: set[tuple[int, str]]) -> set[tuple[int, str]]:
+def alive(family):
     """Those of the family that still run."""
     return family & {
         (number, began) for number, (state, _, began) in process_states().items() if state != "Z"
@@ -89,10 +88,10 @@ def alive(family: set[tuple[int, str]]) -> set[tuple[int, str]]:
 
 
 @contextmanager
-def limited(seconds: float) -> Iterator[None]:
+def limited(seconds):
     """Raise ``TimeoutError`` inside after so long. Main thread."""
 
-    def stop(*_: object) -> None:
+    def stop(*_):
         raise TimeoutError(f"not done after {seconds:g} s")
 
     before = signal.signal(signal.SIGALRM, stop)

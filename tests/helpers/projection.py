@@ -1,13 +1,9 @@
 """Where a view's lens images points: by the formula of each lens, to check rays and flow by."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from blurnoise.motion.ego import Floats, View
 
-
-def projected(view: View, points_m: Floats) -> Floats:
+def projected(view, points_m):
     """Pixels (2, ...) at which points (3, ...) are seen; for a pinhole NaN behind the camera."""
     x, y, z = points_m
     if view.calibrated is not None or view.lens == "rectilinear":

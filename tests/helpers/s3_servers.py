@@ -1,10 +1,7 @@
 """An S3 server of this machine, and a wire to it that can be slow, cut, busy or closed."""
 
-from __future__ import annotations
-
 import socket
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from urllib.request import Request, urlopen
@@ -15,7 +12,7 @@ BUCKET = "pictures"
 
 
 @contextmanager
-def s3_server() -> Iterator[str]:
+def s3_server():
     """Moto's server on a free port, empty; yields its address. Skips where moto or s3fs is not installed."""
     pytest.importorskip("s3fs")
     server = pytest.importorskip("moto.server").ThreadedMotoServer(
@@ -49,13 +46,13 @@ class Wire:
     requests: list[str] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def mend(self) -> None:
+    def mend(self):
         """No faults, and no requests so far."""
         self.named, self.cuts, self.cut_at, self.refusals = "", 0, 2000, 0
         self.status, self.delay_s = "503 Service Unavailable", 0.0
         self.requests.clear()
 
-    def serve(self, client: socket.socket) -> None:
+    def serve(self, client):
         with client, suppress(OSError):
             head = b""
             while b"\r\n\r\n" not in head:
@@ -81,7 +78,7 @@ class Wire:
                 return
             self._pass_on(client, head, self.cut_at if cut else None)
 
-    def _pass_on(self, client: socket.socket, head: bytes, cut_at: int | None) -> None:
+    def _pass_on(self, client, head, cut_at):
         with socket.create_connection(self.to) as server:
             lines = head.split(b"\r\n")
             kept = [line for line in lines if not line.lower().startswith(b"connection:")]
@@ -97,20 +94,20 @@ class Wire:
             client.shutdown(socket.SHUT_RDWR)  # closing alone would wait for the other thread
 
 
-def _copy(client: socket.socket, server: socket.socket) -> None:
+def _copy(client, server):
     with suppress(OSError):
         while data := client.recv(65536):
             server.sendall(data)
 
 
 @contextmanager
-def wire_to(address: str) -> Iterator[tuple[str, Wire]]:
+def wire_to(address):
     """A wire to the server of that address; yields its own address."""
     host, port = address.removeprefix("http://").split(":")
     wire = Wire((host, int(port)))
     with socket.create_server(("127.0.0.1", 0)) as listening:
 
-        def accept() -> None:
+        def accept():
             with suppress(OSError):
                 while True:
                     client, _ = listening.accept()
@@ -120,7 +117,7 @@ def wire_to(address: str) -> Iterator[tuple[str, Wire]]:
         yield f"http://127.0.0.1:{listening.getsockname()[1]}", wire
 
 
-def at(address: str, set_variable: Callable[[str, str], object]) -> None:
+def at(address, set_variable):
     """Lead botocore there, as its environment does, and forget the file systems of servers before."""
     import s3fs
 

@@ -1,21 +1,16 @@
 """Sweeps of small pictures, a sign or noise, in memory or in files, and all that they leave in a store."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import matched_filter
 import numpy as np
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.store.store import CellResult, Store
+from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from blurnoise_eval.sweep.engines import Engine
-from numpy.typing import NDArray
 from plans import plan as swept
 
 from blurnoise import Camera, charts
@@ -28,36 +23,34 @@ BOX = tuple(float(edge) for edge in charts.stop_sign_box(SIZE_PX, height_px=HEIG
 _TIMES = ("simulate_ms", "infer_ms", "computed_by")
 
 
-def matched_detector(folder: Path) -> Detector:
+def matched_detector(folder):
     return Detector(matched_filter.build(folder / "small.onnx", sizes_px=(24, 16, 10), input_px=64))
 
 
-def sign(dtype: type = np.uint8, right_px: int = 0) -> NDArray[Any]:
+def sign(dtype=np.uint8, right_px=0):
     linear = charts.stop_sign(SIZE_PX, height_px=HEIGHT_PX, width_px=WIDTH_PX)
     coded = np.roll(srgb_from_linear(linear)[0].permute(1, 2, 0).numpy(), right_px, axis=1)
     return np.round(coded * np.iinfo(dtype).max).astype(dtype)
 
 
-def noise(height: int, width: int) -> NDArray[np.uint8]:
+def noise(height, width):
     return np.random.default_rng(5).integers(0, 256, (height, width, 3), np.uint8)
 
 
-def picture(
-    name: str, load: Callable[[], NDArray[Any]] = sign, labels: Sequence[str] | None = ("stop sign",)
-) -> Picture:
+def picture(name, load=sign, labels=("stop sign",)):
     """A picture with a sign's box for each label; without labels, whatever is found when clean."""
     targets = None if labels is None else tuple(Target(label, f"a {label}", BOX) for label in labels)
     return Picture(name, targets, load, f"{name} rendered")
 
 
-def picture_set(*pictures: Picture) -> PictureSet:
+def picture_set(*pictures):
     return PictureSet("folder", "memory", pictures)
 
 
 TWO = picture_set(picture("a"), picture("b", partial(noise, 40, 51), None))
 
 
-def some_pictures(folder: Path) -> PictureSet:
+def some_pictures(folder):
     """Files: a sign whose text is known, the same moved, and one of 0 bytes."""
     datasets.write_picture(folder / "a.png", sign())
     datasets.write_picture(folder / "b.png", sign(right_px=5))
@@ -67,7 +60,7 @@ def some_pictures(folder: Path) -> PictureSet:
     return replace(shown, pictures=tuple(replace(each, targets=targets) for each in shown), categories={})
 
 
-def everything(run: Store | Path) -> list[Any]:
+def everything(run):
     """All that a run found, but not how long it took; and the pictures that it kept."""
     if isinstance(run, Path):
         with Store(run) as store:
@@ -79,7 +72,7 @@ def everything(run: Store | Path) -> list[Any]:
     return [cells, list(run.targets()), boxes, run.skipped(), kept]
 
 
-def timeless(results: list[CellResult]) -> list[Any]:
+def timeless(results):
     return [
         [{k: v for k, v in result.cell.items() if not k.endswith("_ms")}, result.targets, result.example_png]
         + [part.tobytes() for part in (result.detections.boxes_xyxy, result.detections.scores)]
@@ -87,18 +80,16 @@ def timeless(results: list[CellResult]) -> list[Any]:
     ]
 
 
-def rows_of(folder: Path, *arguments: Any, **options: Any) -> list[Any]:
+def rows_of(folder, *arguments, **options):
     with Store(folder, create=True) as store:
         sweep.run(*arguments, store, **options)
         return everything(store)
 
 
-def computed(
-    folder: Path, models: list[Any], shown: PictureSet, engine: Engine, plan: SweepPlan, **options: Any
-) -> sweep.Outcome:
+def computed(folder, models, shown, engine, plan, **options):
     with Store(folder, create=True) as store:
         return sweep.run(models, CAMERA, shown, plan, store, engine=engine, **options)
 
 
-def unreadable() -> NDArray[Any]:
+def unreadable():
     raise UnreadablePicture("bad.png: is empty (0 bytes)")

@@ -1,7 +1,5 @@
 """Rows as the store takes them, one cell each."""
 
-from typing import Any
-
 import numpy as np
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import NAMES
@@ -11,7 +9,7 @@ from plans import OWN
 NOTHING = Detections(np.zeros((0, 4)), np.zeros(0), np.zeros(0))
 
 
-def row(index: int, **changes: Any) -> dict[str, Any]:
+def row(index, **changes):
     """The columns that cells and targets share."""
     return {
         "cell_id": f"cell{index}",
@@ -30,7 +28,7 @@ def row(index: int, **changes: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **changes: Any) -> CellResult:
+def result(index, *, detections=NOTHING, targets=1, **changes):
     shared = row(index, **changes)
     cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
     cell |= {
@@ -53,6 +51,6 @@ def result(index: int, *, detections: Detections = NOTHING, targets: int = 1, **
     return CellResult({**shared, **cell, "example": None}, rows, detections)
 
 
-def clean_result(index: int, **changes: Any) -> CellResult:
+def clean_result(index, **changes):
     nothing = dict.fromkeys((*NAMES, "blur_px"))
     return result(index, clean=True, **nothing, **changes)

@@ -1,23 +1,19 @@
 """Truth by brute force: an exposure as the mean of many moments, each with everything where it is then."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from blurnoise.optics.colour import srgb_from_linear
 
 
-def moved(plane: Tensor, x: float, y: float) -> Tensor:
+def moved(plane, x, y):
     """A plane (..., H, W) that wraps round, displaced by Lanczos' kernel of six lobes."""
     return _along(_along(plane, x, -1), y, -2)
 
 
-def _along(plane: Tensor, shift: float, dim: int) -> Tensor:
+def _along(plane, shift, dim):
     if shift == 0:
         return plane
     whole = math.floor(shift)
@@ -29,12 +25,7 @@ def _along(plane: Tensor, shift: float, dim: int) -> Tensor:
     )
 
 
-def exposure(
-    background: Tensor,
-    objects: Sequence[tuple[Tensor, Tensor, tuple[float, float]]],
-    background_px: tuple[float, float] = (0.0, 0.0),
-    moments: int = 128,
-) -> Tensor:
+def exposure(background, objects, background_px=(0.0, 0.0), moments=128):
     """The mean light of (C, H, W), before it objects (light, alpha, displacement) of the picture's size."""
     total = torch.zeros_like(background)
     for moment in range(moments):
@@ -47,6 +38,6 @@ def exposure(
     return total / moments
 
 
-def rms_dn(one: Tensor, other: Tensor) -> float:
+def rms_dn(one, other):
     """Root of the mean squared difference of two pictures in linear light, in 8-bit sRGB numbers."""
     return 255 * float((srgb_from_linear(one) - srgb_from_linear(other)).square().mean().sqrt())

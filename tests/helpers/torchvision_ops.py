@@ -1,14 +1,10 @@
 """torchvision beside another build of torch: the two operators that its detectors need, in Python."""
 
-from __future__ import annotations
-
 import importlib
-from types import ModuleType
 
 import pytest
 import torch
 from kornia.geometry.bbox import nms
-from torch import Tensor
 from torch.nn import functional
 
 _NMS = "nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor"
@@ -17,7 +13,7 @@ _UNUSED = ("qnms", "qroi_align", "deform_conv2d", "roi_pool", "ps_roi_align", "p
 _kept: list[torch.library.Library] = []
 
 
-def detectors() -> ModuleType:
+def detectors():
     """torchvision.models.detection. Skips where torchvision is not installed."""
     try:
         pytest.importorskip("torchvision")
@@ -35,13 +31,11 @@ def detectors() -> ModuleType:
     return importlib.import_module("torchvision.models.detection")
 
 
-def _are_here() -> bool:
+def _are_here():
     return True
 
 
-def _roi_align(
-    planes: Tensor, regions: Tensor, scale: float, rows: int, columns: int, samples: int, aligned: bool
-) -> Tensor:
+def _roi_align(planes, regions, scale, rows, columns, samples, aligned):
     """Means of ``samples`` squared bilinear samples in each of (rows, columns) parts of a region."""
     pooled = [planes.new_zeros((0, planes.shape[1], rows, columns))]
     for number, *edges in regions.tolist():

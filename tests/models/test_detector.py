@@ -3,11 +3,8 @@
 Measured on the shipped file, with the tolerances that the project promises; nothing here is random.
 """
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +14,6 @@ import pytest
 import torch
 from blurnoise_eval.datasets import coco, read_picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.matching import target_confidences
 from blurnoise_models.augmentation import MIX
 from blurnoise_models.detector import STOP_SIGN, THRESHOLD
@@ -34,15 +30,15 @@ CAMERA = Camera.preset("imx250")
 
 
 @cache
-def detector() -> Detector:
+def detector():
     return Detector(STOP_SIGN)
 
 
-def found(detections: Detections) -> int:
+def found(detections):
     return int((detections.scores >= THRESHOLD).sum())
 
 
-def confidence(size_px: int, *, exposure_s: float, lux: float, blur_px: float = 0.0) -> float:
+def confidence(size_px, *, exposure_s, lux, blur_px=0.0):
     """Of the drawn sign, mean over a background of each kind."""
     pictures = rendered_signs((size_px,), count=4).pictures
     scenes = np.stack([picture.load() for picture in pictures])
@@ -62,11 +58,11 @@ def confidence(size_px: int, *, exposure_s: float, lux: float, blur_px: float = 
     )
 
 
-def first_below(values: Sequence[float], confidences: Sequence[float]) -> float:
+def first_below(values, confidences):
     return next((value for value, at in zip(values, confidences, strict=True) if at < THRESHOLD), math.inf)
 
 
-def test_states_its_contract_and_how_it_was_trained() -> None:
+def test_states_its_contract_and_how_it_was_trained():
     contract = detector().contract
     assert contract.classes == ("stop sign",)
     assert not contract.assumptions
@@ -78,7 +74,7 @@ def test_states_its_contract_and_how_it_was_trained() -> None:
 
 
 @pytest.mark.slow
-def test_finds_the_signs_of_scenes_it_has_not_seen() -> None:
+def test_finds_the_signs_of_scenes_it_has_not_seen():
     scenes = [scene(HELD_OUT_SEED, index) for index in range(240)]
     answers = [detector().detect(each.picture) for each in scenes]
     assert average_precision(answers, [each.boxes_xyxy for each in scenes], 0)[1] >= 0.95  # AP50
@@ -89,7 +85,7 @@ def test_finds_the_signs_of_scenes_it_has_not_seen() -> None:
     assert false <= 0.1 * len(scenes)
 
 
-def test_finds_every_sign_of_the_default_sweep() -> None:
+def test_finds_every_sign_of_the_default_sweep():
     """Of every size, before every background, clean; and nothing else there."""
     for picture in rendered_signs():
         answer = detector().detect(picture.load())
@@ -99,7 +95,7 @@ def test_finds_every_sign_of_the_default_sweep() -> None:
 
 
 @pytest.mark.slow
-def test_a_longer_blur_takes_larger_signs() -> None:
+def test_a_longer_blur_takes_larger_signs():
     """Signs of 100, 50 and 32 px fail in the order of their sizes, and do not come back."""
     blurs = [0, 4, 8, 15, 27, 41, 48, 56, 60, 64, 69, 74, 79, 85, 92, 100, 108, 116, 125]
     curves = {
@@ -112,7 +108,7 @@ def test_a_longer_blur_takes_larger_signs() -> None:
         assert max(curves[size][blurs.index(int(first_below(blurs, curves[size]))) :]) < 0.6
 
 
-def test_small_signs_need_more_light() -> None:
+def test_small_signs_need_more_light():
     lights = [0.05 * 1.5**step for step in range(20)]
     needed = [
         next(lux for lux in lights if confidence(size, exposure_s=0.01, lux=lux) >= THRESHOLD)
@@ -123,14 +119,14 @@ def test_small_signs_need_more_light() -> None:
 
 
 @pytest.mark.parametrize("size_px", SIZES_PX)
-def test_saturation_takes_every_size(size_px: int) -> None:
+def test_saturation_takes_every_size(size_px):
     at = {lux: confidence(size_px, exposure_s=0.02, lux=lux) for lux in (50, 100_000)}
     assert at[50] > 0.7
     assert at[100_000] < 0.1
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="needs the shared photographs")
-def test_real_photographs() -> None:
+def test_real_photographs():
     pictures = coco(SHARED / "instances.json", labels=["stop sign"], keep_empty=True)
     false = 0
     for picture in pictures:

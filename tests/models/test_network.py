@@ -1,7 +1,5 @@
 """The network's geometry against closed forms: cells, who answers for what, boxes there and back, the loss."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -9,7 +7,7 @@ import torch
 from blurnoise_models.network import STRIDE_PX, Decoded, SignNet, cell_centres, cells, loss, responsible
 
 
-def answers_for(boxes_xyxy: torch.Tensor, rows: int, columns: int, logit: float) -> torch.Tensor:
+def answers_for(boxes_xyxy, rows, columns, logit):
     """Raw answers (B, 5, rows, columns) in which every responsible cell gives its box, with ``logit``."""
     centres = cell_centres(rows, columns)
     which = responsible(centres, boxes_xyxy)
@@ -25,11 +23,11 @@ SIGNS = torch.tensor(
 )
 
 
-def test_cell_centres_run_row_by_row() -> None:
+def test_cell_centres_run_row_by_row():
     assert cell_centres(2, 3).tolist() == [[4, 4], [12, 4], [20, 4], [4, 12], [12, 12], [20, 12]]
 
 
-def test_perfect_answers_decode_to_the_boxes() -> None:
+def test_perfect_answers_decode_to_the_boxes():
     logits, boxes = cells(answers_for(SIGNS, 12, 16, 8.0))
     which = responsible(cell_centres(12, 16), SIGNS)
     assert boxes.shape == (2, 192, 4)
@@ -41,7 +39,7 @@ def test_perfect_answers_decode_to_the_boxes() -> None:
     assert ((logits > 0) == (which >= 0)).all()
 
 
-def test_a_cell_answers_for_the_smallest_box_around_it_and_never_for_padding() -> None:
+def test_a_cell_answers_for_the_smallest_box_around_it_and_never_for_padding():
     nested = torch.tensor([[[0.0, 0.0, 96.0, 96.0], [40.0, 40.0, 56.0, 56.0], [0.0, 0.0, 0.0, 0.0]]])
     which = responsible(cell_centres(12, 12), nested)[0]
     inner = ((cell_centres(12, 12) > 40) & (cell_centres(12, 12) < 56)).all(dim=1)
@@ -51,11 +49,11 @@ def test_a_cell_answers_for_the_smallest_box_around_it_and_never_for_padding() -
     assert (which[~near] == -1).all()
 
 
-def test_loss_of_perfect_answers_is_nothing() -> None:
+def test_loss_of_perfect_answers_is_nothing():
     assert loss(answers_for(SIGNS, 12, 16, 12.0), SIGNS) < 1e-3
 
 
-def test_loss_of_shifted_boxes_is_their_distance_iou_and_the_score_their_iou() -> None:
+def test_loss_of_shifted_boxes_is_their_distance_iou_and_the_score_their_iou():
     wanted = torch.tensor([[[30.0, 20.0, 70.0, 60.0]]])
     shifted = wanted - torch.tensor([10.0, 0.0, 10.0, 0.0])
     centres = cell_centres(12, 12)
@@ -71,11 +69,11 @@ def test_loss_of_shifted_boxes_is_their_distance_iou_and_the_score_their_iou() -
     assert math.isclose(float(got), float(expected), rel_tol=1e-4)
 
 
-def _bce(logits: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+def _bce(logits, target):
     return torch.nn.functional.binary_cross_entropy_with_logits(logits, target, reduction="none")
 
 
-def test_loss_without_signs_asks_for_silence_alone() -> None:
+def test_loss_without_signs_asks_for_silence_alone():
     answers = torch.zeros(2, 5, 4, 4)
     answers[:, 1:] = torch.randn(2, 4, 4, 4, generator=torch.Generator().manual_seed(1))
     value = loss(answers, torch.zeros(2, 3, 4))
@@ -83,7 +81,7 @@ def test_loss_without_signs_asks_for_silence_alone() -> None:
 
 
 @pytest.mark.parametrize(("height", "width"), [(64, 96), (128, 32)])
-def test_output_is_yolov8s(height: int, width: int) -> None:
+def test_output_is_yolov8s(height, width):
     network = SignNet().eval()
     with torch.no_grad():
         out = Decoded(network)(torch.rand(2, 3, height, width))

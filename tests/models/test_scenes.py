@@ -1,17 +1,14 @@
 """Scenes: the same bits from the same seed, boxes that bound what was drawn, shares and sizes as promised."""
 
-from __future__ import annotations
-
 import json
 import math
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import coco
-from blurnoise_models.scenes import Scene, compose, drawing, paint, scene, signs, things, write_coco
+from blurnoise_models.scenes import compose, drawing, paint, scene, signs, things, write_coco
 
 from blurnoise.charts import stop_sign_box
 
@@ -19,7 +16,7 @@ SEED = 11
 
 
 @pytest.fixture
-def bare(monkeypatch: pytest.MonkeyPatch) -> None:
+def bare(monkeypatch):
     """Scenes of nothing but signs, and these as plain white octagons on black, straight to 8 bit."""
     full = np.dstack([signs.face_mask(256)] * 4)
     monkeypatch.setattr(compose, "ground", lambda rng, n: np.zeros((n, n, 3), np.float32))
@@ -31,12 +28,12 @@ def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compose, "_developed", lambda rng, canvas: np.rint(canvas * 255).astype(np.uint8))
 
 
-def same(a: Scene, b: Scene) -> bool:
+def same(a, b):
     return np.array_equal(a.picture, b.picture) and np.array_equal(a.boxes_xyxy, b.boxes_xyxy)
 
 
 @pytest.mark.slow
-def test_a_scene_depends_on_seed_and_index_alone() -> None:
+def test_a_scene_depends_on_seed_and_index_alone():
     indices = list(range(6))
     first = [scene(SEED, index, size_px=160) for index in indices]
     for cached in (paint._bank, drawing.outline, signs.face_mask):
@@ -49,7 +46,7 @@ def test_a_scene_depends_on_seed_and_index_alone() -> None:
         assert same(a, c)
 
 
-def test_other_seeds_indices_and_sizes_give_other_scenes() -> None:
+def test_other_seeds_indices_and_sizes_give_other_scenes():
     one = scene(SEED, 0, size_px=96)
     assert not same(one, scene(SEED, 1, size_px=96))
     assert not same(one, scene(SEED + 1, 0, size_px=96))
@@ -57,7 +54,7 @@ def test_other_seeds_indices_and_sizes_give_other_scenes() -> None:
 
 
 @pytest.mark.parametrize("size_px", [64, 97, 320])
-def test_pictures_and_boxes_are_what_they_should_be(size_px: int) -> None:
+def test_pictures_and_boxes_are_what_they_should_be(size_px):
     for index in range(12):
         one = scene(SEED, index, size_px=size_px)
         assert one.picture.shape == (size_px, size_px, 3)
@@ -70,7 +67,7 @@ def test_pictures_and_boxes_are_what_they_should_be(size_px: int) -> None:
         assert (one.boxes_xyxy[:, :2] < one.boxes_xyxy[:, 2:]).all()
 
 
-def test_boxes_bound_the_octagons_that_were_drawn_and_no_other(bare: None) -> None:
+def test_boxes_bound_the_octagons_that_were_drawn_and_no_other(bare):
     """Light reaches every edge of a box to within a pixel, and one pixel outside it is all but gone.
 
     Bilinear sampling softens edges over a sample, hence a few percent of coverage out there.
@@ -93,7 +90,7 @@ def test_boxes_bound_the_octagons_that_were_drawn_and_no_other(bare: None) -> No
     assert seen > 90
 
 
-def test_a_box_turns_with_its_sign_as_the_charts_does() -> None:
+def test_a_box_turns_with_its_sign_as_the_charts_does():
     for roll_deg in (0.0, 8.0, 22.5, -31.0):
         plane = drawing.Plane.seen(0.0, 0.0, roll_deg, 5.0)
         unit = plane.project(signs.octagon())
@@ -101,7 +98,7 @@ def test_a_box_turns_with_its_sign_as_the_charts_does() -> None:
         np.testing.assert_allclose([*unit.min(axis=0), *unit.max(axis=0)], np.array(expected) - 2, atol=1e-9)
 
 
-def test_roll_is_counter_clockwise_and_yaw_and_pitch_foreshorten() -> None:
+def test_roll_is_counter_clockwise_and_yaw_and_pitch_foreshorten():
     right = np.array([[1.0, 0.0]])
     assert drawing.Plane.seen(0, 0, 10, 5).project(right)[0, 1] < 0
     x, y = np.ptp(drawing.Plane.seen(50, 0, 0, 1e6).project(signs.octagon()), axis=0)
@@ -114,7 +111,7 @@ def test_roll_is_counter_clockwise_and_yaw_and_pitch_foreshorten() -> None:
 
 @pytest.mark.parametrize("size_px", [3.0, 17.3, 60.0, 148.0])
 @pytest.mark.parametrize("view", [(0, 0, 0, 5), (40, 12, 9, 3)])
-def test_paste_averages_light_over_pixels(size_px: float, view: tuple[float, float, float, float]) -> None:
+def test_paste_averages_light_over_pixels(size_px, view):
     """The light on the canvas is the sprite's mean times the projected square's area, wherever it falls."""
     square = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
     stripes = np.ones((256, 256, 4), np.float32)
@@ -131,7 +128,7 @@ def test_paste_averages_light_over_pixels(size_px: float, view: tuple[float, flo
 
 
 @pytest.mark.slow
-def test_shares_sizes_and_angles_are_as_promised(bare: None) -> None:
+def test_shares_sizes_and_angles_are_as_promised(bare):
     """900 scenes: a share of 0.35 is known within 5 sqrt(0.35 * 0.65 / 900) = 0.08."""
     many = [scene(SEED, index, size_px=160) for index in range(900)]
     counts = np.bincount([len(one.boxes_xyxy) for one in many], minlength=4) / len(many)
@@ -149,7 +146,7 @@ def test_shares_sizes_and_angles_are_as_promised(bare: None) -> None:
     assert len(whole) < len(boxes)  # some are cut by the edge
 
 
-def test_a_sign_that_is_cut_shows_at_least_half(bare: None) -> None:
+def test_a_sign_that_is_cut_shows_at_least_half(bare):
     for index in range(400):
         one = scene(SEED, index, size_px=160)
         for x0, y0, x1, y1 in one.boxes_xyxy.tolist():
@@ -159,7 +156,7 @@ def test_a_sign_that_is_cut_shows_at_least_half(bare: None) -> None:
             assert lit > 0.5 * 0.83 * 0.55 * side * side
 
 
-def test_things_can_be_drawn_small_and_large() -> None:
+def test_things_can_be_drawn_small_and_large():
     for size_px in (16, 120):
         for number in range(60):
             sprite = things.thing(paint.Draws(SEED, number), size_px)
@@ -171,9 +168,7 @@ def test_things_can_be_drawn_small_and_large() -> None:
             assert np.abs(uncovered[:, :3]).max(initial=0) < 1e-5  # no light without coverage
 
 
-def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(monkeypatch):
     monkeypatch.setattr(signs, "weathered", lambda rng, sprite: sprite)
     for number in range(60):
         white = signs._white(paint.Draws(SEED, number), 128)
@@ -189,7 +184,7 @@ def test_a_sign_is_red_with_a_white_legend_and_leaves_its_corners_free(
 
 
 @pytest.mark.parametrize("font", drawing.FONTS)
-def test_every_font_has_every_letter_that_is_written(font: str) -> None:
+def test_every_font_has_every_letter_that_is_written(font):
     letters = {letter for word in paint.WORDS for letter in word} | set(
         "ABCDEFGHIKLMNOPRSTUVWXYZaeionrst0123456789"
     )
@@ -201,7 +196,7 @@ def test_every_font_has_every_letter_that_is_written(font: str) -> None:
     assert len(set(widths)) > 20  # one box for all would stand for missing letters
 
 
-def test_letters_have_holes() -> None:
+def test_letters_have_holes():
     easel = drawing.Easel.blank(64, 64)
     easel.text("O", (0, 0, 1, 1), (255, 255, 255))
     coverage = easel.sprite()[..., 3]
@@ -221,12 +216,12 @@ def test_letters_have_holes() -> None:
         ({"seed": "1"}, TypeError),
     ],
 )
-def test_wrong_arguments_are_named(arguments: dict[str, object], error: type[Exception]) -> None:
+def test_wrong_arguments_are_named(arguments, error):
     with pytest.raises(error, match=f"{next(iter(arguments))} = "):
         scene(**{"seed": 0, "index": 0, **arguments})  # type: ignore[arg-type]
 
 
-def test_a_coco_folder_gives_back_scenes_and_boxes(tmp_path: Path) -> None:
+def test_a_coco_folder_gives_back_scenes_and_boxes(tmp_path):
     told: list[int] = []
     listing = write_coco(tmp_path / "drawn", SEED, 8, size_px=96, progress=told.append)
     assert sum(told) == 8
@@ -247,10 +242,10 @@ def test_a_coco_folder_gives_back_scenes_and_boxes(tmp_path: Path) -> None:
         assert entry["iscrowd"] == 0
 
 
-def test_an_interrupted_run_leaves_no_listing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_run_leaves_no_listing(tmp_path, monkeypatch):
     write_coco(tmp_path, SEED, 1, size_px=64)
 
-    def stopped(seed: int, index: int, *, size_px: int) -> Scene:
+    def stopped(seed, index, *, size_px):
         if index == 2:
             raise KeyboardInterrupt
         return scene(seed, index, size_px=size_px)

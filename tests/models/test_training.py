@@ -1,7 +1,5 @@
 """A miniature training: the loss falls, one that was stopped goes on to the same bits, the export is the network."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from blurnoise_models.augmentation import MOST, InShare, exposures, share_at
 from blurnoise_models.export import write_onnx
 from blurnoise_models.network import Decoded, SignNet
 from blurnoise_models.training import BATCH, batch, train
-from torch import Tensor, nn
+from torch import nn
 
 SIZE_PX = 96
 SMALL = {"pictures": 320, "size_px": 64, "seed": 3, "threads": 1}
@@ -27,18 +25,18 @@ class Stopped(Exception):
     """In place of a kill."""
 
 
-def stop(pictures: int, loss: float) -> None:
+def stop(pictures, loss):
     if pictures == 15 * BATCH:
         raise Stopped
 
 
 @pytest.fixture
-def saved_often(monkeypatch: pytest.MonkeyPatch) -> None:
+def saved_often(monkeypatch):
     monkeypatch.setattr(training, "_SAVED_EVERY_S", 0.0)
 
 
 @pytest.fixture(scope="module")
-def miniature() -> tuple[SignNet, list[tuple[int, float]]]:
+def miniature():
     steps: list[tuple[int, float]] = []
     network = train(
         exposures(),
@@ -52,7 +50,7 @@ def miniature() -> tuple[SignNet, list[tuple[int, float]]]:
 
 
 @trains
-def test_loss_falls(miniature: tuple[SignNet, list[tuple[int, float]]]) -> None:
+def test_loss_falls(miniature):
     _, steps = miniature
     assert [pictures for pictures, _ in steps] == list(range(16, 1281, 16))
     losses = [loss for _, loss in steps]
@@ -60,9 +58,7 @@ def test_loss_falls(miniature: tuple[SignNet, list[tuple[int, float]]]) -> None:
 
 
 @trains
-def test_the_export_is_the_network_and_states_contract_and_training(
-    miniature: tuple[SignNet, list[tuple[int, float]]], tmp_path: Path
-) -> None:
+def test_the_export_is_the_network_and_states_contract_and_training(miniature, tmp_path):
     network, _ = miniature
     path = write_onnx(network, tmp_path / "mini.onnx", input_px=SIZE_PX, facts={"seed": 3})
     pictures = torch.rand(1, 3, SIZE_PX, SIZE_PX, generator=torch.Generator().manual_seed(1))
@@ -84,7 +80,7 @@ def test_the_export_is_the_network_and_states_contract_and_training(
 
 
 @trains
-def test_stopped_and_continued_is_unbroken_bit_for_bit(saved_often: None, tmp_path: Path) -> None:
+def test_stopped_and_continued_is_unbroken_bit_for_bit(saved_often, tmp_path):
     file = tmp_path / "saved" / "training.checkpoint"
     unbroken: list[tuple[int, float]] = []
     state = torch.get_rng_state()
@@ -104,9 +100,7 @@ def test_stopped_and_continued_is_unbroken_bit_for_bit(saved_often: None, tmp_pa
 
 @trains
 @pytest.mark.parametrize("change", [{"pictures": 336}, {"seed": 4}, {"size_px": 96}, {"facts": {"mix": 1}}])
-def test_the_checkpoint_of_another_training_is_refused(
-    saved_often: None, tmp_path: Path, change: dict[str, object]
-) -> None:
+def test_the_checkpoint_of_another_training_is_refused(saved_often, tmp_path, change):
     file = tmp_path / "training.checkpoint"
     with pytest.raises(Stopped):
         train(**SMALL, checkpoint=file, progress=stop)
@@ -117,7 +111,7 @@ def test_the_checkpoint_of_another_training_is_refused(
 
 
 @pytest.mark.parametrize("data", [b"", b"PK\x03\x04 nothing", b"\x80\x02N."])
-def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) -> None:
+def test_a_file_that_is_no_checkpoint_is_refused(tmp_path, data):
     file = tmp_path / "training.checkpoint"
     file.write_bytes(data)
     with pytest.raises(ValueError, match=r"checkpoint = .*: remove it, .* is no checkpoint"):
@@ -133,12 +127,12 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path, data: bytes) ->
         (lambda: write_onnx(SignNet(), Path("model.pt")), "model.pt"),
     ],
 )
-def test_bad_arguments_are_named(call: object, message: str) -> None:
+def test_bad_arguments_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()  # type: ignore[operator]
 
 
-def test_batches_are_the_scenes_in_their_order() -> None:
+def test_batches_are_the_scenes_in_their_order():
     pictures, boxes = batch(5, 3, size_px=64)
     assert pictures.shape == (3, 3, 64, 64)
     for number in range(3):
@@ -151,21 +145,21 @@ def test_batches_are_the_scenes_in_their_order() -> None:
     assert len(drawn) == 2
 
 
-def test_the_share_of_changed_pictures_rises_stays_and_falls() -> None:
+def test_the_share_of_changed_pictures_rises_stays_and_falls():
     shares = [share_at(done / 20) for done in range(21)]
     falling = [0.45 - 0.25 * step / 8 for step in range(1, 9)]
     assert shares == pytest.approx([0.45 * step / 6 for step in range(6)] + [0.45] * 7 + falling)
 
 
-def test_every_change_gets_its_share_of_pictures_and_the_rest_stay() -> None:
+def test_every_change_gets_its_share_of_pictures_and_the_rest_stay():
     """Of n pictures in each of which a change has a chance p, np change, but for sqrt(np(1 - p))."""
 
     class To(nn.Module):
-        def __init__(self, value: float) -> None:
+        def __init__(self, value):
             super().__init__()
             self.value = value
 
-        def forward(self, pictures: Tensor) -> Tensor:
+        def forward(self, pictures):
             return torch.full_like(pictures, self.value)
 
     pictures, count = torch.zeros(4000, 1, 1, 1), 4000
@@ -179,7 +173,7 @@ def test_every_change_gets_its_share_of_pictures_and_the_rest_stay() -> None:
     assert not pictures.any()
 
 
-def test_exposures_are_dark_at_rest_or_blurred_in_light_by_both_cameras_and_gains() -> None:
+def test_exposures_are_dark_at_rest_or_blurred_in_light_by_both_cameras_and_gains():
     """The longest of 60 blurs that are uniform up to 60 px is above 54 px but for a chance of 0.9^60 = 0.002."""
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(1)

@@ -1,10 +1,7 @@
 """Blur on pictures: flux, centroid, borders, closed forms, two routes to one answer; transfer functions."""
 
-from __future__ import annotations
-
 import math
 import random
-from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -14,10 +11,9 @@ from blurs import optical_blur
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
-from torch import Tensor
 
 from blurnoise import defocus, motion_blur
-from blurnoise._core.borders import BORDERS, Border, extended
+from blurnoise._core.borders import BORDERS, extended
 from blurnoise.blur.convolution import NEGLIGIBLE, Method, disc, exposure_blur
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import Optics, motion_error
@@ -27,15 +23,15 @@ OURS: tuple[Method, ...] = ("transfer", "tiles")
 TAIL = 1e-3  # of white, at most; 1e-4 RMS: what a margin of 8 px leaves of the tails in white noise
 
 
-def noise(*shape: int, dtype: torch.dtype = torch.float64) -> torch.Tensor:
+def noise(*shape, dtype=torch.float64):
     return torch.rand(*shape, generator=torch.Generator().manual_seed(1), dtype=dtype)
 
 
-def polar(length: float, angle_deg: float) -> tuple[float, float]:
+def polar(length, angle_deg):
     return length * math.cos(math.radians(angle_deg)), length * math.sin(math.radians(angle_deg))
 
 
-def blob(height: int = 101, width: int = 115, sigma: float = 2.0) -> tuple[torch.Tensor, ...]:
+def blob(height=101, width=115, sigma=2.0):
     """A Gaussian spot, which pixels hold without aliasing, and its coordinates from the centre."""
     y = torch.arange(height, dtype=torch.float64)[:, None] - height // 2
     x = torch.arange(width, dtype=torch.float64) - width // 2
@@ -43,7 +39,7 @@ def blob(height: int = 101, width: int = 115, sigma: float = 2.0) -> tuple[torch
     return spot[None, None], y, x
 
 
-def test_no_motion_is_the_picture_itself() -> None:
+def test_no_motion_is_the_picture_itself():
     image = noise(2, 3, 5, 7)
     assert motion_blur(image, (0.0, 0.0)) is image
     assert motion_blur(image, (1e-6, 0.0)) is image
@@ -58,7 +54,7 @@ def test_no_motion_is_the_picture_itself() -> None:
 @example((0.0, 0.3), "transfer")
 @example((-30.0, 0.0009), "transfer")
 @example((21.213203, 21.213204), "tiles")
-def test_flux_centroid_and_spread_of_a_spot(motion: tuple[float, float], method: Method) -> None:
+def test_flux_centroid_and_spread_of_a_spot(motion, method):
     """A spot is stretched along the line itself: sum and centroid kept, covariance + d d^T / 12, every sign."""
     spot, y, x = blob()
     blurred = motion_blur(spot, motion, method=method)[0, 0]
@@ -72,7 +68,7 @@ def test_flux_centroid_and_spread_of_a_spot(motion: tuple[float, float], method:
 
 @pytest.mark.parametrize("angle_deg", [0, 17, 45, 73, 163])
 @pytest.mark.parametrize("length", [1.5, 10.4, 60.0])
-def test_gratings_are_attenuated_by_the_sinc(length: float, angle_deg: float) -> None:
+def test_gratings_are_attenuated_by_the_sinc(length, angle_deg):
     """Any grating at or near MTF50 keeps sinc(L f cos phi) of its amplitude: MTF50 is exact at any angle."""
     height, width = 240, 300
     motion = polar(length, angle_deg)
@@ -90,7 +86,7 @@ def test_gratings_are_attenuated_by_the_sinc(length: float, angle_deg: float) ->
 
 @settings(max_examples=25, deadline=None)
 @given(MOTIONS, st.sampled_from(["reflect", "replicate", "circular"]), st.sampled_from([*OURS, "kornia"]))
-def test_constant_pictures_stay_constant(motion: tuple[float, float], border: Border, method: Method) -> None:
+def test_constant_pictures_stay_constant(motion, border, method):
     image = torch.full((1, 2, 9, 13), 0.37, dtype=torch.float64)
     blurred = motion_blur(image, motion, border=border, method=method)
     torch.testing.assert_close(blurred, image, atol=1e-6 if method == "kornia" else 1e-12, rtol=0)
@@ -101,7 +97,7 @@ def test_constant_pictures_stay_constant(motion: tuple[float, float], border: Bo
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "constant"])
 @pytest.mark.parametrize("motion", [(11.0, -6.4), (66.0, 40.0)])
-def test_one_transform_and_tiles_agree(motion: tuple[float, float], border: Border) -> None:
+def test_one_transform_and_tiles_agree(motion, border):
     rough = noise(1, 1, 300, 400)
     whole, tiled = (motion_blur(rough, motion, method=method, border=border) for method in OURS)
     assert not torch.equal(tiled, whole)
@@ -110,7 +106,7 @@ def test_one_transform_and_tiles_agree(motion: tuple[float, float], border: Bord
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 400, 300), (5, 1, 260, 300)])
-def test_bits_do_not_depend_on_threads(shape: tuple[int, ...]) -> None:
+def test_bits_do_not_depend_on_threads(shape):
     image, threads, results = noise(*shape, dtype=torch.float32), torch.get_num_threads(), []
     try:
         for count in (1, 2, 5):
@@ -124,7 +120,7 @@ def test_bits_do_not_depend_on_threads(shape: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("optics", [Optics(), Optics(1.5, 0.4)], ids=["sharp", "lens"])
 @pytest.mark.parametrize("motion", [(12.0, 5.0), (9.0, 0.0), (0.0, -9.0), (90.0, 31.0)])
-def test_the_fast_route_equals_the_differentiable_one(motion: tuple[float, float], optics: Optics) -> None:
+def test_the_fast_route_equals_the_differentiable_one(motion, optics):
     """OpenCV's packed transform and torch's, NumPy's response and torch's, tiles or not."""
     image = noise(1, 1, 300, 340)
     for method in ("transfer", "tiles"):
@@ -134,7 +130,7 @@ def test_the_fast_route_equals_the_differentiable_one(motion: tuple[float, float
 
 
 @pytest.mark.parametrize("count", [1, 33])
-def test_items_do_not_depend_on_their_batch(count: int) -> None:
+def test_items_do_not_depend_on_their_batch(count):
     images = noise(count, 2, 17, 23, dtype=torch.float32)
     generator = torch.Generator().manual_seed(4)
     motions = 40 * torch.rand(count, 2, generator=generator) - 20
@@ -153,9 +149,7 @@ def test_items_do_not_depend_on_their_batch(count: int) -> None:
     st.sampled_from(BORDERS),
     st.sampled_from(["auto", *OURS]),
 )
-def test_every_length_size_and_border(
-    length: float, angle_deg: float, size: tuple[int, int], border: Border, method: Method
-) -> None:
+def test_every_length_size_and_border(length, angle_deg, size, border, method):
     """Finite, of the picture's shape, and within the ringing that a transfer function may cause."""
     image = noise(1, 1, *size)
     blurred = motion_blur(image, polar(length, angle_deg), border=border, method=method)
@@ -165,7 +159,7 @@ def test_every_length_size_and_border(
 
 @pytest.mark.parametrize("border", ["reflect", "replicate"])
 @pytest.mark.parametrize("motion", [(400.0, 0.0), (35.0, 260.0)])
-def test_longer_than_the_picture(motion: tuple[float, float], border: Border) -> None:
+def test_longer_than_the_picture(motion, border):
     """The short way, by the period of a reflected picture, equals the long way, by continuing it."""
     image = noise(1, 1, 24, 31)
     long_way = motion_blur(extended(image, (230, 230), (484, 491), border), motion, border="constant")
@@ -175,7 +169,7 @@ def test_longer_than_the_picture(motion: tuple[float, float], border: Border) ->
     torch.testing.assert_close(mean, image[..., :1, :].mean().expand_as(mean), atol=1e-6, rtol=0)
 
 
-def test_gradient_at_rest_is_zero() -> None:
+def test_gradient_at_rest_is_zero():
     """The blur is even in the motion, so at rest its first derivative vanishes; beside it, it does not."""
     found = []
     for at in (0.0, 0.01):
@@ -186,11 +180,11 @@ def test_gradient_at_rest_is_zero() -> None:
     assert found[1] < -1e-3
 
 
-def test_input_and_global_state_stay_as_they_were() -> None:
+def test_input_and_global_state_stay_as_they_were():
     image = noise(2, 1, 40, 50, dtype=torch.float32)
     before = image.clone()
 
-    def state() -> tuple[object, ...]:
+    def state():
         modes = (
             torch.get_num_threads(),
             cv2.getNumThreads(),
@@ -206,7 +200,7 @@ def test_input_and_global_state_stay_as_they_were() -> None:
     assert torch.equal(image, before)
 
 
-def test_auto_leaves_out_what_is_not_seen() -> None:
+def test_auto_leaves_out_what_is_not_seen():
     motions = torch.tensor([[0.005, 0.0], [14.0, 3.0]], dtype=torch.float64)
     assert motion_error(0.005, 0.0) <= NEGLIGIBLE
     image = noise(2, 1, 48, 64)
@@ -218,8 +212,8 @@ def test_auto_leaves_out_what_is_not_seen() -> None:
 @settings(max_examples=20, deadline=None)
 @given(*[st.floats(0, 0.05)] * 3, st.floats(0.001, 0.3), st.floats(0, 180))
 def test_predicted_errors_of_leaving_out_are_those_of_the_worst_picture(
-    radius: float, sigma: float, lambda_n: float, length: float, angle_deg: float
-) -> None:
+    radius, sigma, lambda_n, length, angle_deg
+):
     """A checkerboard, all of whose contrast is at the corner of the band, where motion joins its alias."""
     board = (torch.arange(64)[:, None].add(torch.arange(64)) % 2).double()[None, None]
     optics, motion = Optics(radius, sigma, lambda_n), polar(length, angle_deg)
@@ -256,14 +250,14 @@ DARK = torch.zeros(1, 1, 4, 4)
         (lambda: Optics(gaussian_sigma_px=-0.1), "gaussian_sigma_px"),
     ],
 )
-def test_bad_input_is_named(call: Callable[[], object], words: str) -> None:
+def test_bad_input_is_named(call, words):
     with pytest.raises((TypeError, ValueError), match=words):
         call()
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.51, 12.0))
-def test_disc_is_a_disc(radius: float) -> None:
+def test_disc_is_a_disc(radius):
     """Unit sum, symmetric, and the pixel areas match a fine grid of points to the grid's own error."""
     kernel = disc(radius)
     assert kernel.sum() == pytest.approx(1, abs=1e-12)
@@ -275,14 +269,14 @@ def test_disc_is_a_disc(radius: float) -> None:
     np.testing.assert_allclose(kernel, areas, atol=0.02 / (math.pi * radius**2))
 
 
-def crossing(curve: Callable[[Tensor], Tensor], level: float, high: float) -> float:
-    def above(f: float) -> float:
+def crossing(curve, level, high):
+    def above(f):
         return float(curve(torch.tensor([[f]], dtype=torch.float64))) - level
 
     return float(brentq(above, 1e-6, high))
 
 
-def box(length_px: float) -> Callable[[Tensor], Tensor]:
+def box(length_px):
     displacement = torch.tensor([length_px, 0.0], dtype=torch.float64)
     return lambda f: transfer.motion(f, torch.zeros_like(f), displacement)
 
@@ -302,13 +296,13 @@ def box(length_px: float) -> Callable[[Tensor], Tensor]:
         (lambda f: transfer.pixel(f, torch.zeros_like(f)) * box(30.0)(f), 0.5, 0.02010),
     ],
 )
-def test_published_crossings(curve: Callable[[Tensor], Tensor], level: float, expected: float) -> None:
+def test_published_crossings(curve, level, expected):
     """The digits of the table in the field's terms: MTF50, MTF20, MTF10, first zero, in cycles/px."""
     high = 1.01 * expected if level == 0 else 1.4 * expected
     assert crossing(curve, level, high) == pytest.approx(expected, rel=2e-4 if expected < 0.5 else 2e-5)
 
 
-def test_optical_blur_counts_the_pixel_once() -> None:
+def test_optical_blur_counts_the_pixel_once():
     """R = 1: MTF50 0.3122 cycles/px over pixel and disc, not 0.2682 with the pixel counted twice."""
     width = 512
     x = torch.arange(width, dtype=torch.float64)
@@ -322,7 +316,7 @@ def test_optical_blur_counts_the_pixel_once() -> None:
 
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (2, 2), (5, 7)])
-def test_opencv_and_torch_continue_a_picture_alike(border: Border, size: tuple[int, int]) -> None:
+def test_opencv_and_torch_continue_a_picture_alike(border, size):
     image = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(0))
     spans = (size[0] + 43, size[1] + 37)
     fast = extended(image, (20, 11), spans, border)
@@ -331,7 +325,7 @@ def test_opencv_and_torch_continue_a_picture_alike(border: Border, size: tuple[i
     assert torch.equal(fast[..., 20 : 20 + size[0], 11 : 11 + size[1]], image)
 
 
-def test_reflection_leaves_the_outermost_pixel_single() -> None:
+def test_reflection_leaves_the_outermost_pixel_single():
     row = torch.tensor([[[[1.0, 2.0, 3.0]]]])
     assert extended(row, (0, 3), (1, 9), "reflect").flatten().tolist() == [2, 3, 2, 1, 2, 3, 2, 1, 2]
     assert extended(row, (0, 1), (1, 5), "constant").flatten().tolist() == [0, 1, 2, 3, 0]

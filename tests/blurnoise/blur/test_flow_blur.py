@@ -1,7 +1,5 @@
 """Blur by a flow: a closed form of an approach, the uniform blur, its bound, and what simulate makes of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -9,10 +7,9 @@ import numpy as np
 import pytest
 import torch
 from blurs import flow_blur
-from torch import Tensor
 
 from blurnoise import Camera, motion_blur, plan, simulate
-from blurnoise._core.borders import BORDERS, Border
+from blurnoise._core.borders import BORDERS
 from blurnoise.motion.ego import EgoMotion, Vehicle, View, range_of_depth_m
 from blurnoise.optics import transfer
 from blurnoise.optics.colour import srgb_from_linear
@@ -25,7 +22,7 @@ FLOW = torch.from_numpy(
 GIVEN: dict[str, Any] = {"exposure_s": 0.05, "illuminance_lux": 300.0, "encoding": "linear"}
 
 
-def scene(height: int = 241, width: int = 321, seed: int = 0) -> Tensor:
+def scene(height=241, width=321, seed=0):
     """Texture of a 1/f spectrum in [0, 1] behind a lens, a Gaussian of 0.6 px, (1, 3, H, W)."""
     random = torch.Generator().manual_seed(seed)
     noise = torch.randn(1, 3, height, width, generator=random)
@@ -35,17 +32,17 @@ def scene(height: int = 241, width: int = 321, seed: int = 0) -> Tensor:
     return (0.4 + 0.2 * smooth / smooth.std()).clamp(0, 1)
 
 
-def uniform(x: float, y: float, image: Tensor) -> Tensor:
+def uniform(x, y, image):
     return torch.tensor([x, y])[:, None, None].expand(2, *image.shape[-2:])
 
 
-def dn(first: Tensor, second: Tensor) -> float:
+def dn(first, second):
     """RMS difference as 8-bit sRGB pictures show it."""
     a, b = (255 * srgb_from_linear(each.clamp(0, 1)) for each in (first, second))
     return float((a - b).square().mean().sqrt())
 
 
-def test_an_approach() -> None:
+def test_an_approach():
     """A disc of r0 = 200 px before a plane nearing by 5 %: I(r) = 1/2 - (Z/(V T))(1 - r0/r)."""
     view = View(481, 481, 60.0, "rectilinear")
     pixels = view.pixels()
@@ -60,7 +57,7 @@ def test_an_approach() -> None:
 
 @pytest.mark.parametrize("border", BORDERS)
 @pytest.mark.parametrize("displacement_px", [(9.0, 0.0), (-6.0, 14.0), (300.0, 3.0)])
-def test_a_constant_flow_is_the_uniform_blur(border: Border, displacement_px: tuple[float, float]) -> None:
+def test_a_constant_flow_is_the_uniform_blur(border, displacement_px):
     """To what linear interpolation and the spacing leave."""
     image = scene(99, 131)
     found = flow_blur(image, uniform(*displacement_px, image), border=border)
@@ -70,7 +67,7 @@ def test_a_constant_flow_is_the_uniform_blur(border: Border, displacement_px: tu
 
 
 @pytest.mark.parametrize("border", BORDERS)
-def test_both_routes(border: Border) -> None:
+def test_both_routes(border):
     """OpenCV's and PyTorch's, in single precision; the double one is PyTorch's."""
     image = scene(70, 83)
     random = torch.Generator().manual_seed(1)
@@ -85,7 +82,7 @@ def test_both_routes(border: Border) -> None:
     )
 
 
-def test_gradients() -> None:
+def test_gradients():
     image = scene(9, 8)[:, :1].double().requires_grad_()
     flow = (
         torch.rand(2, 9, 8, dtype=torch.float64, generator=torch.Generator().manual_seed(2)) + 1.3
@@ -93,7 +90,7 @@ def test_gradients() -> None:
     assert torch.autograd.gradcheck(flow_blur, (image, flow))
 
 
-def test_invariants() -> None:
+def test_invariants():
     """A constant stays, as does what does not move; neither the batch nor the number of channels matters."""
     flow = 30 * torch.rand(2, 2, 70, 41, generator=torch.Generator().manual_seed(3))
     flat = torch.full((2, 1, 70, 41), 0.3)
@@ -112,7 +109,7 @@ def test_invariants() -> None:
 
 @pytest.mark.parametrize("longest_px", [0.0, 9.0, 20.0])
 @pytest.mark.parametrize("length_px", [0.1, 1.3, 5.3])
-def test_a_spot_spreads_by_the_variance_of_its_path(length_px: float, longest_px: float) -> None:
+def test_a_spot_spreads_by_the_variance_of_its_path(length_px, longest_px):
     """L^2 / 12, also where others of its band move by more, and no more than 0.002 px^2 across it."""
     away = torch.arange(61, dtype=torch.float64) - 30
     spot = torch.exp(-(away[:, None] ** 2 + away**2) / 8)[None, None].float()
@@ -124,17 +121,17 @@ def test_a_spot_spreads_by_the_variance_of_its_path(length_px: float, longest_px
         assert float((share * away[:, None] ** 2).sum()) - 4 == pytest.approx(0.0, abs=2e-3)
 
 
-def pictures(batch: int = 1) -> Tensor:
+def pictures(batch=1):
     return torch.rand(batch, 1, 47, 61, generator=torch.Generator().manual_seed(5)) * 0.8
 
 
-def stage(name: str, **conditions: Any) -> Any:
+def stage(name, **conditions):
     needs = plan(CAMERA, exposure_s=0.01, illuminance_lux=100.0, **conditions)
     return next(each for each in needs.stages if each.name == name)
 
 
 @pytest.mark.parametrize(("length_px", "difference_px"), [(1.3, 0.2), (8.0, 0.5), (0.4, 1.0)])
-def test_the_bound_holds_for_the_worst_picture(length_px: float, difference_px: float) -> None:
+def test_the_bound_holds_for_the_worst_picture(length_px, difference_px):
     """Black and white without correlation, and a checkerboard; one motion in the place of a longer or turned one."""
     noise = (torch.rand(1, 1, 256, 256, generator=torch.Generator().manual_seed(1)) > 0.5).double()
     noise[..., :128, :] = torch.arange(128)[:, None].add(torch.arange(256)) % 2
@@ -146,7 +143,7 @@ def test_the_bound_holds_for_the_worst_picture(length_px: float, difference_px: 
         assert 0 < error <= transfer.motion_variation_error(difference_px)
 
 
-def test_the_plan_says_when_one_motion_does() -> None:
+def test_the_plan_says_when_one_motion_does():
     """White at 100 lux and 10 ms is so many DN that 0.484 of it per px is within 0.1 DN below some 1e-3 px."""
     none, little, much = (
         stage("motion variation", displacement_px=(5.0, 0.0), variation_px=px) for px in (0.0, 1e-6, 1.0)
@@ -162,7 +159,7 @@ def test_the_plan_says_when_one_motion_does() -> None:
         stage("motion", variation_px=-1.0)
 
 
-def test_a_constant_flow_is_the_uniform_motion_to_the_bit() -> None:
+def test_a_constant_flow_is_the_uniform_motion_to_the_bit():
     image = pictures(2)
     flow = torch.tensor([400.0, -90.0])[:, None, None].expand(2, 47, 61)
     found = simulate(image, CAMERA, velocity_px_s=flow, generator=[1, 2], **GIVEN)
@@ -172,7 +169,7 @@ def test_a_constant_flow_is_the_uniform_motion_to_the_bit() -> None:
 
 
 @pytest.mark.parametrize("row_time_s", [0.0, 2e-5])
-def test_every_picture_has_its_own_flow(row_time_s: float) -> None:
+def test_every_picture_has_its_own_flow(row_time_s):
     """And with a plan it is the same to a thousandth of full scale; at rest it is as without."""
     camera = replace(CAMERA, row_time_s=row_time_s, shutter="rolling" if row_time_s else "global")
     flow = torch.stack([FLOW, -0.3 * FLOW, 0 * FLOW])

@@ -1,7 +1,5 @@
 """Objects before a background: against moments, where they are known to be simpler, and in the chain."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -11,8 +9,7 @@ import pytest
 import sub_exposures
 import torch
 from blurnoise_eval.datasets import segmentation
-from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, SIZE, STILL, Motion, close, seen
-from torch import Tensor
+from layered_scenes import BACKGROUND, MATTE, OBJECT, OTHER, SECOND, SIZE, STILL, close, seen
 
 from blurnoise import Camera, ExposedScene, Layer, Trajectory, expose_layers, motion_blur, plan, simulate
 from blurnoise.blur import sub_exposures as blur_sub_exposures
@@ -37,7 +34,7 @@ BLACK = torch.zeros(1, 1, 40, 61, dtype=torch.float64)
     ("moved", "background"),
     [((24.0, 5.0), STILL), (STILL, (20.0, -8.0)), ((14.0, 10.0), (-12.0, 6.0)), ((10.0, 4.0), (10.0, 4.0))],
 )
-def test_exposures_are_the_mean_of_moments(moved: Motion, background: Motion) -> None:
+def test_exposures_are_the_mean_of_moments(moved, background):
     """To 0.6 DN; a blurred matte over the blurred picture errs by 5."""
     truth = sub_exposures.exposure(BACKGROUND, [(OBJECT, MATTE, moved)], background)
     middle = (..., slice(20, 70), slice(20, 100))
@@ -53,8 +50,8 @@ def test_exposures_are_the_mean_of_moments(moved: Motion, background: Motion) ->
     ("white", "background_px", "largest"), [(0.0, -10.0, 0.2488), (1.0, 5.0, 0.164), (1.0, 0.0, 0.0)]
 )
 def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
-    monkeypatch: pytest.MonkeyPatch, white: float, background_px: float, largest: float
-) -> None:
+    monkeypatch, white, background_px, largest
+):
     """An object 20 px wide that moves 10 px: a black one, the background a step at its edge, and a white one before
     (1 + cos(2 pi x / 7)) / 2. Sixteen samples a pixel; the mean of 201 hard edges is a staircase to 0.0025.
     """
@@ -74,7 +71,7 @@ def test_where_both_move_the_matte_formula_is_wrong_by_what_is_known(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("background", [STILL, (8.0, 3.0)])
-def test_objects_that_overlap_cover_each_other_as_they_pass(background: Motion) -> None:
+def test_objects_that_overlap_cover_each_other_as_they_pass(background):
     objects = [(OBJECT, MATTE, (24.0, 0.0)), (OTHER, SECOND, (-10.0, 6.0))]
     truth = sub_exposures.exposure(BACKGROUND, objects, background)
     layers, middle = [Layer(*each) for each in objects], (..., slice(20, 70), slice(20, 100))
@@ -84,18 +81,18 @@ def test_objects_that_overlap_cover_each_other_as_they_pass(background: Motion) 
 
 
 @pytest.mark.parametrize(("length", "share"), [(10, 0.05), (30, 0.15), (75, 0.375), (200, 0.75)])
-def test_the_share_that_is_seen_of_what_is_behind(length: float, share: float) -> None:
+def test_the_share_that_is_seen_of_what_is_behind(length, share):
     layer = Layer(torch.ones(1, 50, 50), torch.ones(50, 50), place_px=(300, 300))
     for moved in ((length, 0.0), (0.0, -length)):
         assert seen_behind(layer, [(layer, moved)], (650, 650)) == pytest.approx(share, abs=0.003)
 
 
 @pytest.mark.parametrize("background", [STILL, (-6.0, 3.0)])
-def test_gradients_reach_light_matte_and_velocities(background: Motion) -> None:
+def test_gradients_reach_light_matte_and_velocities(background):
     light, alpha = OBJECT.clone().requires_grad_(), (0.98 * MATTE + 0.01).requires_grad_()
     velocity = torch.tensor([9.3, 4.1], dtype=torch.float64, requires_grad=True)
 
-    def loss(velocity: Tensor) -> Tensor:
+    def loss(velocity):
         options = {"exposure_s": 1.0, "velocity_px_s": background}
         return (expose_layers(BACKGROUND[None], [Layer(light, alpha, velocity)], **options) * OTHER).sum()
 
@@ -109,7 +106,7 @@ def test_gradients_reach_light_matte_and_velocities(background: Motion) -> None:
         assert float(gradient.abs().max()) > 0
 
 
-def test_at_rest_and_in_equal_motion_it_is_the_composite_and_everywhere_the_object() -> None:
+def test_at_rest_and_in_equal_motion_it_is_the_composite_and_everywhere_the_object():
     composite = (OBJECT * MATTE + (1 - MATTE) * BACKGROUND)[None]
     close(seen(STILL, STILL), composite)
     close(expose_layers(BACKGROUND[None], [Layer(OBJECT, MATTE, (500.0, 0.0))], exposure_s=0.0), composite)
@@ -119,7 +116,7 @@ def test_at_rest_and_in_equal_motion_it_is_the_composite_and_everywhere_the_obje
     close(seen((14.0, 7.5), (9.0, -4.0), alpha=0 * every), motion_blur(BACKGROUND[None], (9.0, -4.0)))
 
 
-def test_the_rest_of_the_picture_is_untouched() -> None:
+def test_the_rest_of_the_picture_is_untouched():
     """Beyond the window nothing differs, to the last bit, whether or not the background moves."""
     rows, columns = slice(30, 60), slice(44, 74)
     layer = Layer(OBJECT[:, rows, columns], MATTE[rows, columns], (10.0, 0.0), (44, 30))
@@ -136,9 +133,7 @@ def test_the_rest_of_the_picture_is_untouched() -> None:
     [(40.0, -14, 0, 0.3), (4.0, -100, 0, 0.0), (8.0, 0, 0, 1.0), (8.0, 1, 1, 0.56), (24.0, 46, 60, 0.38)],
 )
 @pytest.mark.parametrize("background", [STILL, (3.0, 2.0)])
-def test_what_lies_outside_comes_in_and_what_meets_the_border_goes_on(
-    moved_px: float, left: int, at: int, light: float, background: Motion
-) -> None:
+def test_what_lies_outside_comes_in_and_what_meets_the_border_goes_on(moved_px, left, at, light, background):
     """12 px wide: all of it passes the border in 12 of 40 px; the third goes on beyond it, the last leaves.
 
     Empty margins of a layer as large as the picture are nothing.
@@ -155,7 +150,7 @@ def test_what_lies_outside_comes_in_and_what_meets_the_border_goes_on(
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (700.0, -300.0)])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
 @pytest.mark.parametrize("defocus_px", [0.0, 2.5])
-def test_simulate_exposes_what_layers_make(velocity: Motion, fidelity: Any, defocus_px: float) -> None:
+def test_simulate_exposes_what_layers_make(velocity, fidelity, defocus_px):
     """The lens blurs what the motions make, not the layers alone, whose mattes it would soften twice."""
     camera = replace(CAMERA, defocus_radius_px=defocus_px)
     light = expose_layers(DARKER, [SQUARE], exposure_s=0.01, velocity_px_s=velocity)
@@ -165,7 +160,7 @@ def test_simulate_exposes_what_layers_make(velocity: Motion, fidelity: Any, defo
     assert float((found - without).abs().max()) > 100
 
 
-def test_every_picture_has_its_own_layers_whatever_its_plan() -> None:
+def test_every_picture_has_its_own_layers_whatever_its_plan():
     """In the dark and in the light, with and without objects, before rows, a path and a flow: as those alone."""
     flow = torch.tensor([[-300.0], [100.0]])[..., None] * torch.linspace(0.5, 1.5, 84).expand(1, 61, -1)
     given: dict[str, Any] = {"illuminance_lux": [0.01, 100.0, 1000.0], "generator": [4, 5, 6]}
@@ -183,7 +178,7 @@ def test_every_picture_has_its_own_layers_whatever_its_plan() -> None:
             assert torch.equal(together[[place]], simulate(DARKER, camera, exposure_s=0.01, **moves, **own))
 
 
-def test_gradients_reach_velocities_through_the_chain() -> None:
+def test_gradients_reach_velocities_through_the_chain():
     velocity = torch.tensor([900.0, 300.0], requires_grad=True)
     for camera in (CAMERA, ROLLING):
         frame = simulate(DARKER, camera, **MEAN, layers=[replace(SQUARE, velocity_px_s=velocity)])
@@ -191,7 +186,7 @@ def test_gradients_reach_velocities_through_the_chain() -> None:
         assert float(gradient.abs().max()) > 0
 
 
-def test_plans_keep_objects_and_bound_them() -> None:
+def test_plans_keep_objects_and_bound_them():
     taken = {"exposure_s": 0.01, "illuminance_lux": 100.0}
     moving = plan(CAMERA, **taken, objects=(object_motion(SQUARE, 0.01, (61, 84)),))
     row = {stage.name: stage for stage in moving.stages}["objects"]
@@ -207,7 +202,7 @@ def test_plans_keep_objects_and_bound_them() -> None:
 @pytest.mark.parametrize(
     ("moved", "background"), [(0.02, 0.0), (0.3, 0.0), (1.0, 0.9), (6.0, -3.0), (40.0, 0.0)]
 )
-def test_the_bound_holds_for_black_and_white(moved: float, background: float) -> None:
+def test_the_bound_holds_for_black_and_white(moved, background):
     """Against one motion for all, the background's."""
     generator = torch.Generator().manual_seed(3)
     scene, light = (torch.randint(0, 2, (1, 1, 64, 80), generator=generator).double() for _ in range(2))
@@ -220,7 +215,7 @@ def test_the_bound_holds_for_black_and_white(moved: float, background: float) ->
     assert float((one - other).square().mean().sqrt()) <= OBJECTS.bound(at)
 
 
-def test_later_captures_have_it_further_on() -> None:
+def test_later_captures_have_it_further_on():
     """The second of two, 1/8 as long and right behind the first: its middle 0.5625 of an exposure later, 9 px."""
     taken = {name: value for name, value in MEAN.items() if name != "encoding"}
     frames = captured(ExposedScene(0 * DARKER, layers=[SQUARE]), CAMERA, staggered(8), generator=[1], **taken)
@@ -255,12 +250,12 @@ SMALL = torch.zeros(1, 3, 9, 11)
         (lambda: simulate(SMALL, ROLLING, **TAKEN, layers=[Layer(**ONE, velocity_px_s=(0.0, 9e6))]), "overtaken"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_named(call: Any, message: str) -> None:
+def test_what_cannot_be_is_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
 
 
-def box_of_light(*, soft: bool) -> tuple[Tensor, np.ndarray]:
+def box_of_light(*, soft):
     """A red square before a grey slope, and its matte; soft: its edges half a pixel."""
     left, top = (30.5, 20.5) if soft else (30, 20)
     matte = segmentation.of_box(left, top, 20, 16, (61, 84))
@@ -268,7 +263,7 @@ def box_of_light(*, soft: bool) -> tuple[Tensor, np.ndarray]:
     return torch.tensor([0.8, 0.1, 0.05])[None, :, None, None] * share + (1 - share) * behind, matte
 
 
-def test_an_object_is_cut_out_with_its_own_colours() -> None:
+def test_an_object_is_cut_out_with_its_own_colours():
     """The mixed edge of the picture is no part of the object's colour: a plain blend would keep the grey."""
     light, matte = box_of_light(soft=True)
     cut = cutting.cut_out(light, [matte], [(100.0, 0.0)])
@@ -280,7 +275,7 @@ def test_an_object_is_cut_out_with_its_own_colours() -> None:
     assert float((light[0, 1, 28, 30] - 0.1).abs()) > 0.05
 
 
-def test_what_is_behind_is_invented_there_alone() -> None:
+def test_what_is_behind_is_invented_there_alone():
     light, matte = box_of_light(soft=True)
     cut = cutting.cut_out(light, [matte], [(100.0, 0.0)])
     expected = torch.linspace(0.2, 0.6, (61, 84)[1]).expand(1, 3, 61, 84)
@@ -292,7 +287,7 @@ def test_what_is_behind_is_invented_there_alone() -> None:
     assert (cut.invented == grown).all()
 
 
-def test_an_object_at_the_border_goes_on() -> None:
+def test_an_object_at_the_border_goes_on():
     light = torch.full((1, 3, 61, 84), 0.5)
     matte = segmentation.of_box(0, 20, 12, 16, (61, 84))
     light[..., 20:36, :12] = 0.9
@@ -301,7 +296,7 @@ def test_an_object_at_the_border_goes_on() -> None:
     assert float((layer.light[:, 2:-2, 0] - 0.7).abs().max()) == 0.0
 
 
-def test_what_cannot_be_cut_out() -> None:
+def test_what_cannot_be_cut_out():
     light, matte = box_of_light(soft=False)
     for wrong, message in (
         (np.zeros((61, 84), np.float32), "is empty"),

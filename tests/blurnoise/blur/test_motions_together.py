@@ -1,14 +1,12 @@
 """Every pair of motions, and all at once, against each pixel's mean over its row's window of what passes it."""
 
-from __future__ import annotations
-
 import motion_oracle
 import pytest
 import torch
 from motion_oracle import MOTIONS, Combination
 
 
-def allowed_dn(of: Combination) -> float:
+def allowed_dn(of):
     """A flow is one for the whole exposure, which a zoom is not quite; a reset exposes rows 2.6 times as long."""
     return (1.3 if of.reset else 0.6) if "flow" in of.motions else 0.3
 
@@ -16,7 +14,7 @@ def allowed_dn(of: Combination) -> float:
 @pytest.mark.parametrize(
     "of", motion_oracle.combinations_of(2), ids=lambda of: " and ".join(m for m in MOTIONS if m in of.motions)
 )
-def test_pairs(of: Combination) -> None:
+def test_pairs(of):
     expected = motion_oracle.truth(of, 128)
     assert motion_oracle.error_dn(motion_oracle.found(of, torch.float32), expected) < allowed_dn(of)
     assert motion_oracle.error_dn(motion_oracle.STREET, expected) > 2
@@ -25,7 +23,7 @@ def test_pairs(of: Combination) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("readout", ["rolling", "global reset"])
 @pytest.mark.parametrize("kind", [torch.float32, torch.float64])
-def test_all_at_once(readout: str, kind: torch.dtype) -> None:
+def test_all_at_once(readout, kind):
     """To 2 DN, and far from what each alone left out would be."""
     of = Combination(frozenset({"path", "flow", "objects", readout}))
     expected = motion_oracle.truth(of, 128)
@@ -36,7 +34,7 @@ def test_all_at_once(readout: str, kind: torch.dtype) -> None:
         assert motion_oracle.error_dn(motion_oracle.found(without, kind), expected) > 2 * error_dn
 
 
-def test_gradients_pass_all_at_once() -> None:
+def test_gradients_pass_all_at_once():
     of = Combination(frozenset({"path", "flow", "objects", "rolling"}))
     light = torch.from_numpy(motion_oracle.STREET)[None].requires_grad_()
     motion_oracle.exposed(of, light).square().mean().backward()

@@ -1,19 +1,15 @@
 """Resampling and defocus that changes over the picture: positions, waves, borders, every pixel's disc, bits."""
 
-from __future__ import annotations
-
 import cmath
 import math
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 import torch
 from scipy.interpolate import BSpline
-from torch import Tensor
 
-from blurnoise._core.borders import BORDERS, Border, extended
+from blurnoise._core.borders import BORDERS, extended
 from blurnoise.blur import convolution, fourier, over_the_field, resampling
 from blurnoise.blur.over_the_field import TOLERANCE, defocus, discs
 from blurnoise.blur.resampling import sampled
@@ -23,17 +19,17 @@ from blurnoise.optics.transfer import Optics
 H, W = 31, 43
 
 
-def noise(kind: torch.dtype = torch.float64, *shape: int) -> Tensor:
+def noise(kind=torch.float64, *shape):
     shape = shape or (1, 2, H, W)
     return torch.rand(*shape, generator=torch.Generator().manual_seed(1), dtype=torch.float64).to(kind)
 
 
-def places(seed: int = 0, margin: float = 0.0) -> tuple[Any, Any]:
+def places(seed=0, margin=0.0):
     rng = np.random.default_rng(seed)
     return rng.uniform(-margin, W - 1 + margin, (11, 17)), rng.uniform(-margin, H - 1 + margin, (11, 17))
 
 
-def test_positions_are_exact() -> None:
+def test_positions_are_exact():
     """A ramp is seen where it is, which OpenCV's cubic misses by 0.048 px."""
     ramp = torch.arange(W, dtype=torch.float64).expand(1, 1, H, W).contiguous()
     x = np.linspace(15, 25, 401)[None].repeat(3, 0)
@@ -45,7 +41,7 @@ def test_positions_are_exact() -> None:
     assert np.abs(cubic - x).max() > 0.04
 
 
-def response(f: float, shift_px: float = 0.5) -> complex:
+def response(f, shift_px=0.5):
     """What a cardinal spline of the fifth degree keeps of a wave of f cycles/px, by SciPy's; 1 is no loss."""
     spline = BSpline.basis_element(np.arange(-3.0, 4.0), extrapolate=False)
     places = np.arange(-3, 4)
@@ -54,7 +50,7 @@ def response(f: float, shift_px: float = 0.5) -> complex:
 
 
 @pytest.mark.parametrize("shift", [0.5, 0.3])
-def test_response_is_that_of_the_picture(shift: float) -> None:
+def test_response_is_that_of_the_picture(shift):
     """A complex wave of a whole number of periods, seen ``shift`` away: what comes back at its own frequency."""
     n, periods = 40, 14
     f = periods / n
@@ -70,7 +66,7 @@ def test_response_is_that_of_the_picture(shift: float) -> None:
 
 
 @pytest.mark.parametrize("border", BORDERS)
-def test_outside_the_picture_its_border_goes_on(border: Any) -> None:
+def test_outside_the_picture_its_border_goes_on(border):
     image, (x, y) = noise(), places(margin=12.0)
     wide = extended(image, (80, 80), (H + 160, W + 160), border)
     expected = sampled(wide, x + 80, y + 80, "replicate")
@@ -82,7 +78,7 @@ def test_outside_the_picture_its_border_goes_on(border: Any) -> None:
 
 
 @pytest.mark.parametrize("border", BORDERS)
-def test_both_routes_agree(border: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_routes_agree(border, monkeypatch):
     image, (x, y) = noise(torch.float32, 2, 3, H, W), places(margin=5.0)
     assert resampling._remaps_exactly()
     quick = sampled(image, x, y, border)
@@ -91,7 +87,7 @@ def test_both_routes_agree(border: Any, monkeypatch: pytest.MonkeyPatch) -> None
     assert float((sampled(image.double(), x, y, border) - quick).abs().max()) < 3e-4
 
 
-def test_bits_depend_on_neither_batch_nor_threads() -> None:
+def test_bits_depend_on_neither_batch_nor_threads():
     image, radius = torch.rand(3, 2, 300, 400), radii(0.1, 2.0, 300, 400)
     x, y = np.meshgrid(np.linspace(3, 390, 400), np.linspace(2, 290, 300))
     before = torch.get_num_threads()
@@ -105,19 +101,19 @@ def test_bits_depend_on_neither_batch_nor_threads() -> None:
             torch.set_num_threads(before)
 
 
-def radii(centre: float, corner: float, height: int = H, width: int = W, per_px: int = 16) -> Any:
+def radii(centre, corner, height=H, width=W, per_px=16):
     y, x = np.mgrid[:height, :width]
     squared = (y - (height - 1) / 2) ** 2 + (x - (width - 1) / 2) ** 2
     return np.round(per_px * np.abs(centre + (corner - centre) * squared / squared.max())) / per_px
 
 
-def picture(height: int = H, width: int = W) -> torch.Tensor:
+def picture(height=H, width=W):
     """Black and white without correlation: the worst there is."""
     made = torch.rand(1, 2, height, width, generator=torch.Generator().manual_seed(4))
     return (made > 0.5).double()
 
 
-def dense(image: torch.Tensor, radius_px: Any, border: Border = "reflect") -> torch.Tensor:
+def dense(image, radius_px, border="reflect"):
     """Every pixel from the blur of the whole picture, continued so far that its disc's tail is known, by its disc."""
     far = 120
     plane = extended(image, (far, far), (H + 2 * far, W + 2 * far), border)
@@ -131,7 +127,7 @@ def dense(image: torch.Tensor, radius_px: Any, border: Border = "reflect") -> to
 
 @pytest.mark.parametrize(("centre", "corner"), [(0.3, 3.3), pytest.param(4.0, 6.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("border", ["reflect", "constant"])
-def test_every_pixel_has_its_own_disc(centre: float, corner: float, border: Border) -> None:
+def test_every_pixel_has_its_own_disc(centre, corner, border):
     """Within the tolerance of the worst disc in the field, and as much of the tails beyond the margin."""
     image, radius = picture(), radii(centre, corner)
     off = defocus(image, radius, border=border) - dense(image, radius, border)
@@ -140,7 +136,7 @@ def test_every_pixel_has_its_own_disc(centre: float, corner: float, border: Bord
 
 
 @pytest.mark.parametrize("lasting", [False, True], ids=["packed", "torch"])
-def test_tiles_of_a_large_picture_meet(lasting: bool) -> None:
+def test_tiles_of_a_large_picture_meet(lasting):
     """A picture cut, and not cut: each within its tolerance of the other."""
     image, radius = picture(480, 640).requires_grad_(lasting), radii(0.2, 4.0, 480, 640)
     nodes = discs(0.2, 4.0)
@@ -150,7 +146,7 @@ def test_tiles_of_a_large_picture_meet(lasting: bool) -> None:
     assert 0 < float(off.square().mean().sqrt()) < 2 * TOLERANCE  # the tail beyond each margin is 1e-4
 
 
-def test_defocus_by_both_routes_and_precisions_agrees() -> None:
+def test_defocus_by_both_routes_and_precisions_agrees():
     image, radius = picture().expand(2, -1, -1, -1), radii(0.3, 2.0)
     double = defocus(image, radius)
     general = defocus(image.clone().requires_grad_(), radius).detach()
@@ -158,12 +154,12 @@ def test_defocus_by_both_routes_and_precisions_agrees() -> None:
     torch.testing.assert_close(defocus(image.float(), radius).double(), double, atol=5e-6, rtol=0)
 
 
-def test_gradients_of_defocus() -> None:
+def test_gradients_of_defocus():
     image = torch.rand(1, 1, 5, 7, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(lambda light: defocus(light, radii(0.2, 1.5, 5, 7)), image)
 
 
-def test_discs_are_as_few_as_serve_and_more_than_can_be_blended_is_named() -> None:
+def test_discs_are_as_few_as_serve_and_more_than_can_be_blended_is_named():
     assert [len(discs(0.0, most)) for most in (0.0, 3.0)] == [1, 9]
     with pytest.raises(
         ValueError, match="field_curvature_px: discs from 0 to 300 px in one picture are too many"
@@ -172,17 +168,17 @@ def test_discs_are_as_few_as_serve_and_more_than_can_be_blended_is_named() -> No
 
 
 @pytest.mark.parametrize(("x", "y"), [(-4, 2), (0, -5), (60, 0)])
-def test_translation_copies_whole_pixels(x: int, y: int) -> None:
+def test_translation_copies_whole_pixels(x, y):
     seen = translated(noise(), (float(x), float(y)), "circular")
     torch.testing.assert_close(seen, torch.roll(noise(), (y, x), (-2, -1)), rtol=0, atol=0)
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.3, 0.0), (-5.31, 1.5)])
-def test_waves_are_displaced(x: float, y: float) -> None:
+def test_waves_are_displaced(x, y):
     """In the middle; near the border the wave goes on as its mirror image."""
     down, across = torch.meshgrid(torch.arange(160.0), torch.arange(181.0), indexing="ij")
 
-    def wave(x: float, y: float) -> torch.Tensor:
+    def wave(x, y):
         phases = 2 * math.pi * (0.21 * (across - x) + 0.13 * (down - y))
         return (0.5 + 0.4 * torch.sin(phases))[None, None]
 

@@ -1,7 +1,5 @@
 """Rolling shutter: against rows exposed one by one and closed forms; in the chain: boxes, plans, batches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -30,27 +28,23 @@ TAKEN: dict[str, Any] = {"exposure_s": EXPOSURE_S, "illuminance_lux": 100.0}
 MEAN: dict[str, Any] = {**TAKEN, "noise": False, "quantised": False, "fidelity": "full", "encoding": "linear"}
 
 
-def picture() -> torch.Tensor:
+def picture():
     return torch.from_numpy(photograph(*SIZE))
 
 
-def of_rows(light: torch.Tensor, path: Trajectory, readout: Readout, border: Any) -> torch.Tensor:
+def of_rows(light, path, readout, border):
     """Each row exposed in its own window of a path, as bright as that is long."""
     still, exposure = light.new_zeros(2), light.new_tensor(readout.exposure_s)
     seen = moved(light, Displacement(still, exposure, readout, path), border)
     return seen * torch.from_numpy(readout.light).to(light)[:, None]
 
 
-def rolled_at_once(
-    light: torch.Tensor, moved: torch.Tensor, exposure: torch.Tensor, row_s: float, border: Any
-) -> torch.Tensor:
+def rolled_at_once(light, moved, exposure, row_s, border):
     readout = Readout(light.shape[-2], row_s, float(exposure.detach()))
     return rows.rolled(light, Displacement(moved, exposure, readout), border)
 
 
-def in_uniform_motion(
-    velocity: tuple[float, float], row_s: float = ROW_S, light: torch.Tensor | None = None
-) -> torch.Tensor:
+def in_uniform_motion(velocity, row_s=ROW_S, light=None):
     x, y = velocity
     light = picture() if light is None else light
     blurred = convolution.motion_blur(
@@ -59,7 +53,7 @@ def in_uniform_motion(
     return warped(blurred, velocity, row_s, "circular")
 
 
-def along(path: Trajectory) -> Any:
+def along(path):
     """Places at times, about that of mid-exposure."""
     origin = path.origin_px(EXPOSURE_S)
     return lambda s: tuple(np.interp(s, path.time_s, x) - o for x, o in zip((path.x_px, path.y_px), origin))  # noqa: B905
@@ -67,7 +61,7 @@ def along(path: Trajectory) -> Any:
 
 @pytest.mark.parametrize("velocity", [(600, 0), (0, 300), (500, -400)])
 @pytest.mark.parametrize("scan", [1, -1])
-def test_uniform_motion_by_brute_force(velocity: tuple[float, float], scan: int) -> None:
+def test_uniform_motion_by_brute_force(velocity, scan):
     """Every row by 128 Lanczos sub-exposures; to 0.1 DN both of the warp and of rows in their own windows.
 
     Those of a path that runs along rows and across them are sub-exposures a pixel apart themselves: to 0.2 DN.
@@ -85,7 +79,7 @@ def test_uniform_motion_by_brute_force(velocity: tuple[float, float], scan: int)
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "constant", "circular"])
 @pytest.mark.parametrize("velocity", [(900.0, -500.0), (900.0, 0.0), (0.0, 500.0)])
-def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], border: Any) -> None:
+def test_the_whole_picture_up_to_its_border(velocity, border):
     """As of a scene that is continued far beyond what comes in, with gradients as without."""
     size, row_s, far = (120, 160 if velocity[0] else 8), 96e-6, 64
     light = torch.from_numpy(photograph(*size))
@@ -111,7 +105,7 @@ def test_the_whole_picture_up_to_its_border(velocity: tuple[float, float], borde
 
 @pytest.mark.parametrize("direction_deg", [0.0, 90.0, 30.0])
 @pytest.mark.parametrize("reset", [False, True])
-def test_vibration_by_brute_force(direction_deg: float, reset: bool) -> None:
+def test_vibration_by_brute_force(direction_deg, reset):
     """Along rows and across them to 0.1 DN, both, by sub-exposures a pixel apart, to 0.3; one window for all: 2."""
     readout = Readout(SIZE[0], ROW_S, EXPOSURE_S, reset)
     path = Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=direction_deg, phase_rad=0.3)
@@ -133,7 +127,7 @@ def test_vibration_by_brute_force(direction_deg: float, reset: bool) -> None:
     ("amplitude_px", "frequency_hz", "exposure_s"),
     [(3.0, 2400.0, 0.01), (0.5, 1600.0, 0.01), (1.0, 480.0, 1 / 30)],
 )
-def test_fast_vibration_down_the_rows(amplitude_px: float, frequency_hz: float, exposure_s: float) -> None:
+def test_fast_vibration_down_the_rows(amplitude_px, frequency_hz, exposure_s):
     """Whole periods in each window: J0 of the frequency. 24 or 16 even moments hit the same phase in every period:
     15.6, 5.0 and 8.0 DN, more than not blurring at all."""
     readout = Readout(SIZE[0], 2e-5, exposure_s)
@@ -146,7 +140,7 @@ def test_fast_vibration_down_the_rows(amplitude_px: float, frequency_hz: float, 
     assert rms_dn(seen, light) > 1.0
 
 
-def test_global_reset() -> None:
+def test_global_reset():
     """The last of 1280 rows is 4.08 times as bright as the first; a flash within all windows freezes all rows."""
     readout = Readout(1280, 24.098e-6, 0.01, reset=True)
     assert readout.light[-1] / readout.light[0] == pytest.approx(4.08, abs=0.005)
@@ -159,7 +153,7 @@ def test_global_reset() -> None:
     np.testing.assert_allclose(seen[0, 0, :, 0].numpy(), readout.light, rtol=1e-6)
 
 
-def test_limits() -> None:
+def test_limits():
     light = picture()
     assert warped(light, (0.0, 0.0), ROW_S, "reflect") is light
     with pytest.raises(ValueError, match=r"velocity_px_s = 4000 down: must be below 3333\.33"):
@@ -168,7 +162,7 @@ def test_limits() -> None:
     torch.testing.assert_close(warped(constant, (500.0, 300.0), ROW_S, "reflect"), constant)
 
 
-def test_off_is_as_it_was() -> None:
+def test_off_is_as_it_was():
     """To the bit: no row time; and a rolling shutter before a scene at rest."""
     light = torch.rand(2, 3, *SIZE, generator=torch.Generator().manual_seed(1))
     moving: dict[str, Any] = {**TAKEN, "velocity_px_s": [(500.0, 300.0), (90.0, -20.0)], "generator": [1, 2]}
@@ -178,7 +172,7 @@ def test_off_is_as_it_was() -> None:
     assert not torch.equal(simulate(light, ROLLING, **moving), simulate(light, GLOBAL, **moving))
 
 
-def test_pictures_of_a_batch_do_not_meet() -> None:
+def test_pictures_of_a_batch_do_not_meet():
     light = torch.rand(3, 3, *SIZE, generator=torch.Generator().manual_seed(1))
     moves = {"velocity_px_s": [(500.0, 300.0), (90.0, -20.0), (300.0, 0.0)], "generator": [1, 2, 3]}
     moves |= {"trajectory": [None, *(Trajectory.sinusoid(3.0, 80.0, 0.1, direction_deg=d) for d in (0, 20))]}
@@ -189,7 +183,7 @@ def test_pictures_of_a_batch_do_not_meet() -> None:
         assert torch.equal(together[[item]], simulate(light[[item]], camera, **TAKEN, **one))
 
 
-def test_rows_are_read_in_the_sensor_s_time_and_upwards_as_downwards_of_the_flipped() -> None:
+def test_rows_are_read_in_the_sensor_s_time_and_upwards_as_downwards_of_the_flipped():
     """A picture of half the sensor's rows rolls by as much of its height."""
     light = torch.rand(1, 1, *SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     down = simulate(light, ROLLING, **MEAN, velocity_px_s=(500.0, 300.0))
@@ -212,7 +206,7 @@ PATH = Trajectory.sinusoid(4.0, 30.0, 0.2, direction_deg=35.0, phase_rad=0.8)
         ((30, 84), {"velocity_px_s": (600.0, -400.0)}, BARREL),
     ],
 )
-def test_boxes_are_where_the_picture_has_them(place: tuple[int, int], moves: Any, lens: Lens) -> None:
+def test_boxes_are_where_the_picture_has_them(place, moves, lens):
     """A bright square's centroid over a dark ground; behind a lens that distorts either alone is elsewhere."""
     size = (120, 160) if lens.distortion else (40, 64)
     camera = replace(ROLLING, width_px=size[1], height_px=size[0], row_time_s=1.5e-4, lens=lens)
@@ -223,7 +217,7 @@ def test_boxes_are_where_the_picture_has_them(place: tuple[int, int], moves: Any
     box = torch.tensor([[x, y, x + 8.0, y + 6.0]], dtype=torch.float64)
     taken = Exposure(camera, 0.01, 100.0, **moves)
 
-    def middle(of: Exposure) -> Any:
+    def middle(of):
         left, top, right, bottom = of.move_boxes(box, size)[0].tolist()
         return np.array([left + right, top + bottom]) / 2
 
@@ -236,7 +230,7 @@ def test_boxes_are_where_the_picture_has_them(place: tuple[int, int], moves: Any
     assert float(inside.sum() / weight.sum()) > 0.97
 
 
-def test_plan() -> None:
+def test_plan():
     told = {stage.name: stage for stage in plan(ROLLING, **TAKEN, displacement_px=(5.0, 3.0)).stages}
     assert told["rolling shutter"].kept
     assert "+0.15, +0.09 px per row, after the blur" in told["rolling shutter"].how
@@ -246,7 +240,7 @@ def test_plan() -> None:
     assert "rolling shutter" not in plan(RESET, **TAKEN).without
 
 
-def test_bound_holds() -> None:
+def test_bound_holds():
     """Of what leaving it out changes a picture of black and white pixels."""
     light = (torch.rand(1, 1, *SIZE, generator=torch.Generator().manual_seed(1)) > 0.5).double()
     effect = next(each for each in effects.EFFECTS if each.name == "rolling shutter")
@@ -260,9 +254,7 @@ def test_bound_holds() -> None:
 
 @pytest.mark.parametrize("camera", [ROLLING, replace(ROLLING, scan="up"), RESET], ids=["down", "up", "reset"])
 @pytest.mark.parametrize("velocity", [(500.0, 300.0), (500.0, -300.0), (0.0, 0.0), (-300.0, 100.0)])
-def test_swept_boxes_hold_what_tall_boxes_cover_and_no_more(
-    camera: Camera, velocity: tuple[float, float]
-) -> None:
+def test_swept_boxes_hold_what_tall_boxes_cover_and_no_more(camera, velocity):
     """Against every row of a tall box at 4000 times: where it is exposed, the box is between two sides."""
     shake = None if velocity[0] > 0 else PATH
     left, top, right, bottom = box = (20.0, 4.0, 30.0, 36.0)

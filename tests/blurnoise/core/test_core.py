@@ -1,7 +1,5 @@
 """Seeds and draws, threads, documents and files, and fields checked against their annotations."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess
@@ -10,7 +8,7 @@ import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pytest
@@ -24,7 +22,7 @@ from blurnoise._core.files import read_document, read_samples
 from blurnoise._core.threads import side_by_side
 
 
-def test_item_depends_on_its_seed_alone() -> None:
+def test_item_depends_on_its_seed_alone():
     like = torch.empty(3, 2, 17, 19)
     together = rng.standard_normal([5, 6, 7], like)
     assert torch.equal(together[1:2], rng.standard_normal([6], like[:1]))
@@ -32,7 +30,7 @@ def test_item_depends_on_its_seed_alone() -> None:
     assert not torch.equal(together[0], together[1])
 
 
-def test_bits_do_not_depend_on_threads() -> None:
+def test_bits_do_not_depend_on_threads():
     like = torch.empty(1, 3, 200, 300)
     before = torch.get_num_threads()
     fields = []
@@ -45,7 +43,7 @@ def test_bits_do_not_depend_on_threads() -> None:
         assert torch.equal(counts, fields[0][1])
 
 
-def test_generator_gives_one_seed_per_item() -> None:
+def test_generator_gives_one_seed_per_item():
     first = rng.item_seeds(torch.Generator().manual_seed(9), 4)
     assert len(set(first)) == 4
     assert first[:2] == rng.item_seeds(torch.Generator().manual_seed(9), 2)
@@ -57,7 +55,7 @@ def test_generator_gives_one_seed_per_item() -> None:
         assert len(str(error.value)) < 250
 
 
-def test_normal_and_counts_of_a_seed_are_apart() -> None:
+def test_normal_and_counts_of_a_seed_are_apart():
     """Of n = 240 000: mean, variance and correlation within 5 standard errors."""
     like = torch.empty(1, 1, 400, 600)
     normal, counts = (
@@ -73,7 +71,7 @@ def test_normal_and_counts_of_a_seed_are_apart() -> None:
 @pytest.mark.parametrize(
     ("mean", "distance"), [(0.0, 0.0), (0.1, 1e-5), (9.99, 2e-5), (10.0, 0.003), (100.0, 3e-4)]
 )
-def test_counts_of_a_normal_follow_poissons_law(mean: float, distance: float) -> None:
+def test_counts_of_a_normal_follow_poissons_law(mean, distance):
     """Equally likely z, a million of them: the counts' frequencies against the probabilities themselves."""
     z = torch.special.ndtri((torch.arange(1_000_000, dtype=torch.float64) + 0.5) / 1_000_000)
     counts = rng.poisson_of_normal(torch.full_like(z, mean), z).long()
@@ -88,22 +86,22 @@ def test_counts_of_a_normal_follow_poissons_law(mean: float, distance: float) ->
         assert float((off - chances).abs().sum() / 2) > 3 * distance
 
 
-def test_jobs_do_run_side_by_side() -> None:
+def test_jobs_do_run_side_by_side():
     """Two jobs that wait for each other end only if both run at once."""
     meeting = threading.Barrier(2, timeout=20)
     side_by_side(lambda _: meeting.wait(), range(2), 2)
 
 
-def test_a_jobs_jobs_run_in_turn() -> None:
+def test_a_jobs_jobs_run_in_turn():
     done: list[tuple[int, int]] = []
     side_by_side(lambda i: side_by_side(lambda j: done.append((i, j)), range(4), 2), range(4), 2)
     assert sorted(done) == [(i, j) for i in range(4) for j in range(4)]
 
 
-def test_the_first_error_is_raised_after_all_have_ended() -> None:
+def test_the_first_error_is_raised_after_all_have_ended():
     done: list[int] = []
 
-    def work(job: int) -> None:
+    def work(job):
         if job == 1:
             raise ValueError("job 1")
         done.append(job)
@@ -115,7 +113,7 @@ def test_the_first_error_is_raised_after_all_have_ended() -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
-def test_a_forked_process_has_threads_of_its_own() -> None:
+def test_a_forked_process_has_threads_of_its_own():
     code = (
         "import os\n"
         "from blurnoise._core.threads import side_by_side\n"
@@ -142,7 +140,7 @@ def test_a_forked_process_has_threads_of_its_own() -> None:
         ("a.json", "1" * 5000, "integer string conversion"),
     ],
 )
-def test_hostile_documents_are_refused_in_a_line(tmp_path: Path, name: str, text: str, fault: str) -> None:
+def test_hostile_documents_are_refused_in_a_line(tmp_path, name, text, fault):
     (tmp_path / name).write_text(text)
     with pytest.raises(ValueError, match=fault) as caught:
         read_document(tmp_path / name)
@@ -150,7 +148,7 @@ def test_hostile_documents_are_refused_in_a_line(tmp_path: Path, name: str, text
     assert len(str(caught.value)) < 400
 
 
-def test_values_are_shown_short_whatever_they_hold() -> None:
+def test_values_are_shown_short_whatever_they_hold():
     bomb: list[object] = ["ha"]
     for _ in range(40):
         bomb = [bomb] * 9
@@ -164,7 +162,7 @@ def test_values_are_shown_short_whatever_they_hold() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="has no pipes")
-def test_pipes_devices_and_other_bytes_are_refused(tmp_path: Path) -> None:
+def test_pipes_devices_and_other_bytes_are_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     ways = (
         read_document,
@@ -191,14 +189,14 @@ class Record:
     pair: Annotated[tuple[float, float] | None, "must be two numbers"] = None
     names: Annotated[tuple[Characters, ...], Len(1)] = ("x",)
     shares: tuple[Annotated[float, Ge(0), Le(1)], ...] = ()
-    records: tuple[Record, ...] = ()
+    records: tuple["Record", ...] = ()
     notes: Mapping[str, Text] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         check_fields(self)
 
 
-def test_lists_and_numpys_numbers_become_plain() -> None:
+def test_lists_and_numpys_numbers_become_plain():
     record = Record(share=np.float32(0.5), count=np.int64(3), level=2, pair=[1, np.float64(2)], names=["a"])  # type: ignore[arg-type]
     assert (record.share, record.count, record.level) == (0.5, 3, 2.0)
     assert [type(value) for value in (record.share, record.count, record.level)] == [float, int, float]
@@ -227,7 +225,7 @@ RANGE = "must be finite and >= 0 and <= 1"
         ({"notes": {7: "x"}}, TypeError, "notes.7 = 7: must be text"),
     ],
 )  # fmt: skip
-def test_faults_are_one_line(change: dict[str, Any], kind: type[Exception], message: str) -> None:
+def test_faults_are_one_line(change, kind, message):
     with pytest.raises((TypeError, ValueError)) as caught:
         Record(**change)
     assert issubclass(caught.type, kind)

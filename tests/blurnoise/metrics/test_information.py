@@ -1,7 +1,5 @@
 """Capacity, quanta and the ideal observer: published anchors, closed forms, limits; of edges: bias and intervals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -30,7 +28,7 @@ def band(count, stop=0.5):
     return torch.linspace(0, stop, count, dtype=DOUBLE)
 
 
-def test_perfect_camera_is_the_area_times_the_logarithm() -> None:
+def test_perfect_camera_is_the_area_times_the_logarithm():
     radial = shannon_capacity_radial(band(7), power=torch.ones(7), **SNR_300)
     square = shannon_capacity_square(band(7), band(7), power=torch.ones(7, 7), **SNR_300)
     assert float(radial) == pytest.approx(math.pi / 4 * math.log2(301), rel=1e-13)
@@ -50,7 +48,7 @@ def test_motion_before_the_pixel(length_px, radial, square):
     assert float(shannon_capacity_square(f, f, power=both, **SNR_300)) == pytest.approx(square, abs=2e-3)
 
 
-def test_coloured_noise_is_weighed_per_frequency_and_grids_are_cut_at_one_half() -> None:
+def test_coloured_noise_is_weighed_per_frequency_and_grids_are_cut_at_one_half():
     f, beyond = band(801), torch.arange(0, 0.73, 0.0049, dtype=DOUBLE)
     got = shannon_capacity_radial(f, power=(1 + f) / 100, signal_pp=60.0, noise_variance=1 + f)
     assert float(got) == pytest.approx(math.pi / 4 * 2, rel=1e-12)  # S/N = 3 everywhere
@@ -65,7 +63,7 @@ def test_coloured_noise_is_weighed_per_frequency_and_grids_are_cut_at_one_half()
     assert float(square_integral(fx, fy, density)) == pytest.approx(6, rel=1e-13)
 
 
-def test_noise_around_no_power_makes_up_for_itself() -> None:
+def test_noise_around_no_power_makes_up_for_itself():
     """S/N = 0 +- 0.03: cut at 0 it would give 0.6 x 0.03 bits per area; what stays is -0.03^2 / 2 / ln 2.
 
     4000 x 51 samples, the middle ones counting most: the mean of 0.03 / ln 2 is known to 1e-4.
@@ -114,7 +112,7 @@ def test_neq_is_the_photons_that_an_ideal_sensor_would_need():
     assert float(ideal) == pytest.approx(electrons, rel=1e-13)  # not 1/K, as eq. 8 as printed gives
 
 
-def test_ideal_observer_agrees_with_blur_in_space() -> None:
+def test_ideal_observer_agrees_with_blur_in_space():
     """|G|² MTF² summed over frequencies is the energy of the blurred target summed over pixels."""
     target, sigma = torch.zeros(96, 101, dtype=DOUBLE), 2.0
     target[7:19, 20:32] = 8.0
@@ -139,7 +137,7 @@ def test_ideal_observer_agrees_with_blur_in_space() -> None:
         ({"noise_variance": torch.tensor([[1.0], [-1.0]])}, "noise_variance: must be >= 0"),
     ],
 )
-def test_wrong_arguments_are_named(change: dict, message: str) -> None:
+def test_wrong_arguments_are_named(change, message):
     right = {"frequency": band(11), "power": torch.ones(11), **SNR_300}
     shannon_capacity_radial(**right)
     with pytest.raises(ValueError, match=message):
@@ -155,7 +153,7 @@ BLUR = {"sigma_px": 0.3, "motion_px": (6.0, 0.0)}
 FREQUENCY = torch.arange(257, dtype=torch.float64) / 512
 
 
-def edges(count: int, cnr: float, seed: int = 0, **blur: object) -> list[SlantedEdge]:
+def edges(count, cnr, seed=0, **blur):
     generator = torch.Generator().manual_seed(seed)
     noise = torch.randn(count, 1, 100, 100, generator=generator, dtype=torch.float64) * STEP / cnr
     found = slanted_edge(
@@ -165,7 +163,7 @@ def edges(count: int, cnr: float, seed: int = 0, **blur: object) -> list[Slanted
     return found
 
 
-def power(**blur: object) -> torch.Tensor:
+def power(**blur):
     return torch.from_numpy(closed_mtf(FREQUENCY.numpy(), **blur)) ** 2
 
 
@@ -173,7 +171,7 @@ def power(**blur: object) -> torch.Tensor:
 @pytest.mark.parametrize(
     ("length_px", "cnr", "allowed"), [(6.0, 20.0, 0.03), (6.0, 6.0, 0.15), (20.0, 20.0, 0.15)]
 )
-def test_capacity_has_no_bias_and_its_intervals_hold(length_px: float, cnr: float, allowed: float) -> None:
+def test_capacity_has_no_bias_and_its_intervals_hold(length_px, cnr, allowed):
     """The scatter is 13, 40 and 56 %, so the mean of 120 is known to 1.2, 3.7 and 5 %; plain: 1, 23, 53 % off."""
     blur, noise = BLUR | {"motion_px": (length_px, 0.0)}, (STEP / cnr) ** 2
     truth = float(
@@ -185,7 +183,7 @@ def test_capacity_has_no_bias_and_its_intervals_hold(length_px: float, cnr: floa
 
 
 @pytest.mark.slow
-def test_two_dimensional_numbers_are_the_closed_forms() -> None:
+def test_two_dimensional_numbers_are_the_closed_forms():
     """Motion across x alone: the y edge sees a pixel. 24 pairs, so means are known to a fifth of the scatter."""
     cnr, still = 30.0, {"sigma_px": 0.3}
     pairs = edges(24, cnr, seed=1, **BLUR, angle_deg=3.0), edges(24, cnr, seed=2, **still, angle_deg=93.0)
@@ -208,7 +206,7 @@ def test_two_dimensional_numbers_are_the_closed_forms() -> None:
         assert np.mean([reading.low <= float(truth) <= reading.high for reading in found]) > 0.75
 
 
-def test_edges_give_estimates_with_reasons() -> None:
+def test_edges_give_estimates_with_reasons():
     """Of no edge none, without a bootstrap no interval, and an error where it is needed."""
     lost = slanted_edge(torch.full((50, 50), 0.5))
     (whole,), plain = edges(1, 20.0, sigma_px=0.5), slanted_edge(closed_edge(60, 60), bootstrap=0)
@@ -227,7 +225,7 @@ def test_edges_give_estimates_with_reasons() -> None:
 
 
 @pytest.mark.parametrize("bright", [0.8, 0.7991027380144089])
-def test_without_noise_numbers_are_infinite_and_flagged(bright: float) -> None:
+def test_without_noise_numbers_are_infinite_and_flagged(bright):
     """Rounding leaves a variance of 1e-33 of the second level: no noise either."""
     columns = torch.arange(100, dtype=torch.float64)
     edge = slanted_edge(torch.where(columns + columns[:, None] / 12 > 54, bright, 0.09989872824711392))

@@ -1,14 +1,10 @@
 """Patches: SNR, contrast, detection probability, coverage of intervals; PSNR and SSIM; bad patches."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 import torch
-from torch import Tensor
 
 from blurnoise import Camera, charts, simulate
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
@@ -17,18 +13,16 @@ WEBER = {"nominal": 1.0, "tolerance": 0.5}
 NARROW = {"nominal": 1.0, "tolerance": 0.23}
 
 
-def normal(mean: float, std: float, *shape: int, seed: int = 1) -> Tensor:
+def normal(mean, std, *shape, seed=1):
     g = torch.Generator().manual_seed(seed)
     return mean + std * torch.randn(*shape, generator=g, dtype=torch.float64)
 
 
-def closed(
-    mean_a: float, std_a: float, mean_b: float, std_b: float, nominal: float, tolerance: float
-) -> float:
+def closed(mean_a, std_a, mean_b, std_b, nominal, tolerance):
     """Detection probability of Gaussian patches (Geese, Seger, Paolillo 2018), exact while B stays above black."""
     low, high = sorted((1 + nominal * (1 - tolerance), 1 + nominal * (1 + tolerance)))
 
-    def above(ratio: float) -> float:
+    def above(ratio):
         """Probability that A is larger than ``ratio`` times B; 1/2 at the very bound without noise."""
         distance, spread = mean_a - ratio * mean_b, math.hypot(std_a, ratio * std_b)
         return 0.5 * (1 + math.erf(distance / max(spread, 1e-300) / math.sqrt(2)))
@@ -37,7 +31,7 @@ def closed(
 
 
 @pytest.mark.parametrize("how", [WEBER, NARROW])
-def test_all_pairs_are_counted(how: dict[str, float]) -> None:
+def test_all_pairs_are_counted(how):
     a, b = normal(120, 9, 2, 13, 17).round(), normal(60, 6, 2, 11, 9, seed=2).round()  # with ties at bounds
     got = detection_probability(a, b, **how)
     x, y = a.flatten(1)[:, :, None], b.flatten(1)[:, None, :]
@@ -48,7 +42,7 @@ def test_all_pairs_are_counted(how: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("how", [WEBER, NARROW])
-def test_interval_holds_the_truth_as_often_as_it_says(how: dict[str, float]) -> None:
+def test_interval_holds_the_truth_as_often_as_it_says(how):
     got = detection_probability(normal(120, 9, 1500, 15, 16), normal(60, 6, 1500, 14, 13, seed=2), **how)
     truth = closed(120, 9, 60, 6, **how)
     covered = float(((got.low < truth) & (got.high > truth)).double().mean())
@@ -58,7 +52,7 @@ def test_interval_holds_the_truth_as_often_as_it_says(how: dict[str, float]) -> 
     assert float((got.high - got.low).mean()) == pytest.approx(2 * 1.96 * spread, rel=0.1)
 
 
-def test_saturated_and_black_patches() -> None:
+def test_saturated_and_black_patches():
     full = torch.full((20, 20), 255, dtype=torch.uint8)
     got = detection_probability(full, full, **WEBER)
     assert bool(got.flags["noiseless"])
@@ -69,7 +63,7 @@ def test_saturated_and_black_patches() -> None:
     assert float(below.value) == 0  # the ratio would be right
 
 
-def test_flags_of_one_item_leave_the_others_alone() -> None:
+def test_flags_of_one_item_leave_the_others_alone():
     a, b, marked = normal(120, 9, 3, 4, 6), normal(60, 6, 3, 9, 9, seed=2), [False, True, False]
     a[1, 0, 0] = math.nan
     both = patch_contrast(a, b)
@@ -82,14 +76,14 @@ def test_flags_of_one_item_leave_the_others_alone() -> None:
     assert float(patch_snr(a).value[0]) == pytest.approx(float(alone.value), rel=1e-12)
 
 
-def test_contrasts_of_known_patches() -> None:
+def test_contrasts_of_known_patches():
     bright, dark = torch.tensor([[11.0, 13.0], [11.0, 13.0]]), torch.tensor([[3.0, 5.0]])
     got = patch_contrast(bright, dark)
     assert float(got.michelson.value) == pytest.approx(0.5)
     assert float(got.cnr.value) == pytest.approx(8 / math.sqrt((4 / 3 + 2) / 2))
 
 
-def test_intervals_of_contrasts_hold_the_truth() -> None:
+def test_intervals_of_contrasts_hold_the_truth():
     got = patch_contrast(normal(120, 9, 2000, 12, 15), normal(60, 6, 2000, 20, 5, seed=2))
     truth = 60 / math.sqrt((81 + 36) / 2)
     for low, high, exact in (
@@ -102,7 +96,7 @@ def test_intervals_of_contrasts_hold_the_truth() -> None:
 
 
 @pytest.mark.parametrize("black", [0.07, 0.1, 1 / 3])
-def test_rounding_is_no_noise(black: float) -> None:
+def test_rounding_is_no_noise(black):
     """Constant patches less a black level: their variance is 0 or 1e-33, CNR was 4e15 without a flag."""
     bright, dark = (torch.full((40, 50), level, dtype=torch.float64) - black for level in (0.8, 0.18))
     got = patch_contrast(bright, dark).cnr
@@ -112,7 +106,7 @@ def test_rounding_is_no_noise(black: float) -> None:
 
 
 @pytest.mark.parametrize("side_px", [10, 30])
-def test_intervals_hold_the_truth_as_often_as_they_say(side_px: int) -> None:
+def test_intervals_hold_the_truth_as_often_as_they_say(side_px):
     patches = 200 + 10 * normal(0, 1, 2000, side_px, side_px)
     got = patch_snr(patches)
     covered = float(((got.low < 20) & (got.high > 20)).double().mean())
@@ -123,7 +117,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(side_px: int) -> None:
     assert float(got.flags["non_uniform"].double().mean()) < 0.002
 
 
-def test_shading_is_no_noise_but_is_flagged() -> None:
+def test_shading_is_no_noise_but_is_flagged():
     y, x = torch.meshgrid(torch.linspace(-1, 1, 60), torch.linspace(-1, 1, 80), indexing="ij")
     shading = 30 * x - 20 * y + 15 * x * y - 25 * x**2 + 10 * y**2
     flat = 500 + 5 * normal(0, 1, 60, 80)
@@ -136,7 +130,7 @@ def test_shading_is_no_noise_but_is_flagged() -> None:
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(torch.uint8, 255), (torch.uint16, 4095)])
-def test_integer_pictures_and_clipping(dtype: torch.dtype, top: int) -> None:
+def test_integer_pictures_and_clipping(dtype, top):
     values = (top - 16 + 8 * normal(0, 1, 60, 60)).round()
     clear, cut = (values - 30).to(torch.int32).to(dtype), values.clamp(max=top).to(torch.int32).to(dtype)
     limits = (0.0, float(top))
@@ -150,7 +144,7 @@ def test_integer_pictures_and_clipping(dtype: torch.dtype, top: int) -> None:
     assert bool(saturated.flags["noiseless"])
 
 
-def test_snr_of_a_simulated_patch_is_the_camera_s() -> None:
+def test_snr_of_a_simulated_patch_is_the_camera_s():
     camera = replace(Camera.preset("imx250"), prnu=0.0, dsnu_e=0.0)
     picture = charts.flat_patch(120, 131, reflectance=0.5)[:, :1]
     light = {"exposure_s": 0.01, "illuminance_lux": 50.0, "encoding": "linear"}
@@ -163,11 +157,11 @@ def test_snr_of_a_simulated_patch_is_the_camera_s() -> None:
     assert float(got.high) < 1.05 * float(got.low)
 
 
-def picture(*shape: int, seed: int = 1) -> Tensor:
+def picture(*shape, seed=1):
     return torch.rand(*shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def test_constant_shift() -> None:
+def test_constant_shift():
     a = picture(2, 3, 20, 24) * 0.5
     shift = torch.tensor([0.1, 0.01], dtype=torch.float64)[:, None, None, None]
     assert torch.allclose(psnr(a, a + shift, data_range=1.0), torch.tensor([20.0, 40.0], dtype=torch.float64))
@@ -176,7 +170,7 @@ def test_constant_shift() -> None:
     )
 
 
-def test_ssim_of_one_window_by_hand() -> None:
+def test_ssim_of_one_window_by_hand():
     a, b = picture(1, 1, 11, 11), picture(1, 1, 11, 11, seed=2)
     taps = torch.exp(-((torch.arange(11, dtype=torch.float64) - 5) ** 2) / (2 * 1.5**2))
     weights = torch.outer(taps, taps) / taps.sum() ** 2
@@ -189,7 +183,7 @@ def test_ssim_of_one_window_by_hand() -> None:
     assert float(ssim(a, b, data_range=1.0)) == pytest.approx(float(expected), rel=1e-9)
 
 
-def test_pictures_of_a_batch_are_apart() -> None:
+def test_pictures_of_a_batch_are_apart():
     a, b = picture(3, 3, 14, 17), picture(3, 3, 14, 17, seed=2)
     b[1], b[2, 0, 0, 0] = a[1], math.nan
     for metric, equal in ((psnr, math.inf), (ssim, pytest.approx(1, abs=1e-12))):
@@ -218,7 +212,7 @@ ONES = torch.ones(1, 1, 12, 12)
         (ssim, {"picture": ONES[..., :10], "reference": ONES[..., :10]}, "11 px or more"),
     ],
 )
-def test_wrong_arguments_are_named(call: Any, given: dict[str, Any], message: str) -> None:
+def test_wrong_arguments_are_named(call, given, message):
     right = {
         detection_probability: {"patch_a": torch.ones(4, 4), "patch_b": torch.ones(4, 4), **WEBER},
         patch_snr: {"patch": torch.ones(9, 9)},

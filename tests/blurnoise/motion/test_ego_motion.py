@@ -1,7 +1,5 @@
 """Road speed to pixels, ego-motion and vehicles: finite differences, figures worked out by hand, OpenCV."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -11,7 +9,7 @@ import pytest
 from projection import projected
 
 from blurnoise import Camera, blur_pixels, velocity_px_s
-from blurnoise.motion.ego import EgoMotion, Floats, Lens, Vehicle, View, range_of_depth_m
+from blurnoise.motion.ego import EgoMotion, Lens, Vehicle, View, range_of_depth_m
 from blurnoise.optics import lens as lenses
 
 HD = View(1920, 1080, 60.0, "rectilinear")  # f = 1662.77 px
@@ -37,29 +35,27 @@ TABLE_2 = [
 
 
 @pytest.mark.parametrize(("width_m", "distance_m", "speed_kmh", "exposure_ms", "blur_px"), TABLE_2)
-def test_table_2(
-    width_m: float, distance_m: float, speed_kmh: float, exposure_ms: float, blur_px: float
-) -> None:
+def test_table_2(width_m, distance_m, speed_kmh, exposure_ms, blur_px):
     found = blur_pixels(speed_kmh / 3.6, distance_m, exposure_ms / 1e3, target_width_m=width_m, **WIDE)
     assert found == pytest.approx(blur_px, abs=1e-4)
 
 
-def test_rectilinear_is_26_percent_smaller_on_axis() -> None:
+def test_rectilinear_is_26_percent_smaller_on_axis():
     """f = 1739.3 px, blur f v T / d."""
     found = blur_pixels(100 / 3.6, 50, 0.03, target_width_m=4.9, lens="rectilinear", **WIDE)
     assert found == pytest.approx(1739.3 * (100 / 3.6) * 0.03 / 50, rel=1e-4)
     assert found / 39.35024 == pytest.approx(0.737, abs=0.002)
 
 
-def at(*pixels: tuple[float, float]) -> Floats:
+def at(*pixels):
     return np.array(pixels, dtype=np.float64).T
 
 
-def below_axis(view: View, *rows_px: float) -> Floats:
+def below_axis(view, *rows_px):
     return at(*(((view.width_px - 1) / 2, (view.height_px - 1) / 2 + row) for row in rows_px))
 
 
-def moved(points_m: Floats, motion: EgoMotion, time_s: float) -> Floats:
+def moved(points_m, motion, time_s):
     """Points fixed in the world, seen by the camera a short time later: P' = -V - w x P, by a small rotation."""
     turn = np.radians(motion.rotation_deg_s) * time_s
     ahead = points_m - (np.array(motion.velocity_m_s) * time_s)[:, None]
@@ -73,7 +69,7 @@ def moved(points_m: Floats, motion: EgoMotion, time_s: float) -> Floats:
 @pytest.mark.parametrize(
     ("lens", "hfov_deg"), [("rectilinear", 60), ("f-theta", 60), ("f-theta", 190), ("f-theta", 300)]
 )
-def test_flow_is_the_slope_of_the_projection(lens: Lens, hfov_deg: float) -> None:
+def test_flow_is_the_slope_of_the_projection(lens, hfov_deg):
     """Central differences over 2e-5 s: their error is that of the third derivative, below 1e-6 of the flow."""
     view = View(641, 479, hfov_deg, lens)
     pixels = view.pixels(9).reshape(2, -1)
@@ -91,7 +87,7 @@ def test_flow_is_the_slope_of_the_projection(lens: Lens, hfov_deg: float) -> Non
     assert seen.sum() > 40
 
 
-def test_road_below_the_horizon_and_sky_above() -> None:
+def test_road_below_the_horizon_and_sky_above():
     """2 degrees down: the horizon is f tan(2 degrees) = 58.07 px above the middle; the road there is far away."""
     mount = Vehicle(1.5, pitch_deg=2.0)
     above, below = mount.road_m(HD.rays(below_axis(HD, -58.2, -57.9)))
@@ -104,11 +100,11 @@ def test_road_below_the_horizon_and_sky_above() -> None:
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("mount", [Vehicle(1.4), Vehicle(2.0, 12.0, 25.0)])
-def test_the_rectified_road_moves_evenly(lens: Lens, mount: Vehicle) -> None:
+def test_the_rectified_road_moves_evenly(lens, mount):
     """Wherever the camera looks, every place on the road comes along the way at the vehicle's speed."""
     view, speed = View(641, 481, 70.0, lens), 20.0
 
-    def places_m(at_px: Floats) -> Floats:
+    def places_m(at_px):
         rays = view.rays(at_px)
         return np.asarray(rays * mount.road_m(rays))
 
@@ -125,7 +121,7 @@ def test_the_rectified_road_moves_evenly(lens: Lens, mount: Vehicle) -> None:
     )
 
 
-def test_the_road_before_a_level_pinhole() -> None:
+def test_the_road_before_a_level_pinhole():
     """y below the axis at V from h: down y² V / (h f), across x y V / (h f); nothing above the horizon."""
     vehicle = Vehicle(height_m=1.2, hfov_deg=70.0, lens="rectilinear")
     flow = vehicle.flow_px_s(CAMERA, SIZE, 9.0).double().numpy()
@@ -136,7 +132,7 @@ def test_the_road_before_a_level_pinhole() -> None:
 
 
 @pytest.mark.parametrize("plane_m", [None, 8.0])
-def test_places_are_those_of_the_whole_flow(plane_m: float | None) -> None:
+def test_places_are_those_of_the_whole_flow(plane_m):
     vehicle = Vehicle(pitch_deg=2.0, heading_deg=-4.0, plane_m=plane_m, yaw_deg_s=5.0, pitch_deg_s=-3.0)
     whole = vehicle.flow_px_s(CAMERA, SIZE, 13.0).numpy()
     places = np.array([[3.0, 60.0, 31.0], [40.0, 46.0, 2.0]])
@@ -147,7 +143,7 @@ def test_places_are_those_of_the_whole_flow(plane_m: float | None) -> None:
 
 
 @pytest.mark.parametrize("scale", [1, 2])
-def test_a_calibrated_camera_drives_with_its_own_lens(scale: int) -> None:
+def test_a_calibrated_camera_drives_with_its_own_lens(scale):
     """The road by OpenCV: a pixel's point, seen again from where the camera is a moment later and earlier."""
     coefficients, focal_px, centre_px = (-0.2, 0.04, 0.001, -0.0005, 0.002), (400.0, 410.0), (330.0, 235.0)
     lens = lenses.Lens(distortion=lenses.Distortion("opencv", coefficients, focal_px, centre_px))
@@ -190,6 +186,6 @@ ROAD = {"speed_m_s": 1, "distance_m": 1, "exposure_s": 1, "target_width_m": 1, *
         (lambda: velocity_px_s(1, 1, target_width_m=1, lens="fisheye", **WIDE), "lens"),
     ],
 )  # fmt: skip
-def test_bad_input_is_named(make, named: str) -> None:
+def test_bad_input_is_named(make, named):
     with pytest.raises(ValueError, match=named):
         make()

@@ -1,7 +1,5 @@
 """Trajectories: closed forms, windows, shakes and logs; blur by paths, picture by picture."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -24,20 +22,20 @@ SHAKE = shake(3, 12.0, 0.01, duration_s=0.05)
 LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
 
 
-def accelerated_path(velocity: float, acceleration: float, duration_s: float) -> Trajectory:
+def accelerated_path(velocity, acceleration, duration_s):
     """Constant acceleration about mid-exposure; between 2001 knots it sags by a (T / 2000)^2 / 8."""
     time = np.linspace(-duration_s / 2, duration_s / 2, 2001)
     return Trajectory.of(time, np.stack([velocity * time + acceleration * time**2 / 2, 0 * time]))
 
 
-def of(trajectory: Trajectory, exposure_s: float, f: float) -> complex:
+def of(trajectory, exposure_s, f):
     """The transfer function at one frequency, a multiple of 0.05, of the path as it was."""
     knots, durations = trajectory.window(-exposure_s / 2, exposure_s / 2)
     found = path_otf.transfer_on((20, 20), torch.tensor(knots), torch.tensor(durations / durations.sum()))
     return complex(found(torch.tensor([f]), torch.zeros(1))[0, 0])
 
 
-def random_path(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
+def random_path(count=12):
     drawn = np.random.default_rng(4)
     return drawn.normal(size=(2, count)) * 4, drawn.uniform(0.2, 2.0, count - 1)
 
@@ -51,7 +49,7 @@ def random_path(count: int = 12) -> tuple[np.ndarray, np.ndarray]:
         (0.020, 0.7, 0.281657 + 0.134267j),
     ],
 )
-def test_vibration_has_its_series(exposure_s: float, phase: float, expected: complex) -> None:
+def test_vibration_has_its_series(exposure_s, phase, expected):
     """By the series, and by a polyline within 1e-3 px, hence within 2 pi f 1e-3 = 6e-4."""
     assert complex(vibration(0.3, 80.0, exposure_s, phase_rad=phase)) == pytest.approx(expected, abs=1e-6)
     path = Trajectory.sinusoid(3.0, 80.0, 0.02, phase_rad=phase)
@@ -62,7 +60,7 @@ def test_vibration_has_its_series(exposure_s: float, phase: float, expected: com
     ("f", "v", "g", "expected"),
     [(0.1, 6.0, 4.0, 0.504581 - 0.014697j), (0.25, 6.0, 12.0, 0.035304 + 0.327814j)],
 )
-def test_acceleration(f: float, v: float, g: float, expected: complex) -> None:
+def test_acceleration(f, v, g, expected):
     assert complex(accelerated(f * v, f * g, 1.0)) == pytest.approx(expected, abs=1e-6)
     path = accelerated_path(v, g, 1.0)
     assert of(path, 1.0, f) == pytest.approx(expected, abs=2 * math.pi * f * 1e-3)
@@ -70,7 +68,7 @@ def test_acceleration(f: float, v: float, g: float, expected: complex) -> None:
 
 @pytest.mark.parametrize(("reach_px", "count"), [(2.0, 5), (20.0, 200), (300.0, 40)])
 @pytest.mark.parametrize("sides", [(64, 96), (90, 128)])
-def test_paths_are_sums_over_segments(sides: tuple[int, int], reach_px: float, count: int) -> None:
+def test_paths_are_sums_over_segments(sides, reach_px, count):
     """At the grid's frequencies and their aliases, however long the path."""
     drawn = np.random.default_rng(0)
     knots, shares = drawn.uniform(-reach_px, reach_px, (2, count + 1)), drawn.uniform(size=count)
@@ -83,7 +81,7 @@ def test_paths_are_sums_over_segments(sides: tuple[int, int], reach_px: float, c
     assert np.abs(exact).max() > 0.99
 
 
-def test_simplified_is_within_its_tolerance_at_every_time() -> None:
+def test_simplified_is_within_its_tolerance_at_every_time():
     path = Trajectory.sinusoid(6.0, 80.0, 0.02, direction_deg=30.0)
     time, knots = np.array(path.time_s), np.array([path.x_px, path.y_px])
     kept = simplified(time, knots, 0.05)
@@ -96,13 +94,13 @@ def test_simplified_is_within_its_tolerance_at_every_time() -> None:
 
 
 @pytest.mark.parametrize("exposure_s", [0.02, 0.004])
-def test_centroid_stays(exposure_s: float) -> None:
+def test_centroid_stays(exposure_s):
     seen = accelerated_path(700.0, 5e4, 0.02).seen(exposure_s)
     middles = (seen.knots[:, 1:] + seen.knots[:, :-1]) / 2
     assert np.abs(middles @ seen.shares).max() < 1e-12
 
 
-def test_velocity_adds() -> None:
+def test_velocity_adds():
     """To a path the uniform motion that runs beside it; a straight one is what a straight trajectory is."""
     still = Trajectory((-0.1, 0.1), (0.0, 0.0), (0.0, 0.0))
     seen = still.seen(0.01, (900.0, -500.0))
@@ -110,7 +108,7 @@ def test_velocity_adds() -> None:
     assert seen.knots == pytest.approx(straight_path((900.0, -500.0), 0.1).seen(0.01).knots)
 
 
-def test_error_bounds_what_it_changes() -> None:
+def test_error_bounds_what_it_changes():
     """The most that 1 - H is over the band of a sampled picture, over 2; of short paths that is in its corner."""
     for scale in (0.01, 0.3, 1.0, 10.0):
         knots, durations = random_path()
@@ -128,7 +126,7 @@ def test_error_bounds_what_it_changes() -> None:
     assert diagonal.error == pytest.approx(transfer.motion_error(0.3, 0.3), rel=1e-3)
 
 
-def test_a_path_holds_an_exposure_that_is_rounded_to_single_precision() -> None:
+def test_a_path_holds_an_exposure_that_is_rounded_to_single_precision():
     """0.1 s is longer in single precision; a thousandth more is not held."""
     path = straight_path((100.0, 0.0), 0.1)
     rounded = float(np.float32(0.1))
@@ -139,7 +137,7 @@ def test_a_path_holds_an_exposure_that_is_rounded_to_single_precision() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2**62])
-def test_shake_goes_as_far_as_stated(seed: int) -> None:
+def test_shake_goes_as_far_as_stated(seed):
     path = shake(seed, 20.0, 0.01, duration_s=0.03)
     knots, durations = path.window(-0.005, 0.005)
     assert float(np.ptp(knots, axis=1).max()) == pytest.approx(20.0)
@@ -151,7 +149,7 @@ def test_shake_goes_as_far_as_stated(seed: int) -> None:
     assert max(right - left, bottom - top) < 20.0
 
 
-def test_nose_up_moves_the_picture_down_and_turning_left_right() -> None:
+def test_nose_up_moves_the_picture_down_and_turning_left_right():
     time = np.linspace(-0.02, 0.02, 9)
     rates = np.stack([np.full(9, 0.3), np.full(9, -0.2), np.full(9, 5.0)])
     x, y = np.ptp(from_rates(time, rates, focal_px=1000.0).window(-0.005, 0.005)[0], axis=1)
@@ -161,7 +159,7 @@ def test_nose_up_moves_the_picture_down_and_turning_left_right() -> None:
     assert path.y_px[-1] > path.y_px[0]
 
 
-def test_logs() -> None:
+def test_logs():
     path = from_text("# a comment\ntime_s,x_px,y_px\n100.00,0,1\n100.01,2,1\n100.02,5,3\n", "places.csv")
     assert path.time_s == pytest.approx((-0.01, 0.0, 0.01))
     assert path.y_px == (1.0, 1.0, 3.0)
@@ -186,7 +184,7 @@ LOGS = {
 }
 
 
-def test_what_is_no_log() -> None:
+def test_what_is_no_log():
     for text, words in LOGS.items():
         with pytest.raises(ValueError, match=f"log.csv: .*{words}"):
             from_text(text, "log.csv")
@@ -207,14 +205,14 @@ def test_what_is_no_log() -> None:
         (lambda: simulate(torch.rand(2, 1, 5, 7), CAMERA, **LIT, trajectory=[None]), "got 1 for a batch of 2"),
     ],
 )  # fmt: skip
-def test_what_is_no_trajectory(make: Any, words: str) -> None:
+def test_what_is_no_trajectory(make, words):
     with pytest.raises((TypeError, ValueError), match=words):
         make()
 
 
 @pytest.mark.parametrize("border", ["reflect", "replicate", "circular", "constant"])
 @pytest.mark.parametrize("moved", [(9.0, -5.0), (0.0, 3.0), (90.0, 20.0)])
-def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) -> None:
+def test_two_knots_are_straight_motion(border, moved):
     """To what a small grid leaves out: 1e-4 RMS of white noise."""
     light = torch.rand(1, 2, 61, 95, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
     x, y = moved
@@ -225,7 +223,7 @@ def test_two_knots_are_straight_motion(border: Any, moved: tuple[float, float]) 
     torch.testing.assert_close(path_blur(light, knots, border=border), seen)
 
 
-def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
+def test_too_short_to_be_seen_and_too_large_to_hold():
     light = torch.rand(1, 1, 61, 95)
     assert path_blur(light, straight_path((0.5, 0.0), 0.1).seen(0.01)) is light
     far = Trajectory((-1.0, 1.0), (0.0, 9e4), (0.0, 9e4)).seen(2.0)
@@ -233,12 +231,12 @@ def test_too_short_to_be_seen_and_too_large_to_hold() -> None:
         path_blur(light, far, border="replicate")
 
 
-def test_gradients_of_picture_and_knots() -> None:
+def test_gradients_of_picture_and_knots():
     light = torch.rand(1, 1, 13, 17, dtype=torch.float64).requires_grad_()
     knots = torch.tensor([[-1.5, 0.4], [0.3, -1.0], [1.8, 0.9]], dtype=torch.float64, requires_grad=True)
     weights = torch.rand(1, 1, 13, 17, dtype=torch.float64, generator=torch.Generator().manual_seed(2))
 
-    def seen(light: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
+    def seen(light, knots):
         return (path_blur(light, knots) * weights).sum()
 
     assert torch.autograd.gradcheck(seen, (light, knots), fast_mode=True)
@@ -246,7 +244,7 @@ def test_gradients_of_picture_and_knots() -> None:
     assert float(of_knots.abs().min()) > 1e-6
 
 
-def test_every_picture_has_its_own_and_depends_on_no_other() -> None:
+def test_every_picture_has_its_own_and_depends_on_no_other():
     """Bits of a batch are those one by one, with a lens too; where there is no path those of straight motion."""
     light = torch.rand(3, 3, 41, 67, generator=torch.Generator().manual_seed(3))
     paths = [VIBRATION, SHAKE, None]
@@ -267,7 +265,7 @@ def test_every_picture_has_its_own_and_depends_on_no_other() -> None:
             assert torch.equal(together[item : item + 1], alone)
 
 
-def test_plan_names_the_path_and_leaves_out_what_is_short() -> None:
+def test_plan_names_the_path_and_leaves_out_what_is_short():
     told = {stage.name: stage for stage in plan(CAMERA, trajectory=VIBRATION, **LIT).stages}["motion"]
     assert told.kept
     assert "segments over 6.92x3.99 px" in told.how
@@ -276,7 +274,7 @@ def test_plan_names_the_path_and_leaves_out_what_is_short() -> None:
     assert "motion" not in plan(CAMERA, trajectory=short, displacement_px=(5.0, 0.0), **LIT).without
 
 
-def test_boxes_stay_and_sweep_what_the_path_covers() -> None:
+def test_boxes_stay_and_sweep_what_the_path_covers():
     box = torch.tensor([[10.0, 12.0, 20.0, 25.0]])
     taken = Exposure(CAMERA, 0.01, 100.0, trajectory=VIBRATION)
     assert torch.equal(taken.move_boxes(box), box)

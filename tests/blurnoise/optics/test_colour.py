@@ -1,10 +1,7 @@
 """Spectra and colour cameras: CIE data, lux to electrons, filters, balance and matrices, files and their faults."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +13,7 @@ from blurnoise import Camera, Curve, photoelectrons
 from blurnoise.optics import spectra
 from blurnoise.optics.camera import PRESETS
 from blurnoise.optics.colour import FilterCurves, inverse, normalised
-from blurnoise.optics.radiometry import (
-    clear_shares,
-    colour_shares,
-    electrons_per_lux_s,
-    filter_electrons,
-)
+from blurnoise.optics.radiometry import clear_shares, colour_shares, electrons_per_lux_s, filter_electrons
 from blurnoise.picture.steps import GAIN_MAX, magnification, matrix, site_gains
 
 REFERENCE = Path(__file__).resolve().parents[3].parent / "shared" / "reference" / "spectra"
@@ -31,7 +23,7 @@ EVEN = FilterCurves(0.5, 0.5, 0.5, 0.5)
 COLOUR = replace(IMX250, cfa="RGGB", quantum_efficiency=EVEN)
 
 
-def ar0237(column: int, end_nm: float) -> Curve:
+def ar0237(column, end_nm):
     """Its curve of a filter, times the IR-cut filter's."""
     own = Curve.from_csv(REFERENCE / "ar0237_qe_curves.csv", column)
     nm = [each for each in own.wavelengths_nm if 400 <= each <= end_nm]
@@ -40,7 +32,7 @@ def ar0237(column: int, end_nm: float) -> Curve:
 
 
 @needs_reference
-def test_electrons_and_white_balance_of_the_ar0237() -> None:
+def test_electrons_and_white_balance_of_the_ar0237():
     """R 2152, G 2872, B 1877 e-/(lux s) under D55; white balance 1.334, 1, 1.530."""
     curves = FilterCurves(**{name: ar0237(k, 700) for k, name in ((3, "blue"), (2, "green"), (1, "red"))})
     camera = replace(COLOUR, pixel_pitch_um=3.0, f_number=1.4, quantum_efficiency=curves)
@@ -52,29 +44,29 @@ def test_electrons_and_white_balance_of_the_ar0237() -> None:
 
 
 @pytest.mark.parametrize(("band_nm", "photons"), [((400, 700), 10724), ((380, 780), 14050)])
-def test_d55_photons_per_lux(band_nm: tuple[float, float], photons: float) -> None:
+def test_d55_photons_per_lux(band_nm, photons):
     assert spectra.photons_per_lux_s_um2("D55", (), band_nm) == pytest.approx(photons, rel=1e-4)
 
 
-def test_monochromatic_photons_per_lux() -> None:
+def test_monochromatic_photons_per_lux():
     """4090.8 photons per (lux s um^2) at 555 nm: 1 / (683 V h c / lambda)."""
     line = Curve((554.0, 555.0, 556.0), (0.0, 1.0, 0.0))
     assert spectra.photons_per_lux_s_um2(line, ()) == pytest.approx(4090.8, rel=1e-4)
 
 
-def test_daylight_against_cie_table() -> None:
+def test_daylight_against_cie_table():
     """D65 (CIE 15 table T.1, rounded): S(450) = 117.01, S(560) = 100, S(650) = 80.0268."""
     found = spectra.illuminant("D65").at(np.array([450.0, 560.0, 650.0])) * 100
     np.testing.assert_allclose(found, [117.008, 100.0, 80.0268], rtol=5e-4)
 
 
-def test_planck_obeys_wien() -> None:
+def test_planck_obeys_wien():
     """A black body of 5500 K peaks at 2.897772e-3 m K / 5500 K = 526.9 nm."""
     curve = spectra.planck(5500)
     assert curve.wavelengths_nm[int(np.argmax(curve.values))] == pytest.approx(526.9, abs=0.6)
 
 
-def test_electrons_are_linear_and_follow_the_lens() -> None:
+def test_electrons_are_linear_and_follow_the_lens():
     camera = Camera.preset("imx250")
     one = photoelectrons(camera, 1.0, 1.0)
     assert photoelectrons(camera, 50.0, 0.03) == pytest.approx(1.5 * one, rel=1e-12)
@@ -83,7 +75,7 @@ def test_electrons_are_linear_and_follow_the_lens() -> None:
     assert photoelectrons(camera, 0.0, 1.0) == 0.0
 
 
-def test_white_balance_follows_the_light_or_stays() -> None:
+def test_white_balance_follows_the_light_or_stays():
     camera = PRESETS["imx250c"]
     red, green, _, blue = site_gains(camera, "planck:2856")
     assert (red, green > 1, blue > green) == (1.0, True, True)  # a lamp is red
@@ -99,7 +91,7 @@ def test_white_balance_follows_the_light_or_stays() -> None:
 
 
 @pytest.mark.parametrize("cfa", ["RGGB", "RCCB"])
-def test_matrices_keep_white_and_inverses_undo_them(cfa: Any) -> None:
+def test_matrices_keep_white_and_inverses_undo_them(cfa):
     camera = replace(PRESETS["imx250c"], cfa=cfa, quantum_efficiency=behind_generic_filters(0.6))
     assert [sum(row) for row in matrix(camera)] == pytest.approx([1, 1, 1])
     back = inverse(camera.ccm)
@@ -110,7 +102,7 @@ def test_matrices_keep_white_and_inverses_undo_them(cfa: Any) -> None:
             assert product == pytest.approx(float(i == j), abs=1e-12)
 
 
-def test_green_by_difference() -> None:
+def test_green_by_difference():
     """C - R - B; less than a twentieth of clear is no green."""
     camera = replace(IMX250, cfa="RCCB", quantum_efficiency=FilterCurves(red=0.2, blue=0.1, clear=0.5))
     assert clear_shares(camera) == pytest.approx((0.4, 0.4, 0.2))
@@ -119,7 +111,7 @@ def test_green_by_difference() -> None:
         clear_shares(replace(camera, quantum_efficiency=FilterCurves(red=0.3, blue=0.2, clear=0.5)))
 
 
-def test_one_plane_weighs_colours_by_what_they_make() -> None:
+def test_one_plane_weighs_colours_by_what_they_make():
     """Of flat response and light per photon the shares are the bands' widths."""
     per_photon = Curve(tuple(range(400, 701)), tuple(1 / nm for nm in range(400, 701)))
     flat = replace(IMX250, cfa="mono", quantum_efficiency=0.5)
@@ -128,7 +120,7 @@ def test_one_plane_weighs_colours_by_what_they_make() -> None:
     assert colour_shares(red_only) == pytest.approx((1, 0, 0))
 
 
-def test_one_filter_of_a_mosaic_and_its_magnification_of_noise() -> None:
+def test_one_filter_of_a_mosaic_and_its_magnification_of_noise():
     camera = PRESETS["imx250c"]
     alone = behind_one_filter(camera)
     assert (alone.cfa, alone.quantum_efficiency) == ("none", camera.quantum_efficiency.green)
@@ -139,7 +131,7 @@ def test_one_filter_of_a_mosaic_and_its_magnification_of_noise() -> None:
     assert magnification(IMX250) == 1
 
 
-def test_curves_of_filters_come_from_tables(tmp_path: Path) -> None:
+def test_curves_of_filters_come_from_tables(tmp_path):
     (tmp_path / "qe.csv").write_text("nm,r,g,b\n400,0.0,0.1,0.3\n550,0.2,0.5,0.0\n700,0.4,0.0,0.0\n")
     columns = {
         name: {"csv": "qe.csv", "column": place} for place, name in enumerate(("red", "green", "blue"), 1)
@@ -154,7 +146,7 @@ def test_curves_of_filters_come_from_tables(tmp_path: Path) -> None:
     assert "marked: red begins at 500 nm with 33%" in Camera.load(path).sources["quantum_efficiency"]
 
 
-def test_csv_of_any_step_and_header(tmp_path: Path) -> None:
+def test_csv_of_any_step_and_header(tmp_path):
     path = tmp_path / "qe.csv"
     path.write_text("wavelength,red,green\n400,0,0.1\n425.5,0,0.2\n700,0,0.4\n")
     values = Curve.from_csv(path, column=2).at(np.array([399.0, 400.0, 412.75, 700.0, 701.0]))
@@ -189,7 +181,7 @@ ROWS = [[1, 0, 0], [0.1, 1, 0.1], [0, 0, 1]]
         (lambda: spectra.photons_per_lux_s_um2("D99", ()), "illuminant"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_named(call: Any, named: str) -> None:
+def test_what_is_wrong_is_named(call, named):
     with pytest.raises((ValueError, TypeError)) as error:
         call()
     assert named in str(error.value)

@@ -1,10 +1,7 @@
 """Lenses: files, distortion by OpenCV, the field, and effects over it: off, in the chain, in the plan."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -12,7 +9,6 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from torch import Tensor
 
 from blurnoise import Camera, plan, simulate
 from blurnoise.blur.over_the_field import TOLERANCE
@@ -21,7 +17,7 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.lens import DEFOCUS, DIFFRACTION
 from blurnoise.light.motion import MOTION
 from blurnoise.optics import lens as lenses
-from blurnoise.optics.lens import Distortion, Field, Lens, Mtf, RelativeIllumination
+from blurnoise.optics.lens import Distortion, Lens, Mtf, RelativeIllumination
 
 SENSOR = replace(Camera.preset("imx250"), width_px=640, height_px=480, hfov_deg=90.0)
 H, W = 61, 87
@@ -43,14 +39,14 @@ FILED: dict[str, Any] = {
 }
 
 
-def of_file(folder: Path, lens: Any, **others: Any) -> Camera:
+def of_file(folder, lens, **others):
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump({"base": "imx250", "lens": lens, **others}))
     return Camera.load(path)
 
 
 @pytest.mark.parametrize("suffix", ["json", "yaml"])
-def test_files_bring_a_lens_back(tmp_path: Path, suffix: str) -> None:
+def test_files_bring_a_lens_back(tmp_path, suffix):
     camera = of_file(tmp_path, FILED)
     assert camera.lens.mtf == Mtf((20.0, 80.0, 160.0), (0.9, 0.6, 0.1), "lp/mm")
     assert camera.lens.relative_illumination == RelativeIllumination((0.0, 0.5, 1.0), (1.0, 0.9, 0.6))
@@ -62,7 +58,7 @@ def test_files_bring_a_lens_back(tmp_path: Path, suffix: str) -> None:
     assert len({camera, replace(camera, name="mine")}) == 1
 
 
-def test_curves_of_tables(tmp_path: Path) -> None:
+def test_curves_of_tables(tmp_path):
     (tmp_path / "mtf.csv").write_text("frequency,on axis,corner\n0,1,1\n80,0.5,0.4\n145,0.2,0.1\n")
     (tmp_path / "light.csv").write_text("0,1\n5.5,0.7\n")
     camera = of_file(
@@ -78,11 +74,11 @@ def test_curves_of_tables(tmp_path: Path) -> None:
     assert camera.optics.measured.frequencies[1] == pytest.approx(80 * 3.45e-3)
 
 
-def mtf(frequencies: list[float], values: list[float], unit: str = "cycles/px") -> dict[str, Any]:
+def mtf(frequencies, values, unit="cycles/px"):
     return {"mtf": {"frequencies": frequencies, "values": values, "unit": unit}}
 
 
-def shape(model: str, *coefficients: float, **others: Any) -> dict[str, Any]:
+def shape(model, *coefficients, **others):
     return {"distortion": {"model": model, "coefficients": [*coefficients], **others}}
 
 
@@ -107,7 +103,7 @@ def shape(model: str, *coefficients: float, **others: Any) -> dict[str, Any]:
         (shape("opencv", -0.9, 0, 0, 0), {"hfov_deg": 100}, "images nothing beyond 0.4057 focal lengths"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_one_line(tmp_path: Path, lens: Any, others: Any, named: str) -> None:
+def test_what_is_wrong_is_one_line(tmp_path, lens, others, named):
     (tmp_path / "bad.csv").write_text("1,1\n2,x\n")
     with pytest.raises((ValueError, TypeError)) as error:
         of_file(tmp_path, lens, **others)
@@ -127,7 +123,7 @@ MODELS = [
 
 
 @pytest.mark.parametrize("lens", MODELS)
-def test_models_are_opencvs_there_and_back(lens: Distortion) -> None:
+def test_models_are_opencvs_there_and_back(lens):
     seen = np.stack(np.meshgrid(np.linspace(-0.9, 0.9, 21), np.linspace(-0.6, 0.6, 15)))
     own = np.moveaxis(lens.distorted(seen), 0, -1).reshape(-1, 2)
     rays = np.moveaxis(seen, 0, -1).reshape(1, -1, 2)
@@ -141,7 +137,7 @@ def test_models_are_opencvs_there_and_back(lens: Distortion) -> None:
     np.testing.assert_allclose(lens.undistorted(lens.distorted(seen)), seen, atol=1e-9)
 
 
-def test_what_folds_is_named() -> None:
+def test_what_folds_is_named():
     """r (1 - r^2 / 3) turns at r = 1, where it is 2/3."""
     lens = Distortion("opencv", (-1 / 3, 0.0, 0.0, 0.0))
     inside, _ = lens.undistorted(np.array([[0.66], [0.0]]))
@@ -152,11 +148,11 @@ def test_what_folds_is_named() -> None:
     np.testing.assert_allclose(np.hypot(*drawn), [1.0, 0.5], atol=1e-3)
 
 
-def field(**lens: Any) -> Field:
+def field(**lens):
     return replace(SENSOR, lens=Lens(**lens)).field
 
 
-def test_natural_vignetting() -> None:
+def test_natural_vignetting():
     """90 degrees across: 45 at the sides, where cos^4 is 1/4; 640 px of it at half a pixel less."""
     light = lenses.light(field(falloff_power=4.0), (480, 640))
     x = 319.5 / 320
@@ -169,7 +165,7 @@ def test_natural_vignetting() -> None:
 
 
 @pytest.mark.parametrize("unit", ["relative", "mm"])
-def test_measured_vignetting(unit: Any) -> None:
+def test_measured_vignetting(unit):
     corner_mm = 400 * 3.45e-3
     heights = (0.0, 0.4, 1.0) if unit == "relative" else (0.0, 0.4 * corner_mm, corner_mm)
     curve = RelativeIllumination(heights, (1.0, 0.9, 0.3), unit)
@@ -179,7 +175,7 @@ def test_measured_vignetting(unit: Any) -> None:
 
 
 @pytest.mark.parametrize("scale", [1, 2])
-def test_sources_are_opencvs(scale: int) -> None:
+def test_sources_are_opencvs(scale):
     """What each pixel sees, as cv2.initUndistortRectifyMap has it the other way round; half the size, half of it."""
     shape = Distortion("opencv", (-0.2, 0.04, 0.001, -0.0005, 0.002), (400.0, 410.0), (330.0, 235.0))
     lens = field(distortion=shape)
@@ -195,21 +191,21 @@ def test_sources_are_opencvs(scale: int) -> None:
         np.testing.assert_allclose(lens.moved(np.stack(grid), (480, 640)), theirs, atol=1e-3)
 
 
-def picture(kind: torch.dtype = torch.float64, planes: int = 3, size: tuple[int, int] = (H, W)) -> Tensor:
+def picture(kind=torch.float64, planes=3, size=(H, W)):
     made = torch.rand(1, planes, *size, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     return (made > 0.5).to(kind)
 
 
-def at(camera: Camera, displacement_px: tuple[float, float] = (0.0, 0.0)) -> Conditions[Tensor]:
+def at(camera, displacement_px=(0.0, 0.0)):
     return Conditions(camera, *[torch.zeros(1)] * 3, torch.tensor([displacement_px]))
 
 
-def of(lens: Lens, **others: Any) -> Camera:
+def of(lens, **others):
     return replace(CAMERA, lens=lens, **others)
 
 
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_off_is_bit_equal_to_a_chain_without(fidelity: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_off_is_bit_equal_to_a_chain_without(fidelity, monkeypatch):
     camera = replace(CAMERA, defocus_radius_px=1.2, diffraction_wavelength_um=0.55, f_number=2.8)
     frames: dict[str, Any] = {"velocity_px_s": (900.0, 300.0), "generator": [3], "fidelity": fidelity, **LIT}
     off = replace(camera, lens=Lens(distortion=Distortion("opencv", (0.0, 0.0, 0.0, 0.0))))
@@ -221,7 +217,7 @@ def test_off_is_bit_equal_to_a_chain_without(fidelity: str, monkeypatch: pytest.
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("strength", [0.03, 1.0])
-def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens: str, strength: float) -> None:
+def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens, strength):
     """A picture of the sensor's size, black and white without correlation, or white: never more than the bound."""
     s = strength
     camera = replace(CAMERA, width_px=W, height_px=H, lens={
@@ -244,7 +240,7 @@ def test_on_changes_the_picture_within_its_bound_and_the_plan_says_so(lens: str,
     assert stages[1].contribution_dn == 0
 
 
-def test_what_is_small_is_left_out() -> None:
+def test_what_is_small_is_left_out():
     faint = Lens(1e-3, 1e-9, 1e-9, 1e-6, None, Distortion("opencv", (1e-9, 0.0, 0.0, 0.0)))
     told = plan(of(faint), **LIT)
     assert {"distortion", "lateral colour", "defocus", "vignetting"} <= told.without
@@ -254,7 +250,7 @@ def test_what_is_small_is_left_out() -> None:
     assert torch.equal(auto, simulate(picture(), CAMERA, **frames))
 
 
-def test_lateral_colour_moves_red_and_blue_against_green() -> None:
+def test_lateral_colour_moves_red_and_blue_against_green():
     """A dot 30 px right of the axis: red 1 % larger is 0.3 px further out; grey pictures have no colour."""
     camera, x = of(Lens(lateral_red=0.01, lateral_blue=-0.02)), torch.arange(W, dtype=torch.float64)
     dot = torch.exp(-(((x - W // 2 - 30) / 3) ** 2) / 2).expand(1, 3, H, W).contiguous()
@@ -266,7 +262,7 @@ def test_lateral_colour_moves_red_and_blue_against_green() -> None:
 
 
 @pytest.mark.parametrize(("unit", "per"), [("cycles/px", 1.0), ("lp/mm", 1e3 / CAMERA.pixel_pitch_um)])
-def test_a_measured_mtf_blurs_as_the_law_that_it_samples(unit: Any, per: float) -> None:
+def test_a_measured_mtf_blurs_as_the_law_that_it_samples(unit, per):
     """Diffraction, measured at 200 frequencies: the same picture, in one transform with motion."""
     camera, moved = replace(CAMERA, f_number=5.6, diffraction_wavelength_um=0.55), (7.0, -2.0)
     f = torch.linspace(0, 0.8, 200, dtype=torch.float64)
@@ -277,11 +273,11 @@ def test_a_measured_mtf_blurs_as_the_law_that_it_samples(unit: Any, per: float) 
     assert float(off.square().mean().sqrt()) < 3e-4
 
 
-def test_distortion_shows_the_scene_where_the_field_says() -> None:
+def test_distortion_shows_the_scene_where_the_field_says():
     """A smooth scene, seen through barrel distortion, is that scene at the pixels' directions."""
     camera = of(Lens(distortion=BARREL))
 
-    def scene(x: Any, y: Any) -> Tensor:
+    def scene(x, y):
         return 0.5 + 0.3 * torch.sin(torch.as_tensor(x) * 0.3) * torch.cos(torch.as_tensor(y) * 0.2)
 
     y, x = torch.meshgrid(*(torch.arange(n, dtype=torch.float64) for n in (H, W)), indexing="ij")
@@ -293,7 +289,7 @@ def test_distortion_shows_the_scene_where_the_field_says() -> None:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (7, 5)])
-def test_pictures_of_few_pixels(size: tuple[int, int]) -> None:
+def test_pictures_of_few_pixels(size):
     seen = simulate(picture(size=size), of(EVERY), generator=[1], fidelity="full", **LIT)
     assert seen.shape == (1, 3, *size)
     assert torch.isfinite(seen).all()

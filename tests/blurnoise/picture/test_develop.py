@@ -1,9 +1,6 @@
 """Development: numbers of every type, mosaics, tone curves, JPEG: what comes back, noise, and both routes."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +9,6 @@ import kornia
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from blurnoise import Camera, develop, simulate
 from blurnoise._core.lookup import look_up
@@ -35,16 +31,16 @@ BAYER = ["RGGB", "GRBG", "GBRG", "BGGR"]
 METHODS: list[Any] = ["bilinear", "edge"]
 
 
-def camera(cfa: str = "RGGB", **changes: Any) -> Camera:
+def camera(cfa="RGGB", **changes):
     ccm = None if cfa == "RCCC" else AR0231
     return replace(IMX250, **{"cfa": cfa, "quantum_efficiency": CURVES, "ccm": ccm, **changes})
 
 
-def flat(rgb: tuple[float, float, float], height: int = 9, width: int = 11) -> torch.Tensor:
+def flat(rgb, height=9, width=11):
     return torch.tensor(rgb).view(1, 3, 1, 1).expand(-1, -1, height, width)
 
 
-def filling(taker: Camera, illuminant: str = "D55", share: float = 0.9) -> dict[str, Any]:
+def filling(taker, illuminant="D55", share=0.9):
     """Light with which white is ``share`` of the range."""
     range_e = (taker.full_scale_dn - taker.black_level_dn) / taker.system_gain_dn_per_e
     lux = share * range_e / (0.01 * electrons_per_lux_s(taker, illuminant))
@@ -53,7 +49,7 @@ def filling(taker: Camera, illuminant: str = "D55", share: float = 0.9) -> dict[
 
 @pytest.mark.parametrize("kind", [torch.int16, torch.int64, torch.uint16, torch.float64])
 @pytest.mark.parametrize("encoding", ["srgb", "linear"])
-def test_integers_are_digital_numbers(kind: torch.dtype, encoding: str) -> None:
+def test_integers_are_digital_numbers(kind, encoding):
     expected = develop(NUMBERS.float(), CAMERA, encoding=encoding)  # type: ignore[arg-type]
     assert float(expected.max()) > 0.99
     found = develop(NUMBERS.to(kind), CAMERA, encoding=encoding)  # type: ignore[arg-type]
@@ -63,14 +59,14 @@ def test_integers_are_digital_numbers(kind: torch.dtype, encoding: str) -> None:
 
 
 @pytest.mark.parametrize("kind", [torch.float32, torch.float64, torch.int64])
-def test_numbers_beyond_the_converter_are_its_ends(kind: torch.dtype) -> None:
+def test_numbers_beyond_the_converter_are_its_ends(kind):
     """A float beyond 2**31, as an integer of 32 bits, would be a negative number: black instead of white."""
     dn = torch.tensor([-5, 1 << 40, 1 << 20], dtype=torch.int64).to(kind)
     assert develop(dn, CAMERA).tolist() == pytest.approx([0.0, 1.0, 1.0])
     assert look_up(torch.tensor([3.0, 4.0]), dn).tolist() == [3.0, 4.0, 4.0]
 
 
-def test_what_inference_kept_serves_gradients() -> None:
+def test_what_inference_kept_serves_gradients():
     camera = replace(CAMERA, prnu=0.0123, dsnu_e=1.5, read_noise_e=0.5, name="kept")
     picture = torch.full((1, 3, 21, 17), 0.5)
     with torch.inference_mode():
@@ -85,10 +81,10 @@ def test_what_inference_kept_serves_gradients() -> None:
 
 
 @pytest.mark.parametrize("chain", [simulate, expose_pictures])
-def test_compiled_code_breaks_its_graph_at_the_simulator(chain: Callable[..., Tensor]) -> None:
+def test_compiled_code_breaks_its_graph_at_the_simulator(chain):
     picture = torch.rand(2, 3, 23, 31, generator=torch.Generator().manual_seed(3))
 
-    def model(image: Tensor) -> Tensor:
+    def model(image):
         return 2 * chain(image / 2, CAMERA, **LIT, generator=[1, 2])
 
     try:
@@ -97,7 +93,7 @@ def test_compiled_code_breaks_its_graph_at_the_simulator(chain: Callable[..., Te
         torch._dynamo.reset()
 
 
-def test_frames_that_were_not_rounded_keep_their_fractions_and_bytes_are_numbers() -> None:
+def test_frames_that_were_not_rounded_keep_their_fractions_and_bytes_are_numbers():
     dn = torch.tensor([[[[52.7, 52.0, 53.0]]]], dtype=torch.float64)
     span = IMX250.full_scale_dn - IMX250.black_level_dn
     told = (develop(dn, IMX250, encoding="linear") * span + IMX250.black_level_dn).flatten().tolist()
@@ -110,7 +106,7 @@ def test_frames_that_were_not_rounded_keep_their_fractions_and_bytes_are_numbers
 @pytest.mark.parametrize("illuminant", ["D55", "planck:2856"])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("cfa", [*BAYER, "RCCB"])
-def test_flat_colours_come_back(cfa: str, method: Any, illuminant: str) -> None:
+def test_flat_colours_come_back(cfa, method, illuminant):
     """Without noise, to the rounding of numbers that gains and matrix magnify; odd sides, cold light and warm."""
     taker = camera(cfa, demosaic=method)
     for rgb in ((0.5, 0.3, 0.35), (0.2, 0.6, 0.3), (0.3, 0.4, 0.8), (1.0, 1.0, 1.0)):
@@ -125,7 +121,7 @@ def test_flat_colours_come_back(cfa: str, method: Any, illuminant: str) -> None:
 
 
 @pytest.mark.parametrize("cfa", [*BAYER, "RCCC"])
-def test_equal_filters_are_the_identity(cfa: str) -> None:
+def test_equal_filters_are_the_identity(cfa):
     """No matrix, equal curves, a constant: under every pattern what each camera of one plane gives."""
     at = {"noise": False, **LIT}
     grey = simulate(flat((0.4, 0.4, 0.4)), replace(IMX250, quantum_efficiency=0.4), **at)
@@ -137,7 +133,7 @@ def test_equal_filters_are_the_identity(cfa: str) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("well", [1.0, 0.5])
-def test_highlights_stay_white(method: Any, well: float) -> None:
+def test_highlights_stay_white(method, well):
     """Light up to four times what fills the range, or a well below it: no tint, with noise as without."""
     taker = camera(demosaic=method, full_well_e=IMX250.full_well_e * well)
     levels = torch.linspace(0.05, 1.0, 40).view(-1, 1, 1, 1).expand(-1, 3, 10, 12)
@@ -149,7 +145,7 @@ def test_highlights_stay_white(method: Any, well: float) -> None:
     torch.testing.assert_close(noisy, highest, rtol=0, atol=1e-3)
 
 
-def test_bilinear_is_kornias() -> None:
+def test_bilinear_is_kornias():
     """Within the border, where Kornia replicates; its pattern names count from the second row."""
     raw = torch.rand(2, 1, 20, 26, generator=torch.Generator().manual_seed(2))
     names = {"RGGB": "BG", "GRBG": "GB", "GBRG": "GR", "BGGR": "RG"}
@@ -162,7 +158,7 @@ def test_bilinear_is_kornias() -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("cfa", ["RGGB", "GBRG", "RCCB", "RCCC"])
 @pytest.mark.parametrize("size", [(2, 2), (3, 2), (33, 18)])
-def test_integers_of_16_bits_are_the_formulas(size: tuple[int, int], cfa: str, method: Any) -> None:
+def test_integers_of_16_bits_are_the_formulas(size, cfa, method):
     """Every size, every number, float32 against float64, whose way is the formulas."""
     taker = camera(cfa, demosaic=method, tone="filmic")
     dn = torch.randint(0, 4096, (2, 1, *size), generator=torch.Generator().manual_seed(5)).float()
@@ -177,7 +173,7 @@ def test_integers_of_16_bits_are_the_formulas(size: tuple[int, int], cfa: str, m
         assert torch.equal(develop(dn.short(), taker, gain_db=gain_db), quick)
 
 
-def test_made_up_steps_take_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_made_up_steps_take_part(monkeypatch):
     """Behind a mosaic: pointwise ones in the table, others by the formulas; before it all by the formulas."""
 
     half = steps.PictureStep("half", lambda picture, at: picture / 2)
@@ -195,7 +191,7 @@ def test_made_up_steps_take_part(monkeypatch: pytest.MonkeyPatch) -> None:
     torch.testing.assert_close(halved, develop(dn, taker, encoding="linear") / 2, rtol=0, atol=1e-6)
 
 
-def noisy_grey(taker: Camera, side: int = 600) -> Tensor:
+def noisy_grey(taker, side=600):
     """Shot noise alone on grey, developed to linear light, green's variance before demosaicing being 1."""
     figures = {"read_noise_e": 0.0, "black_level_dn": 400.0, "full_well_e": 1e6, "bit_depth": 16}
     wide, white_e = replace(taker, **figures, system_gain_dn_per_e=0.03), 1e5
@@ -208,7 +204,7 @@ def noisy_grey(taker: Camera, side: int = 600) -> Tensor:
     return (light - light.mean((-2, -1), keepdim=True))[0] / (per_electron * (0.5 * white_e) ** 0.5)
 
 
-def test_noise_after_a_colour_matrix() -> None:
+def test_noise_after_a_colour_matrix():
     """Sigma' = M diag(g) M^T: AR0231's white balance 1.155, 1, 1.237 and matrix: 1.627, 1.587, 2.372, RG -.42."""
     curves = FilterCurves(red=0.5 / 1.155**2, green=0.5, blue=0.5 / 1.237**2)
     taker = camera(quantum_efficiency=curves)
@@ -233,7 +229,7 @@ def test_noise_after_a_colour_matrix() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_derivatives_are_those_of_means(method: Any) -> None:
+def test_derivatives_are_those_of_means(method):
     raw = torch.rand(1, 1, 6, 7, generator=torch.Generator().manual_seed(1)).double().requires_grad_()
     seen = demosaic(raw, "GBRG", method)
     torch.testing.assert_close(seen.detach(), demosaic(raw.detach(), "GBRG", method), rtol=0, atol=1e-7)
@@ -245,7 +241,7 @@ def test_derivatives_are_those_of_means(method: Any) -> None:
     assert torch.isfinite(of_developed).all()
 
 
-def numbers(channels: int = 3, side: int = 24) -> torch.Tensor:
+def numbers(channels=3, side=24):
     """Digital numbers of something smooth, and noise."""
     y, x = torch.meshgrid(torch.arange(side), torch.arange(side + 3), indexing="ij")
     wave = 1800 + 1500 * torch.sin(x / 5.0) * torch.cos(y / 7.0)
@@ -253,7 +249,7 @@ def numbers(channels: int = 3, side: int = 24) -> torch.Tensor:
     return (wave + noise).round().clamp(0, 4095)
 
 
-def test_filmic_is_an_s_curve_of_srgb() -> None:
+def test_filmic_is_an_s_curve_of_srgb():
     light = torch.linspace(-0.2, 1.4, 50)
     coded = colour.toned(light, "filmic")
     value = srgb_from_linear(light)
@@ -263,7 +259,7 @@ def test_filmic_is_an_s_curve_of_srgb() -> None:
     assert float(colour.toned(torch.tensor(0.2140411), "filmic")) == pytest.approx(0.5, abs=1e-6)  # sRGB 0.5
 
 
-def test_points_are_joined_by_straight_lines() -> None:
+def test_points_are_joined_by_straight_lines():
     points = ((0.0, 0.1), (0.25, 0.5), (0.5, 0.5), (1.0, 0.9))
     light = torch.linspace(-0.5, 1.5, 81, dtype=torch.float64).requires_grad_()
     coded = colour.toned(light, points)
@@ -277,7 +273,7 @@ def test_points_are_joined_by_straight_lines() -> None:
 
 
 @pytest.mark.parametrize("curve", ["filmic", ((0.0, 0.0), (0.3, 0.7), (1.0, 1.0))])
-def test_cameras_develop_by_their_curve(curve: Any) -> None:
+def test_cameras_develop_by_their_curve(curve):
     taker = replace(IMX250, tone=curve)
     assert tabulated(taker)
     linear = develop(numbers(), taker, encoding="linear")
@@ -287,7 +283,7 @@ def test_cameras_develop_by_their_curve(curve: Any) -> None:
 
 
 @pytest.mark.parametrize(("taker", "channels"), [(IMX250, 3), (IMX250, 1), (IMX250C, 1)])
-def test_jpeg_is_opencvs_round_trip(taker: Camera, channels: int) -> None:
+def test_jpeg_is_opencvs_round_trip(taker, channels):
     """Of the 8-bit picture, each by itself; in 8 bits as in floats."""
     dn = numbers(channels)
     clean = develop_8bit(dn, taker)
@@ -307,7 +303,7 @@ def test_jpeg_is_opencvs_round_trip(taker: Camera, channels: int) -> None:
         assert torch.equal(linear, develop(dn, taker, encoding="linear"))
 
 
-def test_pictures_in_the_channels_of_others() -> None:
+def test_pictures_in_the_channels_of_others():
     colours = torch.tensor([200, 100, 50], dtype=torch.uint8).view(1, 3, 1, 1)
     assert in_channels(colours, 3) is colours
     assert in_channels(colours, 1).flatten().tolist() == [round(0.2126 * 200 + 0.7152 * 100 + 0.0722 * 50)]
@@ -329,7 +325,7 @@ def test_pictures_in_the_channels_of_others() -> None:
         ),
     ],
 )
-def test_what_are_no_digital_numbers_is_named(dn: Tensor, camera: Camera, message: str) -> None:
+def test_what_are_no_digital_numbers_is_named(dn, camera, message):
     for by in (develop, develop_8bit):
         with pytest.raises((TypeError, ValueError), match=message):
             by(dn, camera)

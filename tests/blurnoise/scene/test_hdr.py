@@ -1,17 +1,13 @@
 """HDR and pulsed lamps: SNR at the switches, mean and noise of the blend, ghosts in closed form; phases of a lamp."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from torch import Tensor
 
 from blurnoise import Camera, ExposedScene, Exposure, simulate
 from blurnoise.light.flicker import Flicker, Pwm
@@ -28,22 +24,22 @@ LIT = {"exposure_s": 0.01, "illuminance_lux": 1.0}
 CLEAN: dict[str, Any] = {"generator": [0], "noise": False, "quantised": False}
 
 
-def dual_gain(gain_db: float) -> tuple[Capture, Capture]:
+def dual_gain(gain_db):
     """One exposure read at a gain and at 0 dB: nothing moves between the two."""
     return Capture(gain_db=gain_db), Capture(start_s=0.0)
 
 
-def lit(camera: Camera, exposure_s: float = 0.01) -> dict[str, float]:
+def lit(camera, exposure_s=0.01):
     """Light under which white fills the well in the first exposure."""
     return {"exposure_s": exposure_s, "illuminance_lux": WELL_E / electrons_per_lux_s(camera) / exposure_s}
 
 
-def fused(light: Tensor, camera: Camera, captures: tuple[Capture, ...], **taken: Any) -> Tensor:
+def fused(light, camera, captures, **taken):
     """Electrons of the first capture."""
     return fuse(captured(ExposedScene(light), camera, captures, **{**lit(camera), **taken}), camera, captures)
 
 
-def flat(electrons: float, captures: tuple[Capture, ...], camera: Camera = FINE) -> Tensor:
+def flat(electrons, captures, camera=FINE):
     """Fused electrons of an even scene, 120 000 pixels."""
     return fused(torch.full((1, 1, 300, 400), electrons / WELL_E), camera, captures, generator=[1]).double()
 
@@ -51,7 +47,7 @@ def flat(electrons: float, captures: tuple[Capture, ...], camera: Camera = FINE)
 @pytest.mark.parametrize(
     ("ratio", "above_db", "range_db"), [(4, 34.27, 83.1), (16, 28.22, 95.1), (256, 15.64, 119.2)]
 )
-def test_snr_falls_at_the_switch_and_range_grows(ratio: float, above_db: float, range_db: float) -> None:
+def test_snr_falls_at_the_switch_and_range_grows(ratio, above_db, range_db):
     assert hdr.snr_db(FINE, (Capture(),), WELL_E) == pytest.approx(40.30, abs=0.005)
     assert hdr.snr_db(FINE, staggered(ratio), WELL_E) == pytest.approx(above_db, abs=0.006)
     assert hdr.dynamic_range_db(FINE, (Capture(),)) == pytest.approx(71.1, abs=0.05)
@@ -59,7 +55,7 @@ def test_snr_falls_at_the_switch_and_range_grows(ratio: float, above_db: float, 
 
 
 @pytest.mark.parametrize(("electrons", "std_e"), [(9300.0, 184.9), (10_000.0, 357.7), (20_000.0, 565.0)])
-def test_the_blend_is_unbiased_and_its_noise_is_known(electrons: float, std_e: float) -> None:
+def test_the_blend_is_unbiased_and_its_noise_is_known(electrons, std_e):
     """5 deviations of a sample's of 120 000 pixels, and 1 % for weights that follow the noisy value."""
     seen = flat(electrons, staggered(16))
     assert float(seen.mean()) == pytest.approx(electrons, rel=1e-3)
@@ -70,14 +66,14 @@ def test_the_blend_is_unbiased_and_its_noise_is_known(electrons: float, std_e: f
 
 @pytest.mark.parametrize("second_db", [0.0, 6.0])
 @pytest.mark.parametrize("share", [0.5, 0.875, 0.92])
-def test_two_gains_on_one_exposure_share_their_noise_in_the_blend(second_db: float, share: float) -> None:
+def test_two_gains_on_one_exposure_share_their_noise_in_the_blend(second_db, share):
     captures = Capture(gain_db=12.0), Capture(gain_db=second_db, start_s=0.0)
     electrons = share * hdr.saturations_e(FINE, captures)[0]
     seen = float(flat(electrons, captures).std())
     assert hdr.noise_e(FINE, captures, electrons) == pytest.approx(seen, rel=5 / math.sqrt(240_000) + 0.006)
 
 
-def test_dark_current_is_noise_of_every_capture() -> None:
+def test_dark_current_is_noise_of_every_capture():
     """6000 e- of it in the first exposure, 375 in the second; without them the first would have 22 e-, not 81."""
     warm = replace(FINE, dark_current_e_s=6e5, dark_reference_c=25.0, dark_doubling_c=8.0)
     for electrons in (500.0, 40_000.0):
@@ -94,14 +90,14 @@ def test_dark_current_is_noise_of_every_capture() -> None:
         ((Capture(gain_db=12.0), Capture(start_s=0.0), Capture(sensitivity=0.05, start_s=0.0)), 19),
     ],
 )
-def test_static_and_noise_free_it_is_linear_to_the_last_saturation(captures: Any, most: float) -> None:
+def test_static_and_noise_free_it_is_linear_to_the_last_saturation(captures, most):
     light = torch.linspace(0, most, 501, dtype=torch.float64)[None, None, None]
     torch.testing.assert_close(fused(light, IMX250, captures, **CLEAN), light * WELL_E, rtol=1e-6, atol=1e-3)
     beyond = float(fused(2 * light[..., -1:], IMX250, captures, **CLEAN))
     assert beyond == pytest.approx(WELL_E * (20 if most == 19 else most), rel=1e-3)
 
 
-def test_one_capture_is_the_plain_frame_to_the_bit() -> None:
+def test_one_capture_is_the_plain_frame_to_the_bit():
     light = torch.rand(2, 3, 17, 23, generator=torch.Generator().manual_seed(1))
     at: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0, "generator": [4, 9]}
     at["velocity_px_s"] = (400.0, -90.0)
@@ -116,7 +112,7 @@ def test_one_capture_is_the_plain_frame_to_the_bit() -> None:
     assert torch.equal(both[1:], fused(light[1:], IMX250, staggered(16), **at | {"generator": [9]}))
 
 
-def test_captures_share_electrons_on_one_exposure_and_draw_their_own_on_two() -> None:
+def test_captures_share_electrons_on_one_exposure_and_draw_their_own_on_two():
     light = torch.full((1, 1, 120, 200), 0.2)
     for captures, low, high in ((dual_gain(12.0), 0.99, 1.0), (staggered(1), -0.03, 0.03)):
         frames = captured(ExposedScene(light), FINE, captures, generator=[4], **lit(FINE))
@@ -129,10 +125,9 @@ MOVED: dict[str, Any] = {**CLEAN, "velocity_px_s": (1000.0 * FINENESS, 0.0)}
 
 
 @pytest.mark.parametrize(
-    ("captures", "edges"),
-    [(staggered(16), [-13.75, -12.5, -4.92, 13.75]), (dual_gain(0.0), [-13.75, 13.75])],
+    ("captures", "edges"), [(staggered(16), [-13.75, -12.5, -4.92, 13.75]), (dual_gain(0.0), [-13.75, 13.75])]
 )
-def test_ghosts_of_a_bar(monkeypatch: pytest.MonkeyPatch, captures: Any, edges: list[float]) -> None:
+def test_ghosts_of_a_bar(monkeypatch, captures, edges):
     """20 px wide, four times as bright as what saturates capture 1, moving 10 px during it; R = 16. Capture 1
     saturates to +-(w/2 + L(1/2 - 1/4)) = +-12.5; the bar of capture 2 begins at 5.31 - 10; between is a dark notch.
     """
@@ -145,7 +140,7 @@ def test_ghosts_of_a_bar(monkeypatch: pytest.MonkeyPatch, captures: Any, edges: 
         assert float(seen[(X > -12.4) & (X < -5.1)].abs().max()) < 0.05
 
 
-def test_the_second_capture_lies_5_31_px_further_per_1000_px_s() -> None:
+def test_the_second_capture_lies_5_31_px_further_per_1000_px_s():
     """Read alone: centres (10 + 0.625) / 2 ms apart, and 1 px further for each ms of gap."""
     light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
     for start_s, expected_px in ((None, 5.3125), (0.012, 7.3125)):
@@ -156,7 +151,7 @@ def test_the_second_capture_lies_5_31_px_further_per_1000_px_s() -> None:
 
 
 @pytest.mark.parametrize(("name", "full_well_e"), [("imx250", WELL_E), ("imx250c", 5000.0)])
-def test_developed_white_is_white(name: str, full_well_e: float) -> None:
+def test_developed_white_is_white(name, full_well_e):
     """Of a mosaic, too, and where the well ends below the converter's range."""
     camera = replace(Camera.preset(name), full_well_e=full_well_e)
     light = torch.full((1, 3, 8, 10), 8.0)
@@ -168,7 +163,7 @@ def test_developed_white_is_white(name: str, full_well_e: float) -> None:
     assert float(seen[..., 8:].mean()) == pytest.approx(half, abs=2e-3)
 
 
-def test_a_camera_file_states_captures(tmp_path: Path) -> None:
+def test_a_camera_file_states_captures(tmp_path):
     (tmp_path / "mine.yaml").write_text(
         "base: imx250\ncaptures: [{}, {exposure_ratio: 16}, {exposure_ratio: 256.0}]\n"
     )
@@ -191,13 +186,13 @@ LED = Pwm(90.0, 0.1)
 PHASES = (torch.arange(200_000).double() + 0.5) / 200_000
 
 
-def shares(pwm: Pwm, exposure_s: float) -> Tensor:
+def shares(pwm, exposure_s):
     """Of exposures that begin evenly over a period."""
     return pwm.duty * pwm.factor(exposure_s, PHASES / pwm.frequency_hz)
 
 
 @pytest.mark.parametrize(("exposure_ms", "dark"), [(0.5, 0.855), (5.0, 0.45), (10.0, 0.0)])
-def test_share_of_dark_frames(exposure_ms: float, dark: float) -> None:
+def test_share_of_dark_frames(exposure_ms, dark):
     seen = shares(LED, exposure_ms / 1e3)
     assert LED.dark_probability(exposure_ms / 1e3) == pytest.approx(dark, abs=1e-9)
     assert float((seen <= 1e-12).double().mean()) == pytest.approx(dark, abs=1e-4)
@@ -206,11 +201,8 @@ def test_share_of_dark_frames(exposure_ms: float, dark: float) -> None:
 @settings(max_examples=10, deadline=None)
 @example(exposure_ms=7.0, duty=0.13)
 @example(exposure_ms=13.0, duty=0.71)
-@given(
-    exposure_ms=st.floats(0.05, 60.0),
-    duty=st.floats(0.02, 0.98),
-)
-def test_the_law_is_that_of_evenly_spread_phases(exposure_ms: float, duty: float) -> None:
+@given(exposure_ms=st.floats(0.05, 60.0), duty=st.floats(0.02, 0.98))
+def test_the_law_is_that_of_evenly_spread_phases(exposure_ms, duty):
     lamp, exposure_s = Pwm(90.0, duty), exposure_ms / 1e3
     on_s = shares(lamp, exposure_s) * exposure_s
     least, most = lamp.extremes(exposure_s)
@@ -220,7 +212,7 @@ def test_the_law_is_that_of_evenly_spread_phases(exposure_ms: float, duty: float
     assert float(on_s.max()) / exposure_s / duty == pytest.approx(most, abs=2 * steps + 1e-9)
 
 
-def test_phase_is_a_draw_of_its_own() -> None:
+def test_phase_is_a_draw_of_its_own():
     drawn = torch.tensor([LED.with_phase_of(seed).phase for seed in range(2000)])
     assert LED.with_phase_of(7) == LED.with_phase_of(7)
     assert float(drawn.mean()) == pytest.approx(0.5, abs=5 / math.sqrt(12 * 2000))  # 5 deviations of the mean
@@ -228,7 +220,7 @@ def test_phase_is_a_draw_of_its_own() -> None:
     assert float(drawn.max()) < 1
 
 
-def test_the_mask_says_where() -> None:
+def test_the_mask_says_where():
     light, mask = torch.full((1, 1, 4, 6), 0.5), torch.zeros(4, 6)
     mask[1, 2], mask[2, 4] = 1.0, 0.25
     seen = Flicker(LED, mask).on(light, 0.001)  # the pulse has begun: 10 times the mean light
@@ -237,7 +229,7 @@ def test_the_mask_says_where() -> None:
     assert float((seen != light).sum()) == 2
 
 
-def test_rows_that_begin_later_see_bands() -> None:
+def test_rows_that_begin_later_see_bands():
     """One period of the lamp is 1 / (f t_row) rows."""
     rows = Flicker(LED, row_time_s=1 / (90 * 100)).on(torch.ones(1, 1, 500, 1), 0.001).flatten()
     torch.testing.assert_close(rows[:400], rows[100:])
@@ -268,7 +260,7 @@ ONE = ExposedScene(torch.ones(1, 1, 2, 3))
         (lambda: Flicker(LED, 2 * torch.ones(2, 3)).on(torch.ones(1, 1, 2, 3), 1.0), "mask: must lie"),
     ],
 )  # fmt: skip
-def test_bad_input_is_named(call: Any, message: str) -> None:
+def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message) as error:
         call()
     assert "\n" not in str(error.value)

@@ -1,7 +1,5 @@
 """The plan: what it leaves out stays within its tolerance, and it says so."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import pairwise
@@ -46,7 +44,7 @@ CAMERAS = st.fixed_dictionaries(
 ).map(lambda figures: replace(BUSY, **figures))
 
 
-def test_the_stages_stand_in_the_order_of_the_physics() -> None:
+def test_the_stages_stand_in_the_order_of_the_physics():
     chosen = plan(BUSY, exposure_s=0.02, illuminance_lux=100.0, displacement_px=(12.0, 0.0))
     order = ORDER.replace("\n", " ").split(", ")
     assert [stage.name for stage in chosen.stages if stage.name in order] == order
@@ -61,7 +59,7 @@ def test_the_stages_stand_in_the_order_of_the_physics() -> None:
     assert by_name["spectral integration"].how == "none here"
 
 
-def test_a_larger_tolerance_keeps_less() -> None:
+def test_a_larger_tolerance_keeps_less():
     settings_ = {"exposure_s": 0.01, "illuminance_lux": 50.0, "displacement_px": (3.0, 1.0)}
     kept = [
         {stage.name for stage in plan(BUSY, **settings_, tolerance_dn=tolerance).stages if stage.kept}  # type: ignore[arg-type]
@@ -90,9 +88,7 @@ def test_a_larger_tolerance_keeps_less() -> None:
     0.0,
     0.5,
 )
-def test_what_is_left_out_is_within_the_tolerance(
-    camera: Camera, exposure_s: float, lux: float, length: float, tolerance: float
-) -> None:
+def test_what_is_left_out_is_within_the_tolerance(camera, exposure_s, lux, length, tolerance):
     """The mean frame of auto is within the tolerance, RMS, of the full one, and so is its noise."""
     image = (torch.rand(1, 1, 48, 48, generator=torch.Generator().manual_seed(1)) > 0.5).double()
     x_px_s = length / exposure_s if exposure_s > 1e-3 else 0.0
@@ -144,9 +140,7 @@ EIGHT_BIT = Camera(
 )
 @example(0.01, 0.0, 0.0, 0.1)  # 9.49 DN with 0.098 DN of shot noise
 @example(0.8, 0.07, 0.003, 0.1)  # read noise that dithers, beside which DSNU may go
-def test_the_variance_after_rounding_holds_at_every_fraction_of_the_mean(
-    read_dn: float, dsnu_dn: float, prnu: float, tolerance: float
-) -> None:
+def test_the_variance_after_rounding_holds_at_every_fraction_of_the_mean(read_dn, dsnu_dn, prnu, tolerance):
     """Means of 9 to 10 DN in steps of 0.01: the exact law of the rounded normal, and auto within the tolerance.
 
     Five standard errors of 10 000 pixels, from the law's fourth moment and the pattern's share of the mean, which a
@@ -176,7 +170,7 @@ def test_the_variance_after_rounding_holds_at_every_fraction_of_the_mean(
     assert (np.abs(found - variance) <= error + 1.2 * tolerance**2).all()
 
 
-def test_items_of_different_regimes_share_a_batch() -> None:
+def test_items_of_different_regimes_share_a_batch():
     """Dark, bright, saturated, still and moving: each is what it would be alone."""
     images = torch.rand(4, 3, 40, 50, generator=torch.Generator().manual_seed(3))
     at: dict[str, Any] = {"exposure_s": torch.tensor([0.0, 1e-3, 0.03, 100.0]), "generator": [1, 2, 3, 4]}

@@ -1,7 +1,5 @@
 """The whole chain: units, per-picture arguments, randomness, gradients, limits; anchors and automatic exposure."""
 
-from __future__ import annotations
-
 import math
 import weakref
 from dataclasses import replace
@@ -11,7 +9,6 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import (
@@ -48,11 +45,11 @@ LIT: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 60.0}
 MEAN: dict[str, Any] = {"noise": False, "quantised": False, "fidelity": "full"}
 
 
-def picture(*shape: int) -> torch.Tensor:
+def picture(*shape):
     return torch.rand(*shape, generator=torch.Generator().manual_seed(8))
 
 
-def test_mean_follows_light_and_exposure() -> None:
+def test_mean_follows_light_and_exposure():
     """Black + K rho n_e, n = 90000, within 5 standard errors; the sRGB code is linearised first."""
     linear = torch.full((1, 1, 300, 300), 0.18)
     white_e = photoelectrons(CAMERA, 40.0, 0.02)
@@ -63,7 +60,7 @@ def test_mean_follows_light_and_exposure() -> None:
         assert float(dn.double().mean()) == pytest.approx(expected, abs=error)
 
 
-def test_same_generator_same_bits() -> None:
+def test_same_generator_same_bits():
     first, again, other = (
         simulate(picture(2, 1, 9, 9), CAMERA, **LIT, generator=torch.Generator().manual_seed(seed))
         for seed in (1, 1, 2)
@@ -72,7 +69,7 @@ def test_same_generator_same_bits() -> None:
     assert not torch.equal(first, other)
 
 
-def test_bright_scenes_saturate_and_dark_ones_are_black() -> None:
+def test_bright_scenes_saturate_and_dark_ones_are_black():
     image = torch.ones(1, 1, 8, 8)
     bright = simulate(image, CAMERA, exposure_s=1.0, illuminance_lux=1e4)
     assert bright.unique().tolist() == [4095.0]
@@ -81,7 +78,7 @@ def test_bright_scenes_saturate_and_dark_ones_are_black() -> None:
     assert float((dark - CAMERA.black_level_dn).abs().max()) < 8 * CAMERA.read_noise_e
 
 
-def test_fixed_pattern_belongs_to_the_camera() -> None:
+def test_fixed_pattern_belongs_to_the_camera():
     camera = replace(CAMERA, prnu=0.1)
     image = torch.full((1, 1, 64, 64), 0.5)
     arguments = {"exposure_s": 0.02, "illuminance_lux": 50.0}
@@ -93,7 +90,7 @@ def test_fixed_pattern_belongs_to_the_camera() -> None:
     assert abs(different) < 5 / 64
 
 
-def test_motion_is_to_the_right_and_down() -> None:
+def test_motion_is_to_the_right_and_down():
     """A spot that moves 20 px to the right and 10 down is a streak from up left to down right about its place."""
     y, x = torch.meshgrid(torch.arange(61.0) - 30, torch.arange(81.0) - 40, indexing="ij")
     image = torch.exp(-(x * x + y * y) / 8)[None, None]
@@ -125,7 +122,7 @@ def test_motion_is_to_the_right_and_down() -> None:
         ({"camera": PRESETS["imx250c"], "image": torch.zeros(1, 3, 1, 5)}, "image: 5 x 1 px; behind cfa = 'RGGB' mu"),
     ],
 )  # fmt: skip
-def test_bad_input_is_named(changes: dict[str, object], words: str) -> None:
+def test_bad_input_is_named(changes, words):
     good = {"image": torch.zeros(1, 1, 3, 3), "camera": CAMERA, **LIT}
     with pytest.raises(ValueError, match=words):
         simulate(**{**good, **changes})
@@ -134,7 +131,7 @@ def test_bad_input_is_named(changes: dict[str, object], words: str) -> None:
             RandomExposure(changes["camera"], p=1.0)(changes["image"])
 
 
-def test_srgb_round_trip_and_known_values() -> None:
+def test_srgb_round_trip_and_known_values():
     """IEC 61966-2-1: 0.5 codes 0.21404 of linear light; both directions are inverse to 1e-6."""
     coded = torch.linspace(0, 1, 4001, dtype=torch.float64)
     torch.testing.assert_close(srgb_from_linear(linear_from_srgb(coded)), coded, atol=1e-6, rtol=0)
@@ -145,7 +142,7 @@ def test_srgb_round_trip_and_known_values() -> None:
     assert float(rest.grad) == pytest.approx(12.92)
 
 
-def test_decoding_rounds_alike_wherever_a_value_lies() -> None:
+def test_decoding_rounds_alike_wherever_a_value_lies():
     """A transform spreads a value's last bit over the whole picture, so decoding may not depend on its place."""
     coded = picture(1, 3, 37, 41)
     pieces = torch.cat([linear_from_srgb(piece.clone()) for piece in coded.flatten().split(13)])
@@ -153,7 +150,7 @@ def test_decoding_rounds_alike_wherever_a_value_lies() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
-def test_light_at_rest_is_not_written_to(name: str) -> None:
+def test_light_at_rest_is_not_written_to(name):
     """Effects that have nothing to do hand their input on, which is the caller's picture."""
     light, camera = torch.full((1, 3, 16, 20), 0.5), Camera.preset(name)
     for velocity in (torch.zeros(2), torch.zeros(2, 16, 20)):
@@ -165,7 +162,7 @@ def test_light_at_rest_is_not_written_to(name: str) -> None:
             assert torch.equal(scene.expose(camera, **at), first)
 
 
-def test_a_scene_is_freed_at_once() -> None:
+def test_a_scene_is_freed_at_once():
     """Without waiting for the collector of cycles: training makes one for every batch."""
     scene = ExposedScene(torch.rand(1, 3, 16, 20))
     scene.expose(Camera.preset("imx250"), exposure_s=0.01, illuminance_lux=50.0, generator=[1])
@@ -182,18 +179,18 @@ INPUTS = {
 }
 
 
-def inputs() -> dict[str, Tensor]:
+def inputs():
     image = 0.1 + 0.8 * torch.rand(1, 1, 9, 11, generator=torch.Generator().manual_seed(1)).double()
     return {"image": image, **{name: torch.tensor(value).double() for name, value in INPUTS.items()}}
 
 
-def frame(camera: Camera = SMOOTH, **given: Any) -> Tensor:
+def frame(camera=SMOOTH, **given):
     return simulate(camera=camera, encoding="linear", generator=[7], **given)
 
 
 @pytest.mark.parametrize("noise", [False, True])
 @pytest.mark.parametrize("name", ["image", *INPUTS])
-def test_gradients_are_those_of_finite_differences(name: str, noise: bool) -> None:
+def test_gradients_are_those_of_finite_differences(name, noise):
     given = inputs()
     varied = given.pop(name)[..., :5, :6].contiguous() if name == "image" else given.pop(name)
     at = {"noise": noise, "quantised": False, **given}
@@ -202,7 +199,7 @@ def test_gradients_are_those_of_finite_differences(name: str, noise: bool) -> No
     assert torch.autograd.gradcheck(lambda value: frame(**at, **{name: value}), (varied,), **wanted)
 
 
-def test_rounding_lets_gradients_through_and_clipping_does_not() -> None:
+def test_rounding_lets_gradients_through_and_clipping_does_not():
     given = inputs()
     image = given["image"].requires_grad_()
     (rounded,) = torch.autograd.grad(frame(**given).sum(), image)
@@ -212,7 +209,7 @@ def test_rounding_lets_gradients_through_and_clipping_does_not() -> None:
 
 
 @pytest.mark.parametrize("read_noise_e", [0.0, 0.1, 0.24])
-def test_gradients_stay_finite_without_light_or_read_noise(read_noise_e: float) -> None:
+def test_gradients_stay_finite_without_light_or_read_noise(read_noise_e):
     given = inputs() | {"image": torch.zeros(1, 1, 9, 11, dtype=torch.float64)}
     values = [given[name].requires_grad_() for name in given if name != "temperature_c"]
     camera = replace(SMOOTH, read_noise_e=read_noise_e, dark_current_e_s=0.0)
@@ -221,7 +218,7 @@ def test_gradients_stay_finite_without_light_or_read_noise(read_noise_e: float) 
     )
 
 
-def smooth(seed: int, height: int = 41, width: int = 53) -> Tensor:
+def smooth(seed, height=41, width=53):
     generator = torch.Generator().manual_seed(seed)
     return avg_pool2d(torch.rand(1, 1, height, width, dtype=torch.float64, generator=generator), 5, 1, 2)
 
@@ -229,7 +226,7 @@ def smooth(seed: int, height: int = 41, width: int = 53) -> Tensor:
 @pytest.mark.parametrize("layers", [False, True])
 @pytest.mark.parametrize("shutter", ["global", "rolling", "global-reset"])
 @pytest.mark.parametrize("moving", ["straight", "path", "both", "flow"])
-def test_exposure_has_the_gradient_of_what_it_sees(moving: str, shutter: str, layers: bool) -> None:
+def test_exposure_has_the_gradient_of_what_it_sees(moving, shutter, layers):
     """Contrast over the exposure falls by 27 000 per second of straight motion; against frames without gradients,
     which other ways may have made.
     """
@@ -242,7 +239,7 @@ def test_exposure_has_the_gradient_of_what_it_sees(moving: str, shutter: str, la
     given = {"velocity_px_s": velocity, "trajectory": path, "layers": [block] if layers else ()}
     given |= {**MEAN, "encoding": "linear", "illuminance_lux": 50.0}
 
-    def mean(exposure_s: Tensor) -> Tensor:
+    def mean(exposure_s):
         light = simulate(still, camera, exposure_s=exposure_s, **given) - camera.black_level_dn
         return ((still - 0.5) * light / exposure_s).mean()
 
@@ -252,19 +249,19 @@ def test_exposure_has_the_gradient_of_what_it_sees(moving: str, shutter: str, la
     assert float(found) == pytest.approx((above - below) / 2e-4, abs=400.0)
 
 
-def scene() -> torch.Tensor:
+def scene():
     """Linear light, (1, 3, 41, 67), colours unlike each other."""
     light = torch.rand(1, 3, 41, 67, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     return light * torch.tensor([0.9, 0.6, 0.3], dtype=torch.float64)[:, None, None]
 
 
-def photograph(stops_darker: int) -> torch.Tensor:
+def photograph(stops_darker):
     """The scene as an 8-bit sRGB picture of an exposure that is so many stops shorter."""
     return (srgb_from_linear(scene() / 2**stops_darker) * 255).round() / 255
 
 
 @pytest.mark.parametrize("anchor", ["mean", "p50", "p99.5", "12,5,40,30"])
-def test_a_scene_photographed_darker_gives_the_same_frame(anchor: str) -> None:
+def test_a_scene_photographed_darker_gives_the_same_frame(anchor):
     """Up to what 8 bits leave of it: half a code is 1/510 of the coded range, times at most 2.4, the slope of sRGB's
     decoding at white, in light; of the darker picture 2^stops of that; times the anchor's own scale.
     """
@@ -280,7 +277,7 @@ def test_a_scene_photographed_darker_gives_the_same_frame(anchor: str) -> None:
     )
 
 
-def test_what_is_anchored_is_18_percent() -> None:
+def test_what_is_anchored_is_18_percent():
     light = scene()
     weights = torch.tensor([0.2126, 0.7152, 0.0722], dtype=torch.float64)
     luminance = torch.einsum("c,chw->hw", weights, light[0])
@@ -293,7 +290,7 @@ def test_what_is_anchored_is_18_percent() -> None:
         torch.testing.assert_close(anchored(light, anchor), light * 0.18 / grey, rtol=1e-3, atol=0)
 
 
-def test_more_than_white_stays() -> None:
+def test_more_than_white_stays():
     """A lamp of 3.6 times white is as many electrons, not white's; and auto leaves out nothing of it."""
     light = torch.full((1, 1, 40, 60), 0.05, dtype=torch.float64)
     light[..., 10:20, 20:40] = 1.0
@@ -309,7 +306,7 @@ def test_more_than_white_stays() -> None:
     assert float((auto - full).square().mean().sqrt()) <= 0.1
 
 
-def test_anchors_are_read_written_and_of_codes_as_of_light() -> None:
+def test_anchors_are_read_written_and_of_codes_as_of_light():
     for text in ("mean", "p5", "p99.5", "0,0,10,20", " MEAN "):
         anchor = GreyAnchor.parse(text)
         assert str(anchor) == text.strip().lower()
@@ -327,7 +324,7 @@ LUX = st.floats(1e-4, 1e6)
 
 
 @given(LUX, st.floats(0.01, 1.0))
-def test_time_first_then_gain(lux: float, light: float) -> None:
+def test_time_first_then_gain(lux, light):
     ae = AutoExposure()
     setting = ae.setting(CAMERA, mean_light=light, illuminance_lux=lux)
     assert setting.exposure_s <= 1 / 30
@@ -340,7 +337,7 @@ def test_time_first_then_gain(lux: float, light: float) -> None:
 
 
 @given(LUX, st.sampled_from([0.0, 50.0, 60.0]), st.sampled_from([0.0, 1e-5, 2.41e-5]))
-def test_periods_and_rows_are_whole(lux: float, mains_hz: float, row_time_s: float) -> None:
+def test_periods_and_rows_are_whole(lux, mains_hz, row_time_s):
     ae = AutoExposure(mains_hz=mains_hz, row_time_s=row_time_s)
     exposure_s = ae.setting(CAMERA, mean_light=0.2, illuminance_lux=lux).exposure_s
     if mains_hz and not row_time_s and exposure_s >= 1 / (2 * mains_hz):
@@ -352,7 +349,7 @@ def test_periods_and_rows_are_whole(lux: float, mains_hz: float, row_time_s: flo
         assert ae.allowed_s(exposure_s) == pytest.approx(exposure_s)  # twice is once
 
 
-def test_the_meter_reads_what_the_mean_frame_has() -> None:
+def test_the_meter_reads_what_the_mean_frame_has():
     rows = torch.linspace(0.05, 0.4, 60)[None, None, :, None].expand(1, 3, 60, 80)
     light = rows * torch.tensor([1.0, 0.7, 0.3])[None, :, None, None]
     mean = float(mean_luma(light)[0])
@@ -364,7 +361,7 @@ def test_the_meter_reads_what_the_mean_frame_has() -> None:
     assert float(mean_luma(seen)[0]) == pytest.approx(0.18, abs=1 / 4095)
 
 
-def test_automatic_exposures_that_cannot_be_are_named() -> None:
+def test_automatic_exposures_that_cannot_be_are_named():
     for figures, said in (
         ({"target": 0.0}, "target"),
         ({"mains_hz": 55.0}, "mains_hz = 55.0: must be 0, 50 or 60"),
@@ -376,7 +373,7 @@ def test_automatic_exposures_that_cannot_be_are_named() -> None:
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_a_picture_is_metered_alike_alone_and_in_a_batch(channels: int) -> None:
+def test_a_picture_is_metered_alike_alone_and_in_a_batch(channels):
     """Values of float16, whose sums round differently in another order."""
     light = torch.rand(5, channels, 301, 403, generator=torch.Generator().manual_seed(1)).half().float()
     alone = torch.cat([mean_luma(picture) for picture in torch.split(light, 1)])

@@ -1,7 +1,5 @@
 """NumPy pictures: one function, and the transform for albumentations, beside Kornia's augmentation."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 
@@ -19,18 +17,18 @@ FAST: dict[str, Any] = {"speed_px_s": (500.0, 1000.0), "exposure_s": (0.01, 0.02
 
 
 @pytest.fixture
-def picture() -> np.ndarray:
+def picture():
     return np.random.default_rng(1).integers(0, 256, (45, 63, 3)).astype(np.uint8)
 
 
 @pytest.fixture
-def albumentations(monkeypatch: pytest.MonkeyPatch) -> Any:
+def albumentations(monkeypatch):
     monkeypatch.setitem(os.environ, "NO_ALBUMENTATIONS_UPDATE", "1")
     return pytest.importorskip("albumentations", reason="albumentations is not installed")
 
 
 @pytest.mark.parametrize("kind", ["uint8", "float32", "float64"])
-def test_an_array_gets_what_a_tensor_gets(picture: np.ndarray, kind: str) -> None:
+def test_an_array_gets_what_a_tensor_gets(picture, kind):
     given = picture if kind == "uint8" else (picture / 255).astype(kind)
     seen = expose_numpy(np.stack([given, given]), "imx250c", **TAKEN, generator=[1, 2])
     tensor = torch.from_numpy(np.stack([given, given])).permute(0, 3, 1, 2)
@@ -42,7 +40,7 @@ def test_an_array_gets_what_a_tensor_gets(picture: np.ndarray, kind: str) -> Non
     assert np.array_equal(alone, seen[1])
 
 
-def test_the_order_of_channels_is_stated(picture: np.ndarray) -> None:
+def test_the_order_of_channels_is_stated(picture):
     rgb = expose_numpy(picture, "imx250c", **TAKEN, generator=1)
     bgr = expose_numpy(picture[..., ::-1], "imx250c", channels="bgr", **TAKEN, generator=1)
     assert np.array_equal(bgr[..., ::-1], rgb)
@@ -59,12 +57,12 @@ def test_the_order_of_channels_is_stated(picture: np.ndarray) -> None:
         (np.zeros((4, 5, 3), np.uint8), {"channels": "gbr"}, "channels"),
     ],
 )
-def test_other_arrays_are_refused(image: Any, options: dict[str, Any], words: str) -> None:
+def test_other_arrays_are_refused(image, options, words):
     with pytest.raises((TypeError, ValueError), match=words):
         expose_numpy(image, "imx250c", **TAKEN, **options)
 
 
-def test_albumentations_grows_boxes_as_kornia_does(albumentations: Any, picture: np.ndarray) -> None:
+def test_albumentations_grows_boxes_as_kornia_does(albumentations, picture):
     from blurnoise import albumentations as ours
 
     boxes = albumentations.BboxParams("pascal_voc", label_fields=["labels"])
@@ -87,12 +85,12 @@ def test_albumentations_grows_boxes_as_kornia_does(albumentations: Any, picture:
 
 
 @pytest.mark.parametrize("kind", ["uint8", "float32"])
-def test_albumentations_seeds_and_replays(albumentations: Any, picture: np.ndarray, kind: str) -> None:
+def test_albumentations_seeds_and_replays(albumentations, picture, kind):
     from blurnoise import albumentations as ours
 
     given = picture if kind == "uint8" else (picture / 255).astype(kind)
 
-    def compose(seed: int) -> Any:
+    def compose(seed):
         return albumentations.Compose([ours.RandomExposure(p=1.0, moves="targets", **FAST)], seed=seed)
 
     target = np.zeros((45, 63), np.uint8)

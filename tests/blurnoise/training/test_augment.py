@@ -1,7 +1,5 @@
 """The Kornia augmentation: what it does, gains and colours, its replay, and the places it has to work in."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -23,7 +21,7 @@ LIT: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0}
 
 @pytest.mark.parametrize("encoding", ["srgb", "linear"])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_is_simulate_and_develop(encoding: Any, channels: int) -> None:
+def test_is_simulate_and_develop(encoding, channels):
     torch.manual_seed(0)
     image = pictures(channels=channels)
     warm = replace(Camera.preset("imx250"), dark_current_e_s=2000.0)
@@ -43,7 +41,7 @@ def test_is_simulate_and_develop(encoding: Any, channels: int) -> None:
 
 
 @pytest.mark.parametrize("given", [{}, {"gain_db": (3.0, 30.0)}, {"shake_px": (0.0, 5.0), "speed_px_s": 0.0}])
-def test_a_picture_does_not_depend_on_its_batch_and_is_replayed(given: dict[str, Any]) -> None:
+def test_a_picture_does_not_depend_on_its_batch_and_is_replayed(given):
     torch.manual_seed(2)
     aug, image = RandomExposure(TWO, p=1.0, **given), pictures(6)
     out, params = aug(image), aug._params
@@ -55,7 +53,7 @@ def test_a_picture_does_not_depend_on_its_batch_and_is_replayed(given: dict[str,
     assert not torch.equal(aug(image, params=other), out)
 
 
-def test_probability_chooses_pictures_and_leaves_the_others() -> None:
+def test_probability_chooses_pictures_and_leaves_the_others():
     torch.manual_seed(0)
     image = pictures(400, 1, 4, 5)
     aug = RandomExposure(illuminance_lux=1.0, p=0.3)
@@ -66,7 +64,7 @@ def test_probability_chooses_pictures_and_leaves_the_others() -> None:
     assert torch.equal(RandomExposure(p=0.0)(image), image)
 
 
-def test_same_on_batch_treats_equal_pictures_equally() -> None:
+def test_same_on_batch_treats_equal_pictures_equally():
     image = pictures(1).expand(5, -1, -1, -1)
     aug = RandomExposure(TWO, same_on_batch=True, p=0.999)
     out = aug(image)
@@ -78,14 +76,14 @@ def test_same_on_batch_treats_equal_pictures_equally() -> None:
 
 
 @pytest.mark.parametrize("p", [0.5, 1.0])
-def test_an_empty_batch_stays_empty(p: float) -> None:
+def test_an_empty_batch_stays_empty(p):
     for same in (False, True):
         out = RandomExposure(p=p, same_on_batch=same)(torch.rand(0, 3, 8, 9))
         assert out.shape == (0, 3, 8, 9)
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_other_precisions_come_back_as_they_came(dtype: torch.dtype) -> None:
+def test_other_precisions_come_back_as_they_came(dtype):
     """Half precision is computed in float32: its result is float32's, rounded once."""
     aug, image = RandomExposure(TWO, p=1.0), pictures().to(dtype)
     out = aug(image)
@@ -97,7 +95,7 @@ def test_other_precisions_come_back_as_they_came(dtype: torch.dtype) -> None:
         assert torch.equal(out, single.to(dtype))
 
 
-def test_gradients_reach_the_pictures() -> None:
+def test_gradients_reach_the_pictures():
     """A picture's light moves its own output, upward; a picture that p leaves has the identity."""
     torch.manual_seed(8)
     image = pictures(6).mul(0.5).add(0.2).requires_grad_()
@@ -111,7 +109,7 @@ def test_gradients_reach_the_pictures() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda aug: pickle.loads(pickle.dumps(aug))])
-def test_copies_draw_and_expose_alike(copied: Any) -> None:
+def test_copies_draw_and_expose_alike(copied):
     aug = RandomExposure(TWO, temperature_c=(0, 40), grow_boxes=True, p=0.8)
     other = copied(aug)
     outs = []
@@ -128,10 +126,10 @@ class Exposed(Dataset[tuple[Tensor, dict[str, Tensor]]]):
 
     aug = RandomExposure(TWO, p=1.0)
 
-    def __len__(self) -> int:
+    def __len__(self):
         return 8
 
-    def __getitem__(self, index: int) -> tuple[Tensor, dict[str, Tensor]]:
+    def __getitem__(self, index):
         return self.aug(pictures(8)[index]), self.aug._params
 
 
@@ -139,7 +137,7 @@ class Exposed(Dataset[tuple[Tensor, dict[str, Tensor]]]):
     ("start", "workers"),
     [("fork", 2), pytest.param("spawn", 1, marks=pytest.mark.slow)],  # which imports everything anew
 )
-def test_workers_draw_their_own_and_replay_elsewhere(start: str, workers: int) -> None:
+def test_workers_draw_their_own_and_replay_elsewhere(start, workers):
     """Each worker's draws differ; given those, this process gets the same bits without workers."""
     how = {"num_workers": workers, "multiprocessing_context": start}
     loader = DataLoader(Exposed(), batch_size=None, generator=torch.Generator().manual_seed(1), **how)
@@ -166,7 +164,7 @@ def test_workers_draw_their_own_and_replay_elsewhere(start: str, workers: int) -
         ({"camera": "ar0237", "exposure_s": 1e-6, "shake_px": 3.0}, ValueError, "ar0237"),
     ],
 )
-def test_wrong_arguments_are_named(given: dict[str, Any], error: type[Exception], said: str) -> None:
+def test_wrong_arguments_are_named(given, error, said):
     with pytest.raises(error, match=said):
         RandomExposure(**given)
 
@@ -181,13 +179,13 @@ def test_wrong_arguments_are_named(given: dict[str, Any], error: type[Exception]
         (pictures(2), {"generator": [1]}, "generator"),
     ],
 )
-def test_wrong_pictures_are_named(image: Tensor, given: dict[str, Any], said: str) -> None:
+def test_wrong_pictures_are_named(image, given, said):
     with pytest.raises(ValueError, match=said):
         expose_pictures(image, **{"camera": "imx250", **LIT, **given})
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_colour_cameras_return_the_shape_they_got(channels: int) -> None:
+def test_colour_cameras_return_the_shape_they_got(channels):
     """A camera each: with filters, of one plane, with a sensor for each colour; one plane comes out grey."""
     mono = replace(Camera.preset("imx250"), cfa="mono")
     cameras = (Camera.preset("imx250c"), mono, Camera.preset("imx250"))
@@ -200,7 +198,7 @@ def test_colour_cameras_return_the_shape_they_got(channels: int) -> None:
     assert [torch.equal(each[0], each[-1]) for each in seen] == [channels == 1, True, channels == 1]
 
 
-def test_automatic_gain_makes_the_brightness_the_targets() -> None:
+def test_automatic_gain_makes_the_brightness_the_targets():
     """18 % of full scale by the mean frame; noise of the mean of n pixels, five of them, and the tables' rounding."""
     flat = torch.full((4, 3, 60, 80), 0.4)
     lux = torch.tensor([0.5, 4.0, 32.0, 1e5])

@@ -1,7 +1,5 @@
 """Objects, shakes and a camera that drives in the augmentation: what moves, beside whom, and where boxes go."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any
@@ -16,7 +14,6 @@ from kornia.augmentation import (
     VideoSequential,
 )
 from kornia.geometry.boxes import Boxes
-from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from blurnoise import Camera, develop, simulate
@@ -38,7 +35,7 @@ FOCAL_PX = SIZE[1] / 2 / math.tan(math.radians(30))
 RESET = replace(Camera.preset("ar0237"), shutter="global-reset")
 
 
-def batch(count: int = 3) -> tuple[Tensor, Tensor]:
+def batch(count=3):
     """Smooth pictures, and a mask of a square for each but the last, which has none."""
     image = avg_pool2d(pictures(count, 3, *SIZE), 5, 1, 2)
     masks = torch.zeros(count, 2, *SIZE)
@@ -47,11 +44,11 @@ def batch(count: int = 3) -> tuple[Tensor, Tensor]:
     return image, masks
 
 
-def exposed(image: Tensor, camera: Any = CAMERA, **given: Any) -> Tensor:
+def exposed(image, camera=CAMERA, **given):
     return expose_pictures(image, camera, **{**AT, "generator": list(range(len(image))), **given})
 
 
-def simulated(light: Tensor, mask: Tensor, own: Tensor, rest: Tensor, camera: Camera, **at: Any) -> Tensor:
+def simulated(light, mask, own, rest, camera, **at):
     """The parts of a mask by simulate's layers, developed."""
     matte = mask.amax(0).numpy()
     cut = cutting.cut_out(light, [matte], [own], cutting.filled(light, cutting.hole_of(matte > 0)))
@@ -61,7 +58,7 @@ def simulated(light: Tensor, mask: Tensor, own: Tensor, rest: Tensor, camera: Ca
 
 @pytest.mark.parametrize("moves", ["targets", "background"])
 @pytest.mark.parametrize("fidelity", ["auto", "full"])
-def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
+def test_parts_move_as_simulates_layers_do(moves, fidelity):
     image, masks = batch(2)
     found = exposed(image, **STRAIGHT, masks=masks, moves=moves, fidelity=fidelity)
     angle, still = math.radians(20.0), torch.zeros(2)
@@ -76,7 +73,7 @@ def test_parts_move_as_simulates_layers_do(moves: str, fidelity: Any) -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.float32, torch.float64])
-def test_pictures_one_by_one_are_the_batch(dtype: torch.dtype) -> None:
+def test_pictures_one_by_one_are_the_batch(dtype):
     """Bit for bit, whatever moves in the others; a picture without masks is the one without any."""
     image, masks = (each.to(dtype) for each in batch(4))
     moves = ["targets", "background", "all", "targets"]
@@ -93,7 +90,7 @@ def test_pictures_one_by_one_are_the_batch(dtype: torch.dtype) -> None:
         assert torch.equal(single.to(dtype), found)
 
 
-def test_containers_pass_masks_by_and_boxes_of_what_is_followed_stay() -> None:
+def test_containers_pass_masks_by_and_boxes_of_what_is_followed_stay():
     image, masks = batch(3)
     boxes = torch.tensor([[[20.0, 12.0, 37.0, 29.0]]]).repeat(3, 1, 1)
     aug = RandomExposure(moves="background", speed_px_s=600.0, exposure_s=0.02, grow_boxes=True, p=1.0)
@@ -110,7 +107,7 @@ def test_containers_pass_masks_by_and_boxes_of_what_is_followed_stay() -> None:
     assert bool((after[2] - boxes[2]).abs().sum() > 5)  # without masks all moves
 
 
-def test_boxes_cover_shakes() -> None:
+def test_boxes_cover_shakes():
     aug = RandomExposure(**AT, speed_px_s=0.0, shake_px=(9.0, 9.0), grow_boxes=True, p=1.0)
     torch.manual_seed(4)
     boxes = torch.tensor([[[25.0, 20.0, 34.0, 24.0]]]).repeat(4, 1, 1)
@@ -123,7 +120,7 @@ def test_boxes_cover_shakes() -> None:
 
 
 @pytest.mark.parametrize(("camera", "shake_px"), [("imx250", 5.0), ("ar0237", 5.0), (RESET, 0.0)])
-def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera: Any, shake_px: float) -> None:
+def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera, shake_px):
     image, masks = batch(2)
     moves = ("targets", "background")
     aug = RandomExposure(camera, exposure_s=(0.01, 0.03), moves=moves, shake_px=shake_px, p=1.0)
@@ -141,7 +138,7 @@ def test_parts_move_before_cameras_that_shake_and_read_row_by_row(camera: Any, s
     assert float((off < 1.5 / 255).float().mean()) > 0.995
 
 
-def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed() -> None:
+def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed():
     """Whose focal length is that of its field of view, whatever is beside it; one at rest is as still."""
     image, speeds = batch(4)[0], [30.0, 90.0, 0.0, 60.0]
     cameras = [CAMERA, replace(CAMERA, hfov_deg=30.0), CAMERA, replace(CAMERA, hfov_deg=30.0)]
@@ -156,7 +153,7 @@ def test_every_picture_is_simulated_with_the_flow_of_its_own_camera_and_speed() 
         assert float((develop(dn, camera) - alone).abs().max()) < 1.5 / 255
 
 
-def test_targets_that_drive_along_stay_sharp() -> None:
+def test_targets_that_drive_along_stay_sharp():
     image, masks = batch(2)[0], torch.zeros(2, 1, *SIZE)
     masks[:, :, 28:44, 20:40] = 1.0
     drives = {"ego_kmh": 100.0, "vehicle": ROAD, "exposure_s": 0.05}
@@ -168,7 +165,7 @@ def test_targets_that_drive_along_stay_sharp() -> None:
     assert float((followed[outside] - whole[outside]).abs().mean()) < 2 / 255
 
 
-def test_speeds_are_drawn_evenly_and_replayed() -> None:
+def test_speeds_are_drawn_evenly_and_replayed():
     aug = RandomExposure(ego_kmh=(10.0, 90.0), vehicle=ROAD, exposure_s=(0.005, 0.05), p=1.0)
     torch.manual_seed(1)
     drawn = aug.generate_parameters((4000, 3, *SIZE))
@@ -182,7 +179,7 @@ def test_speeds_are_drawn_evenly_and_replayed() -> None:
     assert not torch.equal(aug(image, params={**params, "ego_kmh": params["ego_kmh"].flip(0)}), out)
 
 
-def grown(vehicle: Vehicle, box: list[float]) -> list[float]:
+def grown(vehicle, box):
     """By what a box (left, top, right, bottom) grows to each side, px."""
     aug = RandomExposure(**AT, ego_kmh=KMH, vehicle=vehicle, grow_boxes=True, p=1.0)
     aug(batch(1)[0])
@@ -191,7 +188,7 @@ def grown(vehicle: Vehicle, box: list[float]) -> list[float]:
     return [-left, -top, right, bottom]
 
 
-def test_boxes_grow_by_what_their_own_place_does() -> None:
+def test_boxes_grow_by_what_their_own_place_does():
     half = FOCAL_PX * KMH / 3.6 / WALL_M * AT["exposure_s"] / 2
     assert grown(SIDEWAYS, [20.0, 12.0, 37.0, 29.0]) == pytest.approx([half, 0, half, 0], abs=1e-4)
     # y below the axis: down y² V / (h f), across x y V / (h f), from the middle of the picture
@@ -221,7 +218,7 @@ def test_boxes_grow_by_what_their_own_place_does() -> None:
         (ExposureRanges, {"ego_kmh": 300.0, "vehicle": Vehicle(1e-3), "exposure_s": 3.0}, "= 300, 3 at most"),
     ],
 )
-def test_what_cannot_be_is_named(call: Any, given: dict[str, Any], named: str) -> None:
+def test_what_cannot_be_is_named(call, given, named):
     with pytest.raises(ValueError, match=named):
         call(*([batch(2)[0]] if call is exposed else []), **given)
 
@@ -233,18 +230,18 @@ BOX = torch.tensor([[[20.0, 12.0, 40.0, 30.0]]])
 GROWN = torch.tensor([[[20 - HALF_X, 12 - HALF_Y, 40 + HALF_X, 30 + HALF_Y]]])
 
 
-def in_sequence(box: Tensor, *others: Any, grow: bool = True) -> Tensor:
+def in_sequence(box, *others, grow=True):
     aug = RandomExposure(**TENS, grow_boxes=grow, p=1.0)
     sequence = AugmentationSequential(aug, *others, data_keys=["input", "bbox_xyxy"])
     return sequence(torch.rand(len(box), 3, 48, 80), box)[1]
 
 
-def test_boxes_grow_to_what_is_swept() -> None:
+def test_boxes_grow_to_what_is_swept():
     torch.testing.assert_close(in_sequence(BOX), GROWN)
     assert torch.equal(in_sequence(BOX, grow=False), BOX)
 
 
-def test_boxes_grow_along_with_flips() -> None:
+def test_boxes_grow_along_with_flips():
     """Growth and a flip commute up to the direction's mirror image, which has the same extent."""
     left, top, right, bottom = GROWN.unbind(-1)
     mirrored = torch.stack([LAST_X - right, top, LAST_X - left, bottom], -1)
@@ -257,14 +254,14 @@ def test_boxes_grow_along_with_flips() -> None:
     torch.testing.assert_close(before, turned)
 
 
-def test_boxes_grow_no_further_than_the_picture() -> None:
+def test_boxes_grow_no_further_than_the_picture():
     """An edge within the picture stops at its border; one that lies beyond stays where it is."""
     boxes = torch.tensor([[[1.0, 1.0, 78.0, 46.0], [-3.0, -2.0, 85.0, 50.0]]])
     expected = torch.tensor([[[0.0, 0.0, LAST_X, LAST_Y], [-3.0, -2.0, 85.0, 50.0]]])
     torch.testing.assert_close(in_sequence(boxes), expected)
 
 
-def test_boxes_grow_only_with_their_picture() -> None:
+def test_boxes_grow_only_with_their_picture():
     torch.manual_seed(4)
     aug = RandomExposure(**TENS, grow_boxes=True, p=0.5)
     sequence = AugmentationSequential(aug, data_keys=["input", "bbox_xyxy"])
@@ -276,7 +273,7 @@ def test_boxes_grow_only_with_their_picture() -> None:
     assert torch.equal(grown[~chosen], boxes[~chosen])
 
 
-def test_frames_of_a_video_share_their_conditions_and_noise() -> None:
+def test_frames_of_a_video_share_their_conditions_and_noise():
     """Kornia gives all frames of a clip the same parameters, unless it is asked not to."""
     torch.manual_seed(1)
     aug = RandomExposure(p=0.6)

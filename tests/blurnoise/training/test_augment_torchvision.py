@@ -1,7 +1,5 @@
 """The torchvision transform: the same pictures as the Kornia class, every type back as it came."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 from typing import Any
@@ -44,16 +42,16 @@ TABLE = ExposureTable.of_grid(
 )
 
 
-def picture(*shape: int) -> Tensor:
+def picture(*shape):
     return torch.rand(*(shape or (3, *SIZE)), generator=torch.Generator().manual_seed(2))
 
 
-def boxes(values: list[float], form: str = "XYXY", dtype: torch.dtype = torch.float32) -> Any:
+def boxes(values, form="XYXY", dtype=torch.float32):
     return tv_tensors.BoundingBoxes(torch.tensor([values], dtype=dtype), format=form, canvas_size=SIZE)
 
 
 @pytest.mark.parametrize("of", ["ranges", "road", "table"])
-def test_exposes_as_the_functional_twin_does(of: str) -> None:
+def test_exposes_as_the_functional_twin_does(of):
     ways = {
         "ranges": (RandomExposureV2("imx250", encoding="linear", p=1.0), DRAWN, {"encoding": "linear"}),
         "road": (
@@ -71,7 +69,7 @@ def test_exposes_as_the_functional_twin_does(of: str) -> None:
     assert torch.equal(transform.transform(picture(), params), expected[0])
 
 
-def test_parameters_follow_torchs_seed() -> None:
+def test_parameters_follow_torchs_seed():
     transform = RandomExposureV2(("imx250", "ar0237"), p=1.0)
     outs = []
     for seed in (1, 1, 2):
@@ -81,7 +79,7 @@ def test_parameters_follow_torchs_seed() -> None:
     assert not torch.equal(outs[0], outs[2])
 
 
-def test_all_types_come_back_as_they_came() -> None:
+def test_all_types_come_back_as_they_came():
     """8 bits are float's values, rounded: no scale and no bias between them."""
     transform = RandomExposureV2(**STRAIGHT)
     params = transform.make_params([])
@@ -103,7 +101,7 @@ def test_all_types_come_back_as_they_came() -> None:
 
 
 @pytest.mark.parametrize("shape", [(5, 3, *SIZE), (2, 3, 1, *SIZE)])
-def test_frames_share_conditions_but_not_noise(shape: tuple[int, ...]) -> None:
+def test_frames_share_conditions_but_not_noise(shape):
     video = RandomExposureV2(**STRAIGHT)(tv_tensors.Video(picture(*shape[-3:]).expand(shape)))
     assert isinstance(video, tv_tensors.Video)
     assert video.shape == shape
@@ -122,7 +120,7 @@ def test_frames_share_conditions_but_not_noise(shape: tuple[int, ...]) -> None:
         ("XYXY", [-3, 12, 85, 30], [-3, 12, 85, 30]),
     ],
 )
-def test_boxes_grow_to_what_is_swept(form: str, before: list[float], after: list[float]) -> None:
+def test_boxes_grow_to_what_is_swept(form, before, after):
     transform = RandomExposureV2(**STRAIGHT, grow_boxes=True)
     _, grown = transform(tv_tensors.Image(picture()), boxes(before, form))
     assert isinstance(grown, tv_tensors.BoundingBoxes)
@@ -132,7 +130,7 @@ def test_boxes_grow_to_what_is_swept(form: str, before: list[float], after: list
     assert torch.equal(kept, boxes(before, form))
 
 
-def test_whole_boxes_grow_by_whole_pixels_and_flows_by_their_place() -> None:
+def test_whole_boxes_grow_by_whole_pixels_and_flows_by_their_place():
     transform = RandomExposureV2(**{**STRAIGHT, "speed_px_s": 420.0}, grow_boxes=True)
     _, grown = transform(picture(), boxes([20, 12, 40, 30], dtype=torch.int64))
     assert (grown.dtype, grown.tolist()) == (torch.int64, [[15, 12, 45, 30]])  # 4.2 px to each side
@@ -145,7 +143,7 @@ def test_whole_boxes_grow_by_whole_pixels_and_flows_by_their_place() -> None:
 
 
 @pytest.mark.parametrize("box_format", ["XYXY", "XYWH"])
-def test_boxes_move_with_the_picture(monkeypatch: pytest.MonkeyPatch, box_format: str) -> None:
+def test_boxes_move_with_the_picture(monkeypatch, box_format):
     monkeypatch.setattr(effects, "EFFECTS", (*effects.EFFECTS, Shift((3, 2))))
     transform = RandomExposureV2(**{**STRAIGHT, "speed_px_s": 0.0})
     _, found = transform(tv_tensors.Image(picture()), boxes([5.0, 6.0, 20.0, 26.0], box_format))
@@ -153,14 +151,14 @@ def test_boxes_move_with_the_picture(monkeypatch: pytest.MonkeyPatch, box_format
 
 
 @pytest.mark.parametrize("moves", ["targets", "background"])
-def test_masks_of_a_sample_say_what_moves(moves: Any) -> None:
+def test_masks_of_a_sample_say_what_moves(moves):
     """One (N, H, W) of all its objects, or one each; boxes of what the camera follows do not grow."""
     image, box = picture(), boxes([30.0, 20.0, 50.0, 36.0])
     masks = torch.zeros(2, *SIZE, dtype=torch.uint8)
     masks[0, 20:36, 30:40] = masks[1, 20:36, 40:50] = 1
     transform = RandomExposureV2(**STRAIGHT, moves=moves, grow_boxes=True)
 
-    def taken(*sample: Any) -> Any:
+    def taken(*sample):
         torch.manual_seed(3)
         return transform(*sample)
 
@@ -173,7 +171,7 @@ def test_masks_of_a_sample_say_what_moves(moves: Any) -> None:
     assert whole_box.tolist() == [[25.0, 20.0, 55.0, 36.0]]
 
 
-def test_wrong_arguments_and_pictures_are_named() -> None:
+def test_wrong_arguments_and_pictures_are_named():
     with pytest.raises(ValueError, match=r"exposure_s.*log-uniform"):
         RandomExposureV2(exposure_s=(0, 1))
     with pytest.raises(ValueError, match="p = 2"):

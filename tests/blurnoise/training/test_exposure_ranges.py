@@ -1,13 +1,10 @@
 """The conditions of training pictures: drawn from ranges or a table, their distributions, and refusals."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math
 import pickle
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,17 +30,17 @@ GRID: dict[str, Any] = {
 }
 
 
-def table(**changes: Any) -> ExposureTable:
+def table(**changes):
     return ExposureTable.of_grid("imx250", **{**GRID, **changes})
 
 
-def drawn(draws: Any, count: int = 6000) -> dict[str, Tensor]:
+def drawn(draws, count=6000):
     uniform = torch.rand(count, draws.draws, generator=torch.Generator().manual_seed(3))
     found: dict[str, Tensor] = draws.conditions(uniform)
     return found
 
 
-def run(folder: Path, **changes: Any) -> Path:
+def run(folder, **changes):
     """A sweep's folder, of which only the table of conditions stands."""
     row = {"velocity_x_px_s": 30.0, "velocity_y_px_s": -40.0, "temperature_c": 40.0, "gain_db": 6.0}
     held = {
@@ -59,13 +56,13 @@ def run(folder: Path, **changes: Any) -> Path:
     return folder
 
 
-def spread_evenly(values: Any, low: float, high: float) -> None:
+def spread_evenly(values, low, high):
     """Uniform, and told from a range 10 % longer."""
     assert stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue > LEVEL
     assert stats.kstest(values, stats.uniform(low, 1.1 * (high - low)).cdf).pvalue < LEVEL
 
 
-def test_each_condition_is_spread_over_its_range_and_apart_from_the_others() -> None:
+def test_each_condition_is_spread_over_its_range_and_apart_from_the_others():
     """Light evenly in its logarithm, the rest evenly; correlations of n independent pairs scatter by 1 / sqrt(n)."""
     ranges = ExposureRanges(
         TWO, temperature_c=(0.0, 50.0), speed_px_s=(20.0, 80.0), direction_deg=(20.0, 80.0)
@@ -82,7 +79,7 @@ def test_each_condition_is_spread_over_its_range_and_apart_from_the_others() -> 
     assert stats.chisquare(counts.numpy()).pvalue > LEVEL
 
 
-def test_ends_of_the_ranges_are_kept() -> None:
+def test_ends_of_the_ranges_are_kept():
     ranges = ExposureRanges(TWO, exposure_s=(0.0013, 0.0519), speed_px_s=(1.1, 9.7))
     for uniform, end in ((torch.zeros(1, 6), 0), (torch.ones(1, 6), 1)):  # rounding may reach 1
         conditions = ranges.conditions(uniform)
@@ -93,7 +90,7 @@ def test_ends_of_the_ranges_are_kept() -> None:
 
 @pytest.mark.parametrize("name", ["illuminance_lux", "gain_db"])
 @pytest.mark.parametrize("value", [np.True_, torch.tensor(True), torch.tensor(1j), np.array([0, 3])])
-def test_what_is_no_number_is_no_range(name: Any, value: Any) -> None:
+def test_what_is_no_number_is_no_range(name, value):
     with pytest.raises(TypeError, match=f"{name} = .*: must be a number"):
         ExposureRanges(**{name: value})
 
@@ -101,7 +98,7 @@ def test_what_is_no_number_is_no_range(name: Any, value: Any) -> None:
 @pytest.mark.parametrize(
     ("exposure_s", "meant"), [((1, 60), r"\(1, 60\).*\(0.001, 0.06\)"), (33, r"\(33\).*\(0.033\)")]
 )
-def test_milliseconds_in_place_of_seconds_are_warned_about(exposure_s: Any, meant: str) -> None:
+def test_milliseconds_in_place_of_seconds_are_warned_about(exposure_s, meant):
     with pytest.warns(UserWarning, match=f"exposure_s = {meant} if milliseconds are meant") as told:
         RandomExposure(exposure_s=exposure_s)
     assert len(told) == 1
@@ -109,7 +106,7 @@ def test_milliseconds_in_place_of_seconds_are_warned_about(exposure_s: Any, mean
         ExposureTable.of_grid("imx250", exposure_s=[5, 33], illuminance_lux=[50.0])
 
 
-def test_electrons_of_white_are_log_uniform_whatever_camera_and_time() -> None:
+def test_electrons_of_white_are_log_uniform_whatever_camera_and_time():
     ranges = ExposureRanges(TWO, white_e=(20.0, 5000.0))
     params = drawn(ranges)
     each = zip(*(params[k].tolist() for k in ("camera_index", "illuminance_lux", "exposure_s")), strict=True)
@@ -121,7 +118,7 @@ def test_electrons_of_white_are_log_uniform_whatever_camera_and_time() -> None:
     spread_evenly((params["speed_px_s"] * params["exposure_s"]).numpy(), 0, 40)
 
 
-def test_every_row_is_as_likely_and_spread_to_the_middles() -> None:
+def test_every_row_is_as_likely_and_spread_to_the_middles():
     params = drawn(table(direction_deg=None))
     low, middle = math.sqrt(0.001 * 0.004), math.sqrt(0.004 * 0.016)
     times = torch.bucketize(params["exposure_s"], torch.tensor([low, middle]))
@@ -140,7 +137,7 @@ def test_every_row_is_as_likely_and_spread_to_the_middles() -> None:
     assert not params["direction_deg"].any()
 
 
-def test_a_single_condition_stays_as_it_is() -> None:
+def test_a_single_condition_stays_as_it_is():
     one = Condition(0.01, 0.0, 30.0, direction_deg=-45.0, temperature_c=60.0, gain_db=3.0, moves="targets")
     params = drawn(ExposureTable("imx250", (one,)), 7)
     for name in ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c", "gain_db"):
@@ -149,7 +146,7 @@ def test_a_single_condition_stays_as_it_is() -> None:
     assert not params["camera_index"].any()
 
 
-def test_a_run_draws_what_its_camera_would_use(tmp_path: Path) -> None:
+def test_a_run_draws_what_its_camera_would_use(tmp_path):
     """At 50 lux 3 ms is recommended; at 1000 lux 1 ms is, and no answer may ask for 10 ms, which saturate."""
     met = [
         {"exposure_s": t, "illuminance_lux": lux, "gain_db": 0.0, "saturated": share, "recommended": chosen}
@@ -173,7 +170,7 @@ def test_a_run_draws_what_its_camera_would_use(tmp_path: Path) -> None:
     assert len(ExposureTable.of_run(run(tmp_path, conditions=met)).rows) == 9
 
 
-def test_a_runs_rows_keep_what_belongs_together(tmp_path: Path) -> None:
+def test_a_runs_rows_keep_what_belongs_together(tmp_path):
     aug = RandomExposure.for_run(run(tmp_path), p=1.0)
     torch.manual_seed(2)
     params = aug.generate_parameters((200, 3, 8, 8))
@@ -189,7 +186,7 @@ def test_a_runs_rows_keep_what_belongs_together(tmp_path: Path) -> None:
     assert params["temperature_c"].unique().tolist() == [40.0]
 
 
-def test_is_expose_pictures_under_what_was_drawn() -> None:
+def test_is_expose_pictures_under_what_was_drawn():
     """With the gain that auto-exposure sets, on a copy too."""
     auto = AutoExposure(target=0.1)
     aug = RandomExposure.for_conditions(table(gain_db=auto), p=1.0, grow_boxes=True)
@@ -202,7 +199,7 @@ def test_is_expose_pictures_under_what_was_drawn() -> None:
     assert "18 conditions" in repr(aug)
 
 
-def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path: Path) -> None:
+def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path):
     row = {"exposure_s": 0.01, "illuminance_lux": 5.0}
     held = [{**row, "gain_db": "auto"}, {**row, "gain_db": 6.0}]
     aug = RandomExposure.for_run(run(tmp_path, conditions=held, auto_exposure={"target": 0.3}), p=1.0)
@@ -228,9 +225,7 @@ def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path:
         ({"cameras": [{"name": "x"}]}, "must be stated|missing|needs|camera"),
     ],
 )
-def test_runs_that_pictures_are_not_taken_under_are_refused(
-    tmp_path: Path, changes: dict[str, Any], message: str
-) -> None:
+def test_runs_that_pictures_are_not_taken_under_are_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message) as caught:
         RandomExposure.for_run(run(tmp_path, **changes))
     assert "\n" not in str(caught.value)
@@ -247,6 +242,6 @@ def test_runs_that_pictures_are_not_taken_under_are_refused(
         (lambda: ExposureRanges(white_e=(10.0, 1.0)), "white_e"),
     ],
 )  # fmt: skip
-def test_tables_and_ranges_that_are_none_are_named(call: Any, message: str) -> None:
+def test_tables_and_ranges_that_are_none_are_named(call, message):
     with pytest.raises((TypeError, ValueError), match=message):
         call()

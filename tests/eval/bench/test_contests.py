@@ -1,12 +1,9 @@
 """Contests: contenders timed in turns and held against a truth, tables and charts, and each contest's own truth."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -23,10 +20,10 @@ from blurnoise import motion_blur
 Output = pytest.CaptureFixture[str]
 
 
-def made(clock: list[float]) -> Contest:
+def made(clock):
     """Ours takes 2 ms a picture and is off by 1, another 1 ms and 0.5, a third 4 ms and 3."""
 
-    def work(seconds: float, answer: float) -> float:
+    def work(seconds, answer):
         clock[0] += seconds
         return answer
 
@@ -40,7 +37,7 @@ def made(clock: list[float]) -> Contest:
 
 
 @pytest.fixture
-def result(monkeypatch: pytest.MonkeyPatch) -> contest.Result:
+def result(monkeypatch):
     clock, told = [0.0], list[float]()
     monkeypatch.setattr(contest.time, "perf_counter", lambda: clock[0])
     found = contest.run(made(clock), threads=1, progress=told.append)
@@ -48,7 +45,7 @@ def result(monkeypatch: pytest.MonkeyPatch) -> contest.Result:
     return found
 
 
-def test_a_contender_has_its_cost_beside_its_error(result: contest.Result) -> None:
+def test_a_contender_has_its_cost_beside_its_error(result):
     ours, rival, slow, *others = result.rows
     assert [ours.cost, rival.cost, slow.cost] == pytest.approx([2.0, 1.0, 4.0])
     assert [ours.to_first, rival.to_first, slow.to_first] == pytest.approx([1.0, 0.5, 2.0])
@@ -56,7 +53,7 @@ def test_a_contender_has_its_cost_beside_its_error(result: contest.Result) -> No
     assert others[0].cost == pytest.approx(20.0)  # not divided
 
 
-def test_table_json_and_chart_are_written(result: contest.Result, tmp_path: Path) -> None:
+def test_table_json_and_chart_are_written(result, tmp_path):
     result.write(tmp_path)
     with (tmp_path / "made.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -71,7 +68,7 @@ def test_table_json_and_chart_are_written(result: contest.Result, tmp_path: Path
     assert [text.get_text() for text in legend.get_texts()] == ["ours", "rival", "slow"]
 
 
-def test_truth_of_straight_motion_is_sinc() -> None:
+def test_truth_of_straight_motion_is_sinc():
     """A sinusoid of period 16 px that moves 10 px keeps sinc(10 / 16) of its contrast, but for the pixel's area."""
     x = (np.arange(96 * motion.FINE) + 0.5) / motion.FINE - 0.5
     row = (0.5 + 0.4 * np.cos(2 * np.pi * x / 16)).astype(np.float32)
@@ -84,7 +81,7 @@ def test_truth_of_straight_motion_is_sinc() -> None:
 
 
 @pytest.mark.parametrize("blur", edges.BLURS.values(), ids=edges.BLURS)
-def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
+def test_edges_are_the_closed_forms(blur):
     """By an independent antiderivative of the normal distribution; a shift in the wrong direction is far off."""
     known = {"sigma_px": blur[0], "motion_px": (blur[1], 0.0)}
     truth = closed_edge(100, 100, offset_px=(0.3, -0.2), **known)  # type: ignore[arg-type]
@@ -93,7 +90,7 @@ def test_edges_are_the_closed_forms(blur: tuple[float, float]) -> None:
     assert edges.mtf50(*blur) == pytest.approx(closed_mtf50(**known), rel=1e-9)  # type: ignore[arg-type]
 
 
-def test_ours_are_exact_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ours_are_exact_and_others_are_not(monkeypatch):
     """6 px: below 1 DN of error against the naive ways' more; a motion in the wrong direction is far off."""
     monkeypatch.setattr(motion, "HEIGHT", 160)
     monkeypatch.setattr(motion, "WIDTH", 200)
@@ -118,7 +115,7 @@ def test_ours_are_exact_and_others_are_not(monkeypatch: pytest.MonkeyPatch) -> N
         ("sweep", ["--model", str(STOP_SIGN)], "bare onnxruntime"),
     ],
 )
-def test_command(tmp_path: Path, capsys: Output, what: str, options: list[str], shown: str) -> None:
+def test_command(tmp_path, capsys, what, options, shown):
     assert main(["bench", what, "--quick", "--threads", "1", "-o", str(tmp_path), *options]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert shown in out

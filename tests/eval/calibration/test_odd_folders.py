@@ -1,7 +1,5 @@
 """Folders of frames that mislead a fit: told which file, line or header and why, or measured all the same."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,11 +17,11 @@ DARK_S, FLAT_S = (0.001, 0.05, 0.1), (0.004, 0.006, 0.008, 0.01, 0.012)
 class Sensor:
     """A sensor in NumPy alone; all noise in electrons, drift_dn of whole frames."""
 
-    def __init__(self, seed: int, drift_dn: float = 0.0, row_e: float = 0.0) -> None:
+    def __init__(self, seed, drift_dn=0.0, row_e=0.0):
         self.random, self.drift_dn, self.row_e = np.random.default_rng(seed), drift_dn, row_e
         self.response = 1 + 0.005 * self.random.standard_normal(SIZE)
 
-    def frame(self, light_e: float, exposure_s: float, gain: float = GAIN, read_e: float = 5.0) -> np.ndarray:
+    def frame(self, light_e, exposure_s, gain=GAIN, read_e=5.0):
         shot = self.random.poisson(light_e * self.response + DARK_E_S * exposure_s)
         read = read_e * self.random.standard_normal(SIZE)
         rows = self.row_e * self.random.standard_normal((SIZE[0], 1))
@@ -31,9 +29,7 @@ class Sensor:
         return np.rint(BLACK_DN + gain * (shot + read + rows) + drift).clip(0, 4095).astype(np.uint16)
 
 
-def write(
-    folder: Path, sensor: Sensor, frames: int = 2, gains: dict[int, tuple[float, float]] | None = None
-) -> list[str]:
+def write(folder, sensor, frames=2, gains=None):
     """A stack for each level, and frames.csv, whose lines are returned. gains: DN/e- and read noise by dB."""
     lines = []
     for gain_db, (gain, read_e) in (gains or {0: (GAIN, 5.0)}).items():
@@ -48,7 +44,7 @@ def write(
     return lines
 
 
-def rewrite(folder: Path, *changes: tuple[str, str]) -> None:
+def rewrite(folder, *changes):
     text = (folder / "frames.csv").read_text()
     for old, new in changes:
         assert old in text
@@ -56,25 +52,25 @@ def rewrite(folder: Path, *changes: tuple[str, str]) -> None:
     (folder / "frames.csv").write_text(text)
 
 
-def again(folder: Path) -> None:
+def again(folder):
     text = (folder / "frames.csv").read_text()
     (folder / "frames.csv").write_text(text + text.removeprefix(HEADER))
 
 
-def doubled(folder: Path) -> None:
+def doubled(folder):
     stack = np.load(folder / "flat5.npy")
     np.save(folder / "flat5.npy", np.concatenate([stack, stack]))
 
 
-def fits(**cards: object) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
+def fits(**cards):
+    def change(folder):
         made_frames.write_fits(folder / "a.fits", np.load(folder / "dark0.npy"), **cards)
         rewrite(folder, ("dark0.npy", "a.fits"))
 
     return change
 
 
-def cut_short(folder: Path) -> None:
+def cut_short(folder):
     path = folder / "a.tif"
     cv2.imwritemulti(str(path), [*np.load(folder / "flat5.npy"), *np.load(folder / "flat6.npy")])
     path.write_bytes(path.read_bytes()[:-8_000])
@@ -124,20 +120,20 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize(("change", "why"), REFUSED.values(), ids=REFUSED)
-def test_refused(tmp_path: Path, change: Callable[[Path], object], why: str) -> None:
+def test_refused(tmp_path, change, why):
     write(tmp_path, Sensor(1))
     change(tmp_path)
     with pytest.raises(ValueError, match=why):
         measure(tmp_path)
 
 
-def test_columns_in_capitals(tmp_path: Path) -> None:
+def test_columns_in_capitals(tmp_path):
     write(tmp_path, Sensor(1))
     rewrite(tmp_path, (HEADER, "File,Kind,Exposure_s"))
     assert measure(tmp_path).estimates["system_gain_dn_per_e"].value == pytest.approx(GAIN, rel=0.05)
 
 
-def test_read_noise_at_a_gain_is_net_of_its_own_rows(tmp_path: Path) -> None:
+def test_read_noise_at_a_gain_is_net_of_its_own_rows(tmp_path):
     """3 e- per pixel beside 1.5 e- per row; of 5 e- at the lowest gain rows are a third of that share."""
     write(tmp_path, Sensor(2, row_e=1.5), frames=4, gains={0: (GAIN, 5.0), 12: (2.0, 3.0)})
     read_e = measure(tmp_path).gains[12]["read_noise_e"]
@@ -145,7 +141,7 @@ def test_read_noise_at_a_gain_is_net_of_its_own_rows(tmp_path: Path) -> None:
     assert read_e.value == pytest.approx(3, rel=0.03)
 
 
-def test_a_gain_with_dark_frames_alone_is_named(tmp_path: Path) -> None:
+def test_a_gain_with_dark_frames_alone_is_named(tmp_path):
     lines = write(tmp_path, Sensor(3), gains={0: (GAIN, 5.0), 12: (2.0, 3.0)})
     kept = [line for line in lines if not (",flat," in line and line.endswith(",12"))]
     (tmp_path / "frames.csv").write_text("\n".join([f"{HEADER},gain_db", *kept]))
@@ -154,7 +150,7 @@ def test_a_gain_with_dark_frames_alone_is_named(tmp_path: Path) -> None:
     assert "left out: the frames at 12 dB: must be dark levels and 3 flat ones" in found.notes
 
 
-def test_a_black_level_that_wanders_is_not_the_lamp(tmp_path: Path) -> None:
+def test_a_black_level_that_wanders_is_not_the_lamp(tmp_path):
     """2 DN of whole frames: 0.5 % of the dimmest light, 800 DN; linearity's interval has them in."""
     write(tmp_path, Sensor(4, drift_dn=2.0), frames=4)
     found = measure(tmp_path)
@@ -165,7 +161,7 @@ def test_a_black_level_that_wanders_is_not_the_lamp(tmp_path: Path) -> None:
     assert error.high - error.value == pytest.approx(1.96 * drift.value / 4**0.5 / 800, rel=0.05)
 
 
-def test_lux_times_exposure_is_the_light(tmp_path: Path) -> None:
+def test_lux_times_exposure_is_the_light(tmp_path):
     """Levels of one exposure in several lights."""
     lines = write(tmp_path, Sensor(5))
     lit = [f"{line}," if "dark" in line else _in_lux(line) for line in lines]
@@ -177,6 +173,6 @@ def test_lux_times_exposure_is_the_light(tmp_path: Path) -> None:
     assert linear.slope == pytest.approx(GAIN * 400, rel=0.02)
 
 
-def _in_lux(line: str) -> str:
+def _in_lux(line):
     name, kind, exposure_s = line.split(",")
     return f"{name},{kind},0.01,{1e5 * float(exposure_s):g}"

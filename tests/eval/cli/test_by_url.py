@@ -1,16 +1,13 @@
 """Commands on an S3 server: a sweep whose model, pictures and run are objects is the one of folders."""
 
-from __future__ import annotations
-
 import csv
 import json
-from pathlib import Path
 
 import cv2
 import matched_filter
 import pytest
 from blurnoise_eval.system.urls import listing, location
-from commands import Output, main
+from commands import main
 from s3_servers import BUCKET, at, s3_server, wire_to
 from signs_in_memory import BOX, sign
 
@@ -20,16 +17,14 @@ NAMES = ("a.png", "sub/b c.png", "größe.png")
 CONDITIONS = "--exposure-ms 2,10 --lux 30 --dx 0 --threads 2"
 
 
-def rows(text: str) -> list[dict[str, str]]:
+def rows(text):
     """Of a table, without what was timed."""
     every = csv.DictReader(text.splitlines())
     return [{name: row[name] for name in row if name == "exposure_ms" or name[-3:] != "_ms"} for row in every]
 
 
 @pytest.mark.parametrize("engine", ["threads", "processes"])
-def test_a_sweep_is_that_of_folders_goes_on_elsewhere_and_is_read(
-    engine: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
+def test_a_sweep_is_that_of_folders_goes_on_elsewhere_and_is_read(engine, tmp_path, monkeypatch, capsys):
     """Over a wire that is slow, cut and busy now and then."""
     folder, here, there = tmp_path / "set", tmp_path / "run", f"{ROOT}/run"
     folder.mkdir()
@@ -45,7 +40,7 @@ def test_a_sweep_is_that_of_folders_goes_on_elsewhere_and_is_read(
     }
     (folder / "instances.json").write_text(json.dumps(document))
 
-    def sweep(root: object, run: object, *further: str) -> None:
+    def sweep(root, run, *further):
         words = ["sweep", "--model", f"{root}/small.onnx", "--coco", f"{root}/instances.json", "-o", run]
         assert main([*words, *CONDITIONS.split(), "--engine", engine, *further]) == 0
 

@@ -1,9 +1,6 @@
 """``blurnoise cameras fit``: a folder or a DNG in, a camera that other commands take out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import made_frames
 import numpy as np
@@ -21,12 +18,12 @@ Output = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     planes = made_frames.exposed(CAMERA, 1, size=(96, 121))
     return made_frames.save(tmp_path_factory.mktemp("frames"), planes)
 
 
-def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys: Output) -> None:
+def test_a_camera_with_sources_and_its_plot(folder, tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     words = ["cameras", "fit", folder, "-o", path, "--bit-depth", "12", "--temperature-c", "31"]
     assert main(words) == 0
@@ -47,7 +44,7 @@ def test_a_camera_with_sources_and_its_plot(folder: Path, tmp_path: Path, capsys
     assert main(["cameras", str(path)]) == 0
 
 
-def test_a_dng(tmp_path: Path, capsys: Output) -> None:
+def test_a_dng(tmp_path, capsys):
     made_frames.write_dng(
         tmp_path / "photo.dng",
         np.zeros((48, 64), np.uint16),
@@ -68,19 +65,14 @@ def test_a_dng(tmp_path: Path, capsys: Output) -> None:
         (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "--bit-depth = 17"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: frames hold"),
-        (
-            ["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"],
-            "--bit-depth: goes with a folder",
-        ),
+        (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "--bit-depth: goes with a folder"),
         (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
         (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),
         (["missing", "-o", "x.yaml"], "folder = 'missing'"),
         (["--dng", "missing.dng", "-o", "x.yaml"], "missing.dng"),
     ],
 )
-def test_bad_input_is_told_in_a_line(
-    folder: Path, tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, words: list[str], why: str
-) -> None:
+def test_bad_input_is_told_in_a_line(folder, tmp_path, capsys, monkeypatch, words, why):
     monkeypatch.chdir(tmp_path)
     assert main(["cameras", "fit", *(str(folder) if word == "FOLDER" else word for word in words)]) == 2
     told = capsys.readouterr().err

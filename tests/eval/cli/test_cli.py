@@ -1,10 +1,7 @@
 """A sweep at the command line: what it leaves, that it goes on, and one line for whatever stops it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import cv2
 import matched_filter
@@ -15,14 +12,14 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.report import page
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
-from commands import Output, main
+from commands import main
 from made_runs import made_run
 from rich.cells import cell_len
 from signs_in_memory import BOX, sign
 
 
 @pytest.fixture(scope="module")
-def words(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def words(tmp_path_factory):
     """A sweep of two signs, a picture of 0 bytes between them, and boxes for all three."""
     folder = tmp_path_factory.mktemp("pictures")
     model = matched_filter.build(folder / "small.onnx", sizes_px=(24, 16, 10), input_px=64)
@@ -42,14 +39,14 @@ def words(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory, words: list[str]) -> Path:
+def run(tmp_path_factory, words):
     """A finished sweep."""
     folder = tmp_path_factory.mktemp("runs") / "run"
     assert main([*words, "-o", folder]) == 0
     return folder
 
 
-def test_sweep_leaves_a_folder_that_answers(run: Path) -> None:
+def test_sweep_leaves_a_folder_that_answers(run):
     for name in ("report.html", "results.csv", "targets.csv", "summary.json", "results.sqlite"):
         assert (run / name).stat().st_size > 0, name
     assert len(list((run / "figures").glob("*.png"))) >= 2
@@ -64,9 +61,7 @@ def test_sweep_leaves_a_folder_that_answers(run: Path) -> None:
     assert "b.png" in (run / "report.html").read_text()
 
 
-def test_same_sweep_again_computes_nothing(
-    run: Path, words: list[str], capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_same_sweep_again_computes_nothing(run, words, capsys, monkeypatch):
     monkeypatch.setattr(page, "write_report", lambda data, folder, progress: folder)
     assert main([*words, "-o", run, "--json"]) == 0
     out, err = capsys.readouterr()
@@ -75,10 +70,8 @@ def test_same_sweep_again_computes_nothing(
     assert "b.png" in err
 
 
-def test_interrupt_is_told(
-    tmp_path: Path, capsys: Output, words: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object, **__: object) -> None:
+def test_interrupt_is_told(tmp_path, capsys, words, monkeypatch):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sweep, "run", interrupted)
@@ -87,8 +80,8 @@ def test_interrupt_is_told(
     assert (len(err.strip().splitlines()), "kept" in err) == (1, True)
 
 
-def test_run_in_use_and_damaged_run(tmp_path: Path, capsys: Output) -> None:
-    def complaint() -> str:
+def test_run_in_use_and_damaged_run(tmp_path, capsys):
+    def complaint():
         assert main(["report", tmp_path / "run"]) == 2
         out, err = capsys.readouterr()
         assert (out, err.count("\n")) == ("", 1)
@@ -117,9 +110,7 @@ WIDE = {
     [{}, {"interval": False}, {"kind": "reader"}, {"groups": {}}, WIDE, WIDE | {"f_numbers": (1.4, 2.8)}],
     ids=["one model", "few pictures", "reader", "no targets", "three models", "a further axis"],
 )
-def test_the_first_screen_fits_and_has_no_colour(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, shape: dict[str, Any]
-) -> None:
+def test_the_first_screen_fits_and_has_no_colour(tmp_path, capsys, monkeypatch, shape):
     data = made_run(tmp_path, n_examples=0, **shape)
     for wide in (40, 60, 80, 100, 160):
         monkeypatch.setenv("COLUMNS", str(wide))
@@ -139,9 +130,7 @@ NAMES = ("[/]", "sign [occluded]", r"$\frac{1}{", "止まれ", "red \x1b[31m", "
 
 
 @pytest.mark.slow
-def test_a_sweep_tells_names_as_they_stand(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sweep_tells_names_as_they_stand(tmp_path, capsys, monkeypatch):
     """A model and a target of each name, and a picture of 0 bytes whose name steers a terminal."""
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.chdir(tmp_path)
@@ -172,7 +161,7 @@ def test_a_sweep_tells_names_as_they_stand(
     assert "Warning" not in warned
 
 
-def test_an_error_is_one_plain_line(tmp_path: Path, capsys: Output) -> None:
+def test_an_error_is_one_plain_line(tmp_path, capsys):
     assert main(["measure", tmp_path / "a\x1b[31m\nblurnoise: all is well\u202e.png"]) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1

@@ -1,7 +1,5 @@
 """Commands that have no file of their own here: what each prints and leaves."""
 
-from __future__ import annotations
-
 import csv
 import json
 import subprocess
@@ -20,7 +18,7 @@ from blurnoise_eval.paper import items
 from blurnoise_eval.program.optimise import Stages
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.open import asked
-from commands import Output, main, told
+from commands import main, told
 from signs_in_memory import matched_detector, sign
 
 from blurnoise.optics.camera import PRESETS, Camera
@@ -31,7 +29,7 @@ SWEPT = "--exposure-ms 0.5,4,32 --lux 2,40 --dx 0,800 --limit 1"
 
 
 @pytest.mark.parametrize("kind", CHARTS)
-def test_chart(tmp_path: Path, kind: str) -> None:
+def test_chart(tmp_path, kind):
     """Of 8 and of 16 bits, and turned."""
     pictures = []
     for name, more in (("8.png", []), ("16.png", ["--bit-depth", "16"]), ("turned.png", ["--angle", "33"])):
@@ -44,7 +42,7 @@ def test_chart(tmp_path: Path, kind: str) -> None:
     assert (eight.std() == 0) == np.array_equal(turned, eight) == (kind == "flat-patch")
 
 
-def test_cameras_has_a_line_for_each_preset(capsys: Output) -> None:
+def test_cameras_has_a_line_for_each_preset(capsys):
     assert main(["cameras"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
@@ -54,7 +52,7 @@ def test_cameras_has_a_line_for_each_preset(capsys: Output) -> None:
     assert rows["imx250"] == figures
 
 
-def test_a_camera_is_shown_with_sources_saved_edited_and_used(tmp_path: Path, capsys: Output) -> None:
+def test_a_camera_is_shown_with_sources_saved_edited_and_used(tmp_path, capsys):
     path = tmp_path / "mine.yaml"
     assert main(["cameras", "imx250", "--save", path]) == 0
     words = " ".join(capsys.readouterr().out.split())
@@ -69,7 +67,7 @@ def test_a_camera_is_shown_with_sources_saved_edited_and_used(tmp_path: Path, ca
     assert preset == pytest.approx(4 * mine)
 
 
-def test_motion_gives_table_2(capsys: Output) -> None:
+def test_motion_gives_table_2(capsys):
     """Lin et al. 2024: a truck of 4.9 m at 50 m and 100 km/h, 15 ms; lin2024 is 4096 px over 99.32 degrees."""
     view = ["--width-px", "4096", "--hfov-deg", "99.32"]
     facts = told(capsys, *CROSSING.split(), *view)
@@ -82,7 +80,7 @@ def test_motion_gives_table_2(capsys: Output) -> None:
 
 
 @pytest.mark.slow
-def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path: Path, capsys: Output) -> None:
+def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path, capsys):
     small = ["--pictures", "320", "--size", "96", "--threads", "1"]
     facts = told(capsys, "train", "-o", tmp_path, *small)
     assert (facts["seed"], facts["pictures"]) == (0, 320)
@@ -93,7 +91,7 @@ def test_train_writes_a_detector_that_says_how_it_was_made(tmp_path: Path, capsy
     assert not (tmp_path / "training.checkpoint").exists()
 
 
-def verdicts(folder: Path, *names: str, code: int = 0) -> set[str]:
+def verdicts(folder, *names, code=0):
     """Of the items of the paper."""
     only = [word for name in names for word in ("--only", name)]
     assert main(["paper", "-o", folder / "out", "--quick", *only]) == code
@@ -101,9 +99,7 @@ def verdicts(folder: Path, *names: str, code: int = 0) -> set[str]:
         return {row["verdict"] for row in csv.DictReader(file)}
 
 
-def test_paper_says_what_agrees_and_ends_with_1_where_something_differs(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paper_says_what_agrees_and_ends_with_1_where_something_differs(tmp_path, capsys, monkeypatch):
     assert verdicts(tmp_path, "table-2", "quanta") == {"agrees"}
     assert "10 of 10 statements of the paper agree." in capsys.readouterr().out
     monkeypatch.setattr(items, "QUANTA", 5000.0)
@@ -119,16 +115,14 @@ def test_paper_says_what_agrees_and_ends_with_1_where_something_differs(
         (("ocr-dx",), {"agrees", "not judged"}),
     ],
 )
-def test_the_paper_agrees(tmp_path: Path, names: tuple[str, ...], found: set[str]) -> None:
+def test_the_paper_agrees(tmp_path, names, found):
     if "ocr-dx" in names:
         pytest.importorskip("rapidocr")
     assert verdicts(tmp_path, *names) == found
 
 
 @pytest.mark.slow
-def test_decide_answers_and_report_says_the_same(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(decision, "MOST_NODES", 12)
     run = tmp_path / "run"
     (tmp_path / "pictures").mkdir()
@@ -149,7 +143,7 @@ def test_decide_answers_and_report_says_the_same(
 
 
 @pytest.mark.slow
-def test_program_of_a_sweep(tmp_path: Path, capsys: Output) -> None:
+def test_program_of_a_sweep(tmp_path, capsys):
     """Its best fixed time is what the report recommends; libcamera's stages are sound."""
     run, out = tmp_path / "run", tmp_path / "out"
     assert main(["sweep", "-o", run, *SWEPT.split()]) == 0
@@ -175,7 +169,7 @@ def test_program_of_a_sweep(tmp_path: Path, capsys: Output) -> None:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no full device")
 @pytest.mark.parametrize(("output", "code", "said"), [(">/dev/full", 2, "No space left"), (">&-", 0, "")])
-def test_output_that_cannot_be_written_is_a_line(output: str, code: int, said: str) -> None:
+def test_output_that_cannot_be_written_is_a_line(output, code, said):
     run = f'"{sys.executable}" -c "from blurnoise_eval.cli import main; raise SystemExit(main())" --help {output}'
     done = subprocess.run(run, shell=True, capture_output=True, text=True)
     assert done.returncode == code

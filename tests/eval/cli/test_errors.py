@@ -1,9 +1,6 @@
 """What is wrong with an option: one line, exit code 2, the option that was typed and the unit of what was typed."""
 
-from __future__ import annotations
-
 import pickle
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -67,9 +64,7 @@ COMMANDS = {
         ("--lens rectilinear --hfov-deg 190", "--hfov-deg = 190"),
     ],
     "report": [("nowhere", "blurnoise sweep"), ("file", "blurnoise sweep")],
-    "chart": [
-        ("flat-patch --size nan -o out.png", "--size = nan: must be finite"),
-    ],
+    "chart": [("flat-patch --size nan -o out.png", "--size = nan: must be finite")],
     "bench -o run": [
         ("blur --threads 0", "threads"),
         ("blur --model m.onnx", "--model: goes with 'decide and sweep'"),
@@ -101,7 +96,7 @@ WRONG = [(f"{command} {words}", text) for command, rows in COMMANDS.items() for 
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A street with masks and light, and things that are not what their names say."""
     folder = tmp_path_factory.mktemp("folder")
     picture = np.full((80, 120), 90, np.uint8)
@@ -122,9 +117,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("command", "text"), WRONG, ids=[command for command, _ in WRONG])
-def test_bad_input_is_one_line_and_leaves_nothing(
-    folder: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, command: str, text: str
-) -> None:
+def test_bad_input_is_one_line_and_leaves_nothing(folder, capsys, monkeypatch, command, text):
     """The line names the option that was typed, in its unit."""
     monkeypatch.chdir(folder)
     before = sorted(folder.rglob("*"))
@@ -142,7 +135,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 
 @pytest.mark.parametrize("axis", [axis for axis in AXES if not axis.choices], ids=lambda axis: axis.name)
-def test_every_axis_is_told_by_its_option(axis: object, capsys: Output) -> None:
+def test_every_axis_is_told_by_its_option(axis, capsys):
     axis = next(each for each in AXES if each is axis)
     beyond = axis.shown(axis.high) * 2
     assert main(["sweep", "-o", "run", axis.option, f"{beyond:g}"]) == 2
@@ -152,16 +145,14 @@ def test_every_axis_is_told_by_its_option(axis: object, capsys: Output) -> None:
     assert axis.name not in told or axis.name in axis.option
 
 
-def test_a_range_that_is_left_survives_the_way_from_a_worker() -> None:
+def test_a_range_that_is_left_survives_the_way_from_a_worker():
     with pytest.raises(OutOfRange) as caught:
         Camera.from_dict({"base": "imx250", "read_noise_e": -1.0})
     again = pickle.loads(pickle.dumps(caught.value))
     assert str(again) == str(caught.value) == "read_noise_e = -1.0: must be finite and >= 0 and <= 1e+06"
 
 
-def test_a_picture_too_large_for_the_memory_is_one_line(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_picture_too_large_for_the_memory_is_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(charts, "flat_patch", lambda *_, **__: np.empty((1 << 28, 1 << 28)))
     assert main(["chart", "flat-patch", "-o", tmp_path / "flat.png"]) == 2
     assert capsys.readouterr().err.startswith("blurnoise: error: out of memory")

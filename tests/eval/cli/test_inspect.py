@@ -1,40 +1,37 @@
 """``blurnoise inspect``: what it tells of a model, what it draws, and what it refuses."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 import signs_in_memory
 from blurnoise_eval.detectors.contract import Contract
-from commands import Output, main, told
+from commands import main, told
 from constant_graphs import answering_graph
 from signs_in_memory import matched_detector
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def model(tmp_path_factory):
     return matched_detector(tmp_path_factory.mktemp("model")).path
 
 
 @pytest.fixture
-def sign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def sign(tmp_path, monkeypatch):
     """A sign that the model finds, in the working folder."""
     monkeypatch.chdir(tmp_path)
     cv2.imwrite("sign.png", signs_in_memory.sign())
     return tmp_path / "sign.png"
 
 
-def answering(path: Path, rows: object, **metadata: str) -> Path:
+def answering(path, rows, **metadata):
     """A network for 64 x 64 px that gives ``rows`` to any picture."""
     output = {"output": (np.array([rows], np.float32), None)}
     return answering_graph(path, output, [1, 3, 64, 64], metadata=metadata)
 
 
-def test_what_the_file_states(capsys: Output, model: Path) -> None:
+def test_what_the_file_states(capsys, model):
     facts = told(capsys, "inspect", model)
     assert facts["contract"]["family"] == facts["family"] == "yolov8"
     assert facts["contract"]["classes"] == ["stop sign"]
@@ -51,7 +48,7 @@ def test_what_the_file_states(capsys: Output, model: Path) -> None:
     assert err == ""
 
 
-def test_what_is_assumed_and_unknown(tmp_path: Path, capsys: Output) -> None:
+def test_what_is_assumed_and_unknown(tmp_path, capsys):
     path = answering(tmp_path / "m.onnx", [[0, 0, 9, 9, 0.5, 2]] * 3, producer="x" * 200)
     facts = told(capsys, "inspect", path)
     assert facts["recognised"] == "graph: output 'output' [1, 3, 6] as b n 6"
@@ -67,7 +64,7 @@ def test_what_is_assumed_and_unknown(tmp_path: Path, capsys: Output) -> None:
     assert "x" * 100 not in out
 
 
-def test_probe_lists_and_draws(capsys: Output, model: Path, sign: Path) -> None:
+def test_probe_lists_and_draws(capsys, model, sign):
     facts = told(capsys, "inspect", model, "--probe", sign)
     probed = facts["probe"]
     assert probed["output"] == "small-sign-probe.png"
@@ -96,7 +93,7 @@ def test_probe_lists_and_draws(capsys: Output, model: Path, sign: Path) -> None:
         ([32, 32, 9, float("nan"), 0.5], "84 NaN or"),
     ],
 )
-def test_warnings(tmp_path: Path, capsys: Output, row: list[float], words: str) -> None:
+def test_warnings(tmp_path, capsys, row, words):
     columns = np.repeat(np.array(row)[:, None], 84, axis=1)
     path = answering(tmp_path / "m.onnx", columns, names="['sign']")
     (warning,) = told(capsys, "inspect", path)["warnings"]
@@ -105,9 +102,7 @@ def test_warnings(tmp_path: Path, capsys: Output, row: list[float], words: str) 
     assert words in capsys.readouterr().out
 
 
-def test_the_contract_is_kept_beside_the_model_and_found_there(
-    tmp_path: Path, capsys: Output, sign: Path
-) -> None:
+def test_the_contract_is_kept_beside_the_model_and_found_there(tmp_path, capsys, sign):
     path = answering(tmp_path / "m.onnx", [[9, 9, 40, 40, 0.9, 0]] * 3)
     first = told(capsys, "inspect", path, "--save-contract")
     kept = tmp_path / "m.contract.json"

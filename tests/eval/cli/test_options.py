@@ -1,12 +1,9 @@
 """The options: few, from the tables of axes and settings; a file holds the rest; an old name says the new one."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +13,6 @@ from blurnoise_eval.cli._options import settings
 from blurnoise_eval.grid import plan_file
 from blurnoise_eval.grid.axes import AXES, axis
 from blurnoise_eval.grid.plan_file import PlanFile, SceneFile
-from commands import Output
 
 MOST = {"sweep": 26, "decide": 20, "simulate": 24}
 
@@ -25,10 +21,10 @@ class Asked(Exception):
     """Carries the plan that a command was asked for."""
 
 
-def planned(monkeypatch: pytest.MonkeyPatch, *words: str) -> PlanFile:
+def planned(monkeypatch, *words):
     """The settings that a sweep is begun with."""
 
-    def ask(plan: PlanFile) -> None:
+    def ask(plan):
         raise Asked(plan)
 
     monkeypatch.setattr(given, "subject", ask)
@@ -38,12 +34,12 @@ def planned(monkeypatch: pytest.MonkeyPatch, *words: str) -> PlanFile:
     return found
 
 
-def params(name: str) -> list[Any]:
+def params(name):
     return list(cli.command(cli.function(name)).params)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_options_are_few_and_each_is_explained(name: str) -> None:
+def test_options_are_few_and_each_is_explained(name):
     assert len(COMMANDS) <= 17
     assert len(params(name)) <= MOST.get(name, 14)
     assert all(param.help for param in params(name))
@@ -51,9 +47,7 @@ def test_options_are_few_and_each_is_explained(name: str) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("columns", [80, 200])
-def test_help_names_every_option_in_the_width(
-    name: str, columns: int, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_help_names_every_option_in_the_width(name, columns, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(columns))
     assert main([*name.split(), "--help"]) == 0
     shown = capsys.readouterr().out
@@ -64,7 +58,7 @@ def test_help_names_every_option_in_the_width(
     assert [word for word in stated if word not in shown] == []
 
 
-def test_help_is_light() -> None:
+def test_help_is_light():
     """No import of a heavy package for any command's help."""
     code = (
         "import sys, io\n"
@@ -81,7 +75,7 @@ def test_help_is_light() -> None:
 
 
 @pytest.mark.parametrize("each", AXES, ids=lambda axis: axis.name)
-def test_every_axis_has_its_option_and_its_setting(monkeypatch: pytest.MonkeyPatch, each: Any) -> None:
+def test_every_axis_has_its_option_and_its_setting(monkeypatch, each):
     text = ",".join(each.choices[::-1]) or "9,7"
     asked = planned(monkeypatch, each.option, text).grid()[each.name]
     if each.choices:
@@ -92,7 +86,7 @@ def test_every_axis_has_its_option_and_its_setting(monkeypatch: pytest.MonkeyPat
     assert each.key in SceneFile.names()
 
 
-def test_numbers_are_read_to_the_last_bit_and_may_begin_with_a_minus(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numbers_are_read_to_the_last_bit_and_may_begin_with_a_minus(monkeypatch):
     ms = [1, 3, 9, 17, 33, 70, 0.3]
     asked = planned(monkeypatch, "--exposure-ms", ",".join(map(str, ms))).grid()
     assert asked["exposure_s"] == tuple(sorted(value / 1e3 for value in ms))
@@ -101,7 +95,7 @@ def test_numbers_are_read_to_the_last_bit_and_may_begin_with_a_minus(monkeypatch
         assert planned(monkeypatch, *words).grid()["velocity_x_px_s"] == (-200, 200)
 
 
-def test_a_new_axis_is_one_entry(monkeypatch: pytest.MonkeyPatch, capsys: Output) -> None:
+def test_a_new_axis_is_one_entry(monkeypatch, capsys):
     """Its option, its setting, its values and their words follow."""
     fog = replace(
         axis("gain_db"), name="fog_m", option="--fog-km", about="how far one sees", caption="fog {} km"
@@ -114,7 +108,7 @@ def test_a_new_axis_is_one_entry(monkeypatch: pytest.MonkeyPatch, capsys: Output
     asked: list[Any] = []
 
     @settings(table, "*")
-    def look(*, given: Any) -> None:
+    def look(*, given):
         """Look."""
         asked.append(given.grid()["fog_m"])
 
@@ -128,7 +122,7 @@ def test_a_new_axis_is_one_entry(monkeypatch: pytest.MonkeyPatch, capsys: Output
     assert (fog.text(2500.0), fog.slug(2500.0)) == ("fog 2.5 km", "fog2.5km")
 
 
-def test_options_override_the_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_options_override_the_plan(monkeypatch, tmp_path):
     (tmp_path / "plan.yaml").write_text("lux: [1, 5]\ndx: 0\nkeep: 0.8\nvehicle: {height_m: 1.2}\n")
     plan = planned(monkeypatch, "--plan", str(tmp_path / "plan.yaml"), "--dx", "3", "--model", "a.onnx")
     assert (plan.lux, plan.dx, plan.keep, plan.vehicle.height_m) == ((1.0, 5.0), (3.0,), 0.8, 1.2)
@@ -147,7 +141,7 @@ def test_options_override_the_plan(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         ("chart mona-lisa -o x.png", "'mona-lisa' is not one of 'slanted-edge'"),
     ],
 )
-def test_what_no_command_understands_is_told_in_a_line(command: str, words: str, capsys: Output) -> None:
+def test_what_no_command_understands_is_told_in_a_line(command, words, capsys):
     with pytest.raises(SystemExit) as end:
         main(command.split())
     assert end.value.code == 2
@@ -164,9 +158,7 @@ def test_what_no_command_understands_is_told_in_a_line(command: str, words: str,
     ["sweep -o {}", "sweep --save-plan {}/p", "simulate a.png -o {}/b", "chart flat-patch -o {}/c.png",
      "program run -o {}", "report run -o {}", "cameras imx250 --save {}/c.yaml", "train -o {}"],
 )  # fmt: skip
-def test_nothing_is_computed_for_a_place_that_cannot_be_written(
-    command: str, tmp_path: Path, capsys: Output
-) -> None:
+def test_nothing_is_computed_for_a_place_that_cannot_be_written(command, tmp_path, capsys):
     place = tmp_path / "file" / "below"
     place.parent.touch()
     assert main(command.format(place).split()) == 2
@@ -185,7 +177,7 @@ def test_nothing_is_computed_for_a_place_that_cannot_be_written(
         ('{"lux": 5,\n "lux": 50}', "lux: stands twice"),
     ],
 )
-def test_a_file_that_says_two_things_or_no_number_is_refused(content: str, told: str, tmp_path: Path) -> None:
+def test_a_file_that_says_two_things_or_no_number_is_refused(content, told, tmp_path):
     path = tmp_path / ("plan.json" if content.startswith("{") else "plan.yaml")
     path.write_text(content)
     with pytest.raises(ValueError, match=re.escape(told)):

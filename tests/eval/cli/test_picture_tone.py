@@ -1,9 +1,5 @@
 """A picture's own tone curve at the command: taken out, noted in the run, and the same when it goes on."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import decode, write_picture
@@ -18,7 +14,7 @@ TEXT = ",".join(f"{light}:{value}" for light, value in POINTS)
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> np.ndarray:
+def scene(tmp_path):
     """Light of 16 bits; beside it, in files, the same coded by ``POINTS``, and a camera with that tone."""
     light = np.random.default_rng(3).uniform(0.0, 1.0, (48, 64)).astype(np.float64)
     coded = np.interp(light, *zip(*POINTS, strict=True))
@@ -30,9 +26,7 @@ def scene(tmp_path: Path) -> np.ndarray:
     return light
 
 
-def test_simulate_takes_it_out(
-    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_simulate_takes_it_out(tmp_path, scene, capsys, monkeypatch):
     """By points, or those of a camera's file: the frame of the light itself, but for what 16 bits round (1e-4)."""
     monkeypatch.chdir(tmp_path)
     usual = ("--camera", "imx250m", "--exposure-ms", 20, "--lux", 20, "--bit-depth", "native", "--seed", 5)
@@ -56,18 +50,14 @@ def test_simulate_takes_it_out(
         ("empty.yaml", "this file has no 'tone:'"),
     ],
 )
-def test_what_is_no_tone_is_a_line(
-    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch, tone: str, why: str
-) -> None:
+def test_what_is_no_tone_is_a_line(tmp_path, scene, capsys, monkeypatch, tone, why):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty.yaml").write_text("base: imx250\n")
     assert main(["simulate", "coded.png", "-o", "out.png", "--picture-tone", tone]) == 2
     assert why in capsys.readouterr().err
 
 
-def test_a_run_has_one_and_goes_on_with_no_other(
-    tmp_path: Path, scene: np.ndarray, capsys: Output, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_has_one_and_goes_on_with_no_other(tmp_path, scene, capsys, monkeypatch):
     """The brightness of a sweep's picture is that of the light, and the run's plan has the points."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pictures").mkdir()

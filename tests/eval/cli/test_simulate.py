@@ -1,7 +1,5 @@
 """``blurnoise simulate``: its file holds the numbers that Python gives, and what the command says of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +10,7 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval.datasets import decode_linear, write_picture
-from commands import Output, main, pixels, told
-from numpy.typing import NDArray
+from commands import main, pixels, told
 
 from blurnoise import Camera, ExposedScene, Trajectory, photoelectrons, simulate
 from blurnoise.light.flicker import Pwm
@@ -32,7 +29,7 @@ ROAD = "--ego-kmh 72 --height-m 1.2 --pitch-deg 3 --heading-deg 5 --hfov-deg 50 
 LIGHT = (8 * np.random.default_rng(5).random((12, 17, 3)) ** 4).astype(np.float32)
 
 
-def driven() -> torch.Tensor:
+def driven():
     """The flow of ``ROAD``: 72 km/h over level ground."""
     view, mount = View(SIZE[1], SIZE[0], 50.0, "rectilinear"), Vehicle(1.2, 3.0, 5.0)
     places = view.pixels()
@@ -40,7 +37,7 @@ def driven() -> torch.Tensor:
     return torch.from_numpy(view.flow_px_s(places, mount.road_m(view.rays(places)), moving))
 
 
-def gyroscope() -> Trajectory:
+def gyroscope():
     return from_text(RATES, "rates.csv", focal_px=IMX250.field.focal_px[0] * 44 / 2464)
 
 
@@ -63,7 +60,7 @@ SCENES: dict[str, tuple[tuple[int, ...], type, str, Camera, Callable[[], dict[st
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """With a log, a camera, light brighter than white, a white picture, a mask, and a street with a rectangle."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "rates.csv").write_text(RATES, encoding="utf-8")
@@ -78,19 +75,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def stored(name: str = "out.png") -> NDArray[Any]:
+def stored(name="out.png"):
     """The picture of a file, (channels, height, width)."""
     picture = cv2.imread(name, cv2.IMREAD_UNCHANGED)
     return picture[None] if picture.ndim == 2 else picture[..., ::-1].transpose(2, 0, 1)
 
 
-def taken(capsys: Output, picture: str, words: str) -> tuple[Any, NDArray[Any]]:
+def taken(capsys, picture, words):
     """What is said, and the picture."""
     return told(capsys, "simulate", picture, "-o", "out.png", *words.split()), stored()
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_file_holds_the_numbers_that_python_gives(name: str, capsys: Output) -> None:
+def test_the_file_holds_the_numbers_that_python_gives(name, capsys):
     """Natively, and developed: grey of one plane, in the photograph's channels."""
     shape, dtype, words, camera, more = SCENES[name]
     picture = pixels(shape, dtype)
@@ -121,7 +118,7 @@ def test_the_file_holds_the_numbers_that_python_gives(name: str, capsys: Output)
 
 
 @pytest.mark.parametrize("anchor", ["", "mean", "p50", "1,2,9,8"])
-def test_what_light_on_a_photograph_means(capsys: Output, anchor: str) -> None:
+def test_what_light_on_a_photograph_means(capsys, anchor):
     """Two photographs of one scene, 2 EV apart: with an anchor the same frame, without a quarter of it."""
     light = 0.05 + 0.9 * np.random.default_rng(3).random((20, 30)) ** 2
     words = f"--lux 20 {anchor and f'--grey-anchor {anchor}'}"
@@ -137,13 +134,13 @@ def test_what_light_on_a_photograph_means(capsys: Output, anchor: str) -> None:
     assert ("brightness is taken for reflectance" in capsys.readouterr().out) == (not anchor)
 
 
-def test_it_explains_what_it_models(capsys: Output) -> None:
+def test_it_explains_what_it_models(capsys):
     words = ["simulate", "street.png", "-o", "out.png", "--dx", "900", "--explain"]
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert all(word in shown for word in ("motion", "9 px", "shot noise", "read noise", "left out"))
 
-    def stages(more: str) -> dict[str, Any]:
+    def stages(more):
         return {each["name"]: each for each in taken(capsys, "street.png", f"{more} --explain")[0]["stages"]}
 
     found = stages("--dx 900")
@@ -153,14 +150,14 @@ def test_it_explains_what_it_models(capsys: Output) -> None:
     assert "parts of 2 px" in stages("--object car.png --object-dx 1000 --dx 400 --hdr 8")["objects"]["how"]
 
 
-def test_the_picture_itself_is_not_written_over(capsys: Output) -> None:
+def test_the_picture_itself_is_not_written_over(capsys):
     before = Path("street.png").read_bytes()
     assert main(["simulate", "street.png", "-o", "street.png"]) == 2
     assert "is the picture itself; must be another file" in capsys.readouterr().err
     assert Path("street.png").read_bytes() == before
 
 
-def test_captures_of_light_brighter_than_white(capsys: Output) -> None:
+def test_captures_of_light_brighter_than_white(capsys):
     words = "--camera imx250 --picture-tone linear --exposure-ms 10 --lux 80 --dx 500 --seed 5"
     given: dict[str, Any] = {
         "exposure_s": 0.01,
@@ -187,7 +184,7 @@ def test_captures_of_light_brighter_than_white(capsys: Output) -> None:
     assert {**of_file, "camera": "imx250"} == of_option
 
 
-def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys: Output) -> None:
+def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys):
     words = "--exposure-ms 1 --lux 20 --bit-depth native"
     plain = taken(capsys, "white.png", words)[1][0].astype(float) - IMX250.black_level_dn
     facts, dn = taken(capsys, "white.png", f"{words} --pwm-mask mask.png --pwm 90,0.1,0.5")
@@ -202,7 +199,7 @@ def test_lamps_pulse_or_shine_brighter_where_the_mask_is(capsys: Output) -> None
     assert facts["above_white_percent"] == pytest.approx(100 * 15 / (12 * 17))
 
 
-def test_linear_light_of_files() -> None:
+def test_linear_light_of_files():
     np.testing.assert_array_equal(decode_linear(Path("light.tiff")), LIGHT)
     Path("light.hdr").write_bytes(cv2.imencode(".hdr", LIGHT[..., ::-1])[1].tobytes())
     np.testing.assert_allclose(decode_linear(Path("light.hdr")), LIGHT, atol=8 / 128)  # one exponent, 8 bits
@@ -211,7 +208,7 @@ def test_linear_light_of_files() -> None:
 OBJECT = "--exposure-ms 10 --lux 250 --seed 3 --object"
 
 
-def test_the_object_moves_and_the_rest_stays(capsys: Output) -> None:
+def test_the_object_moves_and_the_rest_stays(capsys):
     """By a rectangle or a mask; with a plate behind it nothing is invented; the camera may track it."""
     still = taken(capsys, "street.png", OBJECT.removesuffix("--object"))[1][0].astype(float)
     facts, moved = taken(capsys, "street.png", f"{OBJECT} 50,30,20,16 --object-dx 2000")

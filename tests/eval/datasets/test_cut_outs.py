@@ -1,20 +1,12 @@
 """Cut-outs: where targets are by what is known of them, which is in front, and what is behind them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from blurnoise_eval.datasets import (
-    Picture,
-    Target,
-    cut_out,
-    rendered_signs,
-    rendered_texts,
-)
+from blurnoise_eval.datasets import Picture, Target, cut_out, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.objects import Objects
 
@@ -26,28 +18,28 @@ from blurnoise.scene.scene import ExposedScene, Exposure
 HEIGHT, WIDTH = 60, 81
 
 
-def image() -> Any:
+def image():
     return np.random.default_rng(3).integers(60, 90, (HEIGHT, WIDTH, 3), np.uint8)
 
 
-def light(seen: Any) -> torch.Tensor:
+def light(seen):
     return ExposedScene.of_picture(seen).light
 
 
-def made(*targets: Target, name: str = "a.png") -> Picture:
+def made(*targets, name="a.png"):
     return Picture(name, targets, image, "a")
 
 
-def box(x0: float, y0: float, x1: float, y1: float, **more: Any) -> Target:
+def box(x0, y0, x1, y1, **more):
     return Target(more.pop("label", "car"), "cars", (x0, y0, x1, y1), **more)
 
 
-def found(picture: Picture, **how: Any) -> Any:
+def found(picture, **how):
     return cut_out(picture, light(image()), Objects(**how))
 
 
 @pytest.mark.parametrize("rendered", [rendered_signs, rendered_texts])
-def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) -> None:
+def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered):
     for picture in list(rendered((64, 40), count=4)):
         seen = picture.load()
         told = cut_out(picture, light(seen), Objects(), scale=1.0)
@@ -64,7 +56,7 @@ def test_rendered_signs_and_what_is_behind_them_make_the_picture(rendered: Any) 
             assert y1 <= top + layer.alpha.shape[0]
 
 
-def test_what_stands_is_background() -> None:
+def test_what_stands_is_background():
     assert found(made(box(10, 10, 40, 40)), speeds={"car": 0.0}).cut.layers == ()
     boxes = [(55, 5, 70, 30), (30, 5, 40, 30), (70, 20, 80, 55)]  # behind and aside, right behind, in front
     persons = [box(*corners, label="person") for corners in boxes]
@@ -81,18 +73,18 @@ USELESS: list[Any] = [
 
 
 @pytest.mark.parametrize("segmentation", USELESS)
-def test_a_segmentation_of_no_use_leaves_the_box(segmentation: Any) -> None:
+def test_a_segmentation_of_no_use_leaves_the_box(segmentation):
     (layer,) = found(made(box(10, 10, 40, 40, annotation={"segmentation": segmentation}))).cut.layers
     assert float(layer.alpha.sum()) == 900  # nothing in noise sets the box apart from what is around it
 
 
-def test_who_ends_further_down_is_in_front() -> None:
+def test_who_ends_further_down_is_in_front():
     told = found(made(box(5, 20, 25, 50), box(20, 5, 45, 30), box(40, 10, 60, 55)))
     assert told.targets == (1, 0, 2)
     assert [layer.place_px for layer in told.cut.layers] == [(20, 5), (5, 20), (40, 10)]
 
 
-def test_who_is_behind_shows_nothing_of_who_is_in_front() -> None:
+def test_who_is_behind_shows_nothing_of_who_is_in_front():
     """Where these move apart a copy of the front one would appear, on the rear one."""
     seen = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
     seen[15:45, 10:50], seen[20:55, 30:60] = 120, 230
@@ -116,7 +108,7 @@ VELOCITY = (1600.0, -500.0)
 PARTS = 160
 
 
-def ground(shift: tuple[float, float] = (0.0, 0.0)) -> torch.Tensor:
+def ground(shift=(0.0, 0.0)):
     """Waves in two directions, known between the pixels, (1, 3, H, W)."""
     x = torch.arange(COLUMNS, dtype=torch.float64) + 0.5 - shift[0]
     y = torch.arange(ROWS, dtype=torch.float64)[:, None] + 0.5 - shift[1]
@@ -124,13 +116,13 @@ def ground(shift: tuple[float, float] = (0.0, 0.0)) -> torch.Tensor:
     return wave.float().expand(1, 3, -1, -1).clone()
 
 
-def sign(behind: torch.Tensor, shift: tuple[float, float] = (0.0, 0.0)) -> torch.Tensor:
+def sign(behind, shift=(0.0, 0.0)):
     return charts.stop_sign(
         SIZE_PX, centre_px=(CENTRE[0] + shift[0], CENTRE[1] + shift[1]), background=behind
     )
 
 
-def cut(**changes: Any) -> Cut:
+def cut(**changes):
     frame: Any = {"height_px": ROWS, "width_px": COLUMNS, "centre_px": CENTRE}
     black, white = (charts.stop_sign(SIZE_PX, background=level, **frame)[0] for level in (0.0, 1.0))
     alpha = (1 - (white - black).mean(0)).clamp(0, 1)
@@ -138,15 +130,15 @@ def cut(**changes: Any) -> Cut:
     return Cut(ground(), (layer,), np.zeros((ROWS, COLUMNS), bool))._replace(**changes)
 
 
-def taken(moves: str, seed: int = 3, velocity: tuple[float, float] = VELOCITY) -> Exposure:
+def taken(moves, seed=3, velocity=VELOCITY):
     return Exposure(CAMERA, EXPOSURE_S, 60.0, velocity, seed=seed, moves=moves)
 
 
-def frame(scene: ExposedScene, exposure: Exposure) -> Any:
+def frame(scene, exposure):
     return next(iter(scene.frames([exposure]))).picture.astype(float)
 
 
-def averaged(moves: str) -> Any:
+def averaged(moves):
     """The picture of light that is the mean of scenes rendered at each of many moments, nothing cut out."""
     total = torch.zeros(1, 3, ROWS, COLUMNS)
     for part in range(PARTS):
@@ -159,14 +151,14 @@ def averaged(moves: str) -> Any:
     return frame(ExposedScene(total / PARTS), taken("all", velocity=(0.0, 0.0)))
 
 
-def rms(one: Any, other: Any) -> float:
+def rms(one, other):
     inside = np.s_[12:-12, 18:-18]  # beyond the border the waves go on otherwise than a reflection
     return float(np.sqrt(np.mean((one[inside] - other[inside]) ** 2)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("moves", ["all", "targets", "background"])
-def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves: str) -> None:
+def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves):
     expected = {kind: averaged(kind) for kind in ("all", "targets", "background")}
     found = frame(CutScene(cut()), taken(moves))
     assert rms(found, expected[moves]) < 1.5
@@ -174,7 +166,7 @@ def test_each_kind_is_the_mean_of_scenes_rendered_at_every_moment(moves: str) ->
         assert rms(found, expected[other]) > 4.0  # so that one cannot be taken for another
 
 
-def test_what_was_invented_counts_by_what_is_seen_of_it() -> None:
+def test_what_was_invented_counts_by_what_is_seen_of_it():
     """A box w px wide that moves L shows L / 4w of what is behind it, whichever of the two moves."""
     layer = Layer(torch.ones(3, 20, 40), torch.ones(20, 40), place_px=(50, 15))
     cuts = Cut(ground(), (layer, replace(layer, place_px=(50, 55))), np.ones((ROWS, COLUMNS), bool))

@@ -1,10 +1,8 @@
 """COCO's instances, BDD100K's frames and PP-OCR's texts: what becomes of sound files."""
 
-from __future__ import annotations
-
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,28 +10,19 @@ import numpy as np
 import PIL.Image
 import pytest
 import yaml
-from blurnoise_eval.datasets import (
-    PictureSet,
-    Target,
-    UnreadablePicture,
-    bdd,
-    coco,
-    texts,
-    write_picture,
-    yolo,
-)
+from blurnoise_eval.datasets import PictureSet, UnreadablePicture, bdd, coco, texts, write_picture, yolo
 
 ANNOTATION = {"image_id": 7, "category_id": 13, "bbox": [1, 2, 3, 4]}
 BOX = {"x1": 10, "y1": 20, "x2": 40.5, "y2": 60}
 CORNERS = [[10, 20], [50, 22], [50, 40], [10, 38]]
 
 
-def write(path: Path, data: object) -> Path:
+def write(path, data):
     path.write_text(data if isinstance(data, str) else json.dumps(data), encoding="utf-8")
     return path
 
 
-def instances(path: Path, **changes: Any) -> Path:
+def instances(path, **changes):
     """A COCO file of three pictures: two objects, a crowd and two empty boxes; nothing; one small sign."""
     names = ["a.png", "b.png", "sub/c.png"]
     boxes = [
@@ -53,7 +42,7 @@ def instances(path: Path, **changes: Any) -> Path:
     return write(path / "instances.json", {**data, **changes})
 
 
-def test_coco_boxes_become_targets(tmp_path: Path) -> None:
+def test_coco_boxes_become_targets(tmp_path):
     found = coco(instances(tmp_path))
     a, b, c = found
     assert (found.kind, [picture.name for picture in found]) == ("coco", ["a.png", "b.png", "sub/c.png"])
@@ -72,7 +61,7 @@ def test_coco_boxes_become_targets(tmp_path: Path) -> None:
     assert found.notes == ("1 box of no area left out",)
 
 
-def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
+def test_coco_keeps_what_an_annotation_says(tmp_path):
     """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
     beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
     entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
@@ -81,7 +70,7 @@ def test_coco_keeps_what_an_annotation_says(tmp_path: Path) -> None:
     assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}]
 
 
-def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
+def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path):
     """In a picture of 100 x 80 px: four beyond its sides, three across them, two of no number, one too far
     away, one of no size."""
     outside = [[100, 0, 5, 5], [-5, 0, 5, 5], [0, 80, 5, 5], [0, -9, 5, 5]]
@@ -108,7 +97,7 @@ def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path: Path) -> None:
         assert len(coco(file).pictures[0].targets or ()) == 7
 
 
-def test_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
+def test_labels_choose_pictures_and_name_groups(tmp_path):
     """Crowds alone are no reason to look at a picture."""
     found = coco(instances(tmp_path), labels=["stop sign"])
     assert ([picture.name for picture in found], found.chosen) == (["a.png", "sub/c.png"], "stop sign")
@@ -124,7 +113,7 @@ def test_labels_choose_pictures_and_name_groups(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
-def test_bdd_boxes_become_targets_under_their_own_names(tmp_path: Path, wrapped: bool) -> None:
+def test_bdd_boxes_become_targets_under_their_own_names(tmp_path, wrapped):
     """Two boxes and a lane; nothing, in three ways of saying it."""
     labels = [
         {"id": "4", "category": "traffic sign", "box2d": BOX, "attributes": {"occluded": False}},
@@ -149,7 +138,7 @@ def test_bdd_boxes_become_targets_under_their_own_names(tmp_path: Path, wrapped:
     assert [target.group for target in picture.targets or ()] == ["traffic sign, medium (32-96 px)"]
 
 
-def test_whole_pictures_are_read(tmp_path: Path) -> None:
+def test_whole_pictures_are_read(tmp_path):
     for name, height in (("a.png", 15), ("sub/b.png", 16), ("c.png", 63), ("d.png", 64)):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         write_picture(tmp_path / name, np.zeros((height, 200), np.uint8))
@@ -175,7 +164,7 @@ def test_whole_pictures_are_read(tmp_path: Path) -> None:
         found.pictures[4].load()
 
 
-def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
+def test_places_are_boxes_around_their_points(tmp_path):
     listed = [
         {"transcription": "STOP", "points": CORNERS, "difficult": False},
         *({"transcription": mark, "points": CORNERS} for mark in ("###", "*")),
@@ -201,7 +190,7 @@ def test_places_are_boxes_around_their_points(tmp_path: Path) -> None:
 NAMES = {0: "sign", 1: "<b>car</b>"}
 
 
-def make(root: Path, files: Mapping[str, str | tuple[int, int]]) -> Path:
+def make(root, files):
     """Write a data set: text files, and pictures of (width, height) px."""
     for name, content in files.items():
         path = root / name
@@ -213,17 +202,17 @@ def make(root: Path, files: Mapping[str, str | tuple[int, int]]) -> Path:
     return root
 
 
-def described(**entries: object) -> str:
+def described(**entries):
     return yaml.safe_dump({"names": NAMES, **entries})
 
 
-def only(targets: tuple[Target, ...] | None) -> Target:
+def only(targets):
     assert targets is not None
     (target,) = targets
     return target
 
 
-def test_shares_become_pixels(tmp_path: Path) -> None:
+def test_shares_become_pixels(tmp_path):
     """A box of 0.2 x 0.5 around (0.3, 0.5) of 200 x 80 px, and a triangle as the box around it."""
     make(
         tmp_path,
@@ -248,7 +237,7 @@ def test_shares_become_pixels(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("orientation", [5, 6, 7, 8])
-def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path: Path, orientation: int) -> None:
+def test_boxes_are_of_the_picture_as_it_is_shown(tmp_path, orientation):
     """A file of 40 x 20 px, held upright: the left half of what is seen is 10 x 40 px."""
     make(tmp_path, {"data.yaml": described(val="images"), "labels/a.txt": "0 0.25 0.5 0.5 1\n"})
     (tmp_path / "images").mkdir()
@@ -281,7 +270,7 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_layouts(tmp_path: Path, layout: str) -> None:
+def test_layouts(tmp_path, layout):
     make(tmp_path, LAYOUTS[layout])
     for path in (tmp_path, tmp_path / "data.yaml"):
         for split, stem in ((None, "v"), ("val", "v"), ("train", "t")):
@@ -302,13 +291,13 @@ def test_layouts(tmp_path: Path, layout: str) -> None:
         {"data.yaml": described(val=["images/sub"]), "images/sub/a.png": (8, 8), "labels/sub/a.txt": LINE},
     ],
 )
-def test_folders(tmp_path: Path, files: Mapping[str, str | tuple[int, int]]) -> None:
+def test_folders(tmp_path, files):
     (picture,) = yolo(make(tmp_path, files))
     assert picture.name in ("sub/a.png", "a.png")
     assert only(picture.targets).label == "sign"
 
 
-def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path: Path) -> None:
+def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path):
     make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
     for path in ("/nowhere", "..", "../moved", f"{tmp_path}/../moved"):  # named by the file, not by the user
         make(tmp_path, {"data.yaml": described(path=path, val="images")})
@@ -330,16 +319,16 @@ COCO: Any = {"images": [IMAGE], "categories": [SIGN], "annotations": [SOUND]}
 TEXTS = [{"transcription": "STOP", "points": [[1, 2], [3, 2], [3, 4], [1, 4]]}]
 
 
-def of_coco(part: str, **change: Any) -> dict[str, Any]:
+def of_coco(part, **change):
     return {**COCO, part: [{**COCO[part][0], **change}]}
 
 
-def of_text(**change: Any) -> str:
+def of_text(**change):
     return f"a.png\t{json.dumps([{**TEXTS[0], **change}])}"
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     write_picture(tmp_path / "a.png", np.zeros((9, 9), np.uint8))
     (tmp_path / "classes.txt").write_text("sign\ncar\n")
     return tmp_path
@@ -368,7 +357,7 @@ def folder(tmp_path: Path) -> Path:
         (texts, of_text(points=[[1, 2]]), r"points = \[\[1, 2\]\]: must have at least 2 items"),
     ],
 )  # fmt: skip
-def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) -> None:
+def test_the_fault_is_named(folder, read, content, fault):
     file = folder / "labels"
     file.write_text(content if isinstance(content, str) else json.dumps(content))
     name = "text" if read is texts else read.__name__
@@ -386,14 +375,14 @@ def test_the_fault_is_named(folder: Path, read: Read, content: Any, fault: str) 
         ("0 320 240 50 60", "no pixels"),
     ],
 )
-def test_a_bad_line_of_yolo_is_named(folder: Path, line: str, fault: str) -> None:
+def test_a_bad_line_of_yolo_is_named(folder, line, fault):
     (folder / "a.txt").write_text(f"{LINE}\n{line}\n")
     with pytest.raises(ValueError, match=rf"yolo = .*a\.txt': line 3: .*{fault}") as caught:
         yolo(folder)
     assert "\n" not in str(caught.value)
 
 
-def data_yaml(**entries: object) -> str:
+def data_yaml(**entries):
     return yaml.safe_dump({"names": ["sign"], **entries})
 
 
@@ -415,7 +404,7 @@ def data_yaml(**entries: object) -> str:
         (data_yaml(kpt_shape=[17, 3]), "poses"),
     ],
 )
-def test_what_is_no_data_set_of_yolo_is_named(folder: Path, content: str | None, fault: str) -> None:
+def test_what_is_no_data_set_of_yolo_is_named(folder, content, fault):
     (folder / "list.txt").write_text("../secret.png")
     (folder / "twice.txt").write_text("a.png\n./a.png")
     (folder / "classes.txt").unlink()
@@ -428,7 +417,7 @@ def test_what_is_no_data_set_of_yolo_is_named(folder: Path, content: str | None,
     assert "\n" not in str(caught.value)
 
 
-def test_files_that_are_none(folder: Path) -> None:
+def test_files_that_are_none(folder):
     (folder / "binary").write_bytes(b"\xff\xfe\x00\x01")
     os.mkfifo(folder / "pipe")
     faults = {"binary": "not UTF-8", "nothing": "No such file", ".": "directory", "pipe": "pipe, no file"}

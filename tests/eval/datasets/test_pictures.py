@@ -1,13 +1,8 @@
 """Pictures as they come, in files and folders: depths, orientations, sizes, transparency, all that can be wrong."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -31,21 +26,21 @@ from numpy.typing import NDArray
 ORIENTATION = 0x0112
 
 
-def pixels(shape: tuple[int, ...], dtype: type = np.uint8) -> NDArray[Any]:
+def pixels(shape, dtype=np.uint8):
     return np.random.default_rng(0).integers(0, np.iinfo(dtype).max, shape, dtype, endpoint=True)
 
 
-def png(width: int, height: int, rows: bytes = b"0") -> bytes:
+def png(width, height, rows=b"0"):
     """A grey PNG of 8 bits, whose pixels may be missing."""
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
+    def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     header = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
     return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
-def saved(path: Path, picture: NDArray[Any], orientation: int = 1, **options: Any) -> Path:
+def saved(path, picture, orientation=1, **options):
     exif = PIL.Image.Exif()
     exif[ORIENTATION] = orientation
     PIL.Image.fromarray(picture).save(path, exif=exif, **options)
@@ -55,7 +50,7 @@ def saved(path: Path, picture: NDArray[Any], orientation: int = 1, **options: An
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("shape", [(5, 7), (5, 7, 3)])
 @pytest.mark.parametrize("suffix", [".png", ".TIFF"])
-def test_written_pictures_come_back(tmp_path: Path, dtype: type, shape: tuple[int, ...], suffix: str) -> None:
+def test_written_pictures_come_back(tmp_path, dtype, shape, suffix):
     picture = pixels(shape, dtype)
     path = tmp_path / f"picture{suffix}"
     write_picture(path, picture)
@@ -77,9 +72,7 @@ def test_written_pictures_come_back(tmp_path: Path, dtype: type, shape: tuple[in
         (8, lambda a: np.rot90(a, 1)),
     ],
 )
-def test_exif_orientation(
-    tmp_path: Path, orientation: int, turned: Callable[[NDArray[Any]], NDArray[Any]]
-) -> None:
+def test_exif_orientation(tmp_path, orientation, turned):
     quadrants = np.kron(np.array([[0, 80], [160, 240]], np.uint8), np.ones((16, 32), np.uint8))
     seen = decode(saved(tmp_path / "turned.jpg", quadrants, orientation, quality=100))
     expected = turned(quadrants)
@@ -87,7 +80,7 @@ def test_exif_orientation(
     assert np.abs(seen.astype(int) - expected).max() <= 2  # of 255: JPEG's rounding
 
 
-def test_size_groups_follow_the_area() -> None:
+def test_size_groups_follow_the_area():
     for width, height, group in (
         (31, 33, "small"),
         (32, 32, "medium"),
@@ -97,7 +90,7 @@ def test_size_groups_follow_the_area() -> None:
         assert size_group(width, height, "sign").startswith(f"sign, {group}")
 
 
-def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
+def test_unreadable_pictures_say_why(tmp_path):
     jpeg = cv2.imencode(".jpg", pixels((64, 64, 3)))[1].tobytes()
     cv2.imwrite(str(tmp_path / "float.tiff"), np.zeros((4, 4, 3), np.float32))
     (tmp_path / "folder.png").mkdir()
@@ -120,7 +113,7 @@ def test_unreadable_pictures_say_why(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("orientation", [1, 4, 5, 8])
-def test_labels_are_for_the_upright_picture(tmp_path: Path, orientation: int) -> None:
+def test_labels_are_for_the_upright_picture(tmp_path, orientation):
     saved(tmp_path / "a.jpg", pixels((21, 33, 3)), orientation)
     width, height = (21, 33) if orientation > 4 else (33, 21)
     other = {"width": height, "height": width}
@@ -139,7 +132,7 @@ def test_labels_are_for_the_upright_picture(tmp_path: Path, orientation: int) ->
                 picture.load()
 
 
-def test_a_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
+def test_a_folder_is_read_in_order_and_below(tmp_path):
     """What is no file is passed: a circle of folders, links to nowhere."""
     (tmp_path / "sub").mkdir()
     for name in ("b.png", "a.JPG", "sub/<c>.tiff"):
@@ -165,12 +158,12 @@ def test_a_folder_is_read_in_order_and_below(tmp_path: Path) -> None:
 # --- linear light from OpenEXR files ---
 
 
-def test_light_of_openexr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_light_of_openexr(tmp_path, monkeypatch):
     openexr = pytest.importorskip("OpenEXR")
     light = np.random.default_rng(3).uniform(0, 60, (7, 11, 3)).astype(np.float16)
     path = tmp_path / "a.exr"
 
-    def saved_light(**planes: NDArray[Any]) -> Path:
+    def saved_light(**planes):
         header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
         openexr.File(header, planes).write(str(path))
         return path
@@ -196,7 +189,7 @@ def test_light_of_openexr(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 Pixels = NDArray[np.uint8]
 
 
-def scene(seed: int, size: tuple[int, int] = (213, 320)) -> Pixels:
+def scene(seed, size=(213, 320)):
     """Smooth random light with a spectrum as photographs have it, in colour."""
     rng = np.random.default_rng([seed, 1])
     layers = [
@@ -207,7 +200,7 @@ def scene(seed: int, size: tuple[int, int] = (213, 320)) -> Pixels:
     return np.clip(128 + 45 * whole / np.std(whole), 0, 255).astype(np.uint8)
 
 
-def again(picture: Pixels, rng: np.random.Generator) -> Pixels:
+def again(picture, rng):
     """The same shifted by up to a fiftieth of the width, at half to 1.6 times the light, with 4 % noise."""
     height, width = picture.shape[:2]
     dx, dy = rng.integers(-width // 80, width // 80 + 1, 2).tolist()
@@ -217,7 +210,7 @@ def again(picture: Pixels, rng: np.random.Generator) -> Pixels:
     return np.clip(255 * lit + rng.normal(0, 10, lit.shape), 0, 255).astype(np.uint8)
 
 
-def test_pictures_of_one_scene_are_found_together() -> None:
+def test_pictures_of_one_scene_are_found_together():
     rng = np.random.default_rng(0)
     found = scenes([look(again(scene(place // 5), rng)) for place in range(60)])
     together = np.arange(60) // 5
@@ -225,7 +218,7 @@ def test_pictures_of_one_scene_are_found_together() -> None:
     assert 12 <= len(set(found.tolist())) <= 14
 
 
-def test_links_make_a_scene() -> None:
+def test_links_make_a_scene():
     """a and c are 16 bits apart, and b is between them; d is far from all."""
     a, b, c, d = "00" * 8, "ff" + "00" * 7, "ffff" + "00" * 6, "0f" * 8
     assert scenes([a, d, c, b]).tolist() == [0, 1, 0, 0]

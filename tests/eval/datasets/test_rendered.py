@@ -1,24 +1,20 @@
 """Rendered signs: where they stand, what is behind them, and that each picture is its own."""
 
-from __future__ import annotations
-
 import itertools
 import pickle
-from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.datasets import RENDERED_SIZE_PX, Picture, rendered_signs, rendered_texts
-from numpy.typing import NDArray
+from blurnoise_eval.datasets import RENDERED_SIZE_PX, rendered_signs, rendered_texts
 
 KINDS = 4  # of backgrounds, in turn: plain, graded, 1/f, cluttered
 
 
-def boxes(picture: Picture) -> NDArray[np.float64]:
+def boxes(picture):
     return np.array([target.box_xyxy for target in picture.targets or ()])
 
 
-def test_a_sign_fills_its_box_and_no_more() -> None:
+def test_a_sign_fills_its_box_and_no_more():
     """On plain grey, all that differs from the background lies in the box, and reaches its four sides."""
     for picture in rendered_signs([50], count=3 * KINDS).pictures[::KINDS]:
         image = picture.load()
@@ -35,7 +31,7 @@ def test_a_sign_fills_its_box_and_no_more() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_signs_stand_apart_with_room_for_their_smear(seed: int) -> None:
+def test_signs_stand_apart_with_room_for_their_smear(seed):
     sizes = (100, 50, 32)
     found = rendered_signs(sizes, seed=seed)
     assert len(found) == 20
@@ -59,7 +55,7 @@ def test_signs_stand_apart_with_room_for_their_smear(seed: int) -> None:
     assert len(orders) == 6  # 20 of 6 orders: one is missing with 16 %
 
 
-def test_a_picture_depends_on_seed_and_number_alone() -> None:
+def test_a_picture_depends_on_seed_and_number_alone():
     few, many, other = (rendered_signs(count=count, seed=seed) for count, seed in ((5, 0), (12, 0), (5, 1)))
     for a, b, c in zip(few, many, other, strict=False):
         assert (a.name, a.targets, a.identity, a.image_id) == (b.name, b.targets, b.identity, b.image_id)
@@ -80,13 +76,13 @@ def test_a_picture_depends_on_seed_and_number_alone() -> None:
         ({"count": 0}, "count = 0: must be >= 1"),
     ],
 )
-def test_bad_input_is_named(given: dict[str, Any], message: str) -> None:
+def test_bad_input_is_named(given, message):
     for of in (rendered_signs, rendered_texts):
         with pytest.raises(ValueError, match=message):
             of(**given)
 
 
-def test_the_text_is_the_white_word_on_the_red_sign() -> None:
+def test_the_text_is_the_white_word_on_the_red_sign():
     found = rendered_texts([100, 50], count=4)
     assert (found.kind, found.categories, len(found)) == ("rendered", {"text": 1}, 4)
     assert len(rendered_texts()) == 20

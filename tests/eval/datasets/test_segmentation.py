@@ -1,7 +1,5 @@
 """Mattes of annotations: polygons by area, run lengths against COCO's own tools."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from blurnoise_eval.datasets import segmentation
@@ -11,7 +9,7 @@ from pycocotools import mask as coco_masks
 SIZE = (61, 84)
 
 
-def test_run_lengths_are_those_of_cocos_tools() -> None:
+def test_run_lengths_are_those_of_cocos_tools():
     drawn = np.random.default_rng(0)
     for _ in range(20):
         size = tuple(int(side) for side in drawn.integers(2, 50, 2))
@@ -25,7 +23,7 @@ def test_run_lengths_are_those_of_cocos_tools() -> None:
     assert (segmentation.of_rle(packed["counts"], (480, 640)) == large).all()
 
 
-def test_polygons_take_their_area() -> None:
+def test_polygons_take_their_area():
     """Whole eighths of a pixel exactly; else to an eighth at an edge; random shapes to 1 %, their mean to 0.1 %."""
     rectangle = [10.25, 5.5, 30.75, 5.5, 30.75, 17.25, 10.25, 17.25]
     found, exact = (
@@ -47,7 +45,7 @@ def test_polygons_take_their_area() -> None:
     assert abs(np.mean(off)) < 1e-3
 
 
-def test_annotations() -> None:
+def test_annotations():
     square = [5, 5, 15, 5, 15, 15, 5, 15]
     assert (of_annotation({"segmentation": [square]}, SIZE) == segmentation.of_polygons([square], SIZE)).all()
     runs = {"segmentation": {"size": [2, 3], "counts": [2, 3, 1]}, "iscrowd": 0}
@@ -68,7 +66,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("segmentation", "fault"), BAD)
-def test_what_is_no_segmentation_is_named(segmentation: object, fault: str) -> None:
+def test_what_is_no_segmentation_is_named(segmentation, fault):
     with pytest.raises(ValueError, match=fault):
         of_annotation({"segmentation": segmentation}, (2, 3))
     with pytest.raises(ValueError, match="must be that of one object"):

@@ -1,10 +1,8 @@
 """Sets of every kind, as the options name them, in folders and by URL; what is missing, empty or new is told."""
 
-from __future__ import annotations
-
 import json
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,7 @@ Reader = Callable[[Any], PictureSet]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path, monkeypatch):
     """A set of every kind, here; :func:`put` makes it one at ``URL``."""
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "set"
@@ -40,8 +38,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     fsspec.filesystem("memory").store.clear()
 
 
-def write_labels(folder: Path) -> None:
-    def write(name: str, text: str) -> None:
+def write_labels(folder):
+    def write(name, text):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
 
@@ -62,7 +60,7 @@ def write_labels(folder: Path) -> None:
     write("whole.txt", "".join(f"{name}\tSTOP\n" for name in NAMES))
 
 
-def put(folder: Path) -> None:
+def put(folder):
     for file in folder.rglob("*"):
         if file.is_file():
             (location(URL) / file.relative_to(folder).as_posix()).write_bytes(file.read_bytes())
@@ -82,7 +80,7 @@ READERS: dict[str, Reader] = {
 
 
 @pytest.mark.parametrize("read", READERS.values(), ids=list(READERS))
-def test_as_of_a_folder(read: Reader, folder: Path) -> None:
+def test_as_of_a_folder(read, folder):
     """Named by text, here and there; another version is another identity."""
     put(folder)
     here, there = read(folder), read(URL)
@@ -100,7 +98,7 @@ def test_as_of_a_folder(read: Reader, folder: Path) -> None:
     assert not {picture.identity for picture in read(URL)} & set(before)
 
 
-def test_pictures_that_cannot_be_read(folder: Path) -> None:
+def test_pictures_that_cannot_be_read(folder):
     put(folder)
     root = location(URL)
     (root / "a.png").unlink()
@@ -118,7 +116,7 @@ def test_pictures_that_cannot_be_read(folder: Path) -> None:
 # --- as options ---
 
 
-def chosen(*, reads: bool = False, **settings: Any) -> PictureSet:
+def chosen(*, reads=False, **settings):
     """What a sweep with these settings would see. Raises what the choice raises."""
     stated = {name: str(value) if isinstance(value, Path) else value for name, value in settings.items()}
     return given.pictures(PlanFile().stating(stated), reads=reads)
@@ -128,7 +126,7 @@ FILES = {"coco": "coco.json", "bdd": "bdd.json", "yolo": "data.yaml", "text": "w
 
 
 @pytest.mark.parametrize("kind", FILES)
-def test_each_kind_is_recognised_and_read(kind: str, folder: Path) -> None:
+def test_each_kind_is_recognised_and_read(kind, folder):
     found = chosen(labels=folder / FILES[kind], images=folder / "images")
     assert (found.kind, {picture.name for picture in found}) == (kind, set(NAMES))
     assert found.pictures[0].load().shape == (31, 42, 3)
@@ -136,7 +134,7 @@ def test_each_kind_is_recognised_and_read(kind: str, folder: Path) -> None:
     assert (len(limited), limited.categories) == (1, found.categories)
 
 
-def test_without_labels(folder: Path) -> None:
+def test_without_labels(folder):
     assert chosen(images=folder / "images").kind == "folder"
     assert [target.label for each in chosen() for target in each.targets or ()] == ["stop sign"] * 60
     assert [target.text for each in chosen(reads=True) for target in each.targets or ()] == ["STOP"] * 60
@@ -152,6 +150,6 @@ def test_without_labels(folder: Path) -> None:
         ({"images": ""}, "images = '': must name a file or folder"),
     ],
 )
-def test_settings_that_do_not_go_together(settings: Any, fault: str) -> None:
+def test_settings_that_do_not_go_together(settings, fault):
     with pytest.raises(ValueError, match=fault):
         chosen(**settings)

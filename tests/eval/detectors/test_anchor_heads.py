@@ -1,12 +1,8 @@
 """Heads with anchors, in every form of their outputs, against plain loops over levels, cells and anchors."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +10,6 @@ from blurnoise_eval.detectors.contract import COCO80, AnchorHead, ModelError
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.detector import Detector
 from constant_graphs import constant_graph
-from numpy.typing import NDArray
 
 SIZE_PX, NAMES = (64, 96), ("first", "second", "third", "fourth")
 ANCHORS = (((10.0, 13.0), (16.0, 30.0)), ((30.0, 61.0), (62.0, 45.0)), ((59.0, 119.0), (116.0, 90.0)))
@@ -35,11 +30,11 @@ FORMS = [
 ]
 
 
-def sigmoid(x: float) -> float:
+def sigmoid(x):
     return 1 / (1 + math.exp(-x))
 
 
-def raw(head: AnchorHead, seed: int = 0) -> list[NDArray[np.float64]]:
+def raw(head, seed=0):
     """What a head answers, for each stride (rows, columns, anchors, 5 + classes)."""
     rng = np.random.default_rng(seed)
     values = []
@@ -52,7 +47,7 @@ def raw(head: AnchorHead, seed: int = 0) -> list[NDArray[np.float64]]:
     return values
 
 
-def shaped(levels: list[NDArray[np.float64]], form: str) -> list[NDArray[np.float32]]:
+def shaped(levels, form):
     """The levels as graphs give them."""
     rows, columns = ([level.shape[axis] for level in levels] for axis in (0, 1))
     whole = [level.reshape(*level.shape[:2], -1) for level in levels]
@@ -74,7 +69,7 @@ def shaped(levels: list[NDArray[np.float64]], form: str) -> list[NDArray[np.floa
     return [np.ascontiguousarray(each, np.float32) for each in made]
 
 
-def plain(head: AnchorHead, levels: list[NDArray[np.float64]], min_score: float) -> list[tuple[float, ...]]:
+def plain(head, levels, min_score):
     """Box by box: score, left, top, right, bottom, class of the largest score."""
     squash = (lambda x: x) if head.activated else sigmoid
     found = []
@@ -102,7 +97,7 @@ def plain(head: AnchorHead, levels: list[NDArray[np.float64]], min_score: float)
     ("kind", "form"),
     [*((list(HEADS)[place % len(HEADS)], form) for place, form in enumerate(FORMS)), ("yolov5", "cells")],
 )
-def test_every_form_is_decoded_as_plain_loops_do(kind: str, form: str, tmp_path: Path) -> None:
+def test_every_form_is_decoded_as_plain_loops_do(kind, form, tmp_path):
     head = HEADS[kind]
     if form.startswith("rows"):
         head = replace(head, order=form.split()[-1])
@@ -122,7 +117,7 @@ def test_every_form_is_decoded_as_plain_loops_do(kind: str, form: str, tmp_path:
     assert found.class_ids[order].tolist() == [row[5] for row in expected]
 
 
-def fastest_v2(side_px: int, classes: int) -> tuple[list[NDArray[np.float32]], NDArray[np.float64]]:
+def fastest_v2(side_px, classes):
     """The two levels of a square input, cells by [12 box, 3 objectness, classes], and them in rows."""
     rng = np.random.default_rng(2)
     levels = []
@@ -134,7 +129,7 @@ def fastest_v2(side_px: int, classes: int) -> tuple[list[NDArray[np.float32]], N
 
 
 @pytest.mark.parametrize("form", ["rows", "rows with a batch", "levels"])
-def test_yolo_fastest_v2_is_recognised_and_decoded_as_its_own_code_does(form: str, tmp_path: Path) -> None:
+def test_yolo_fastest_v2_is_recognised_and_decoded_as_its_own_code_does(form, tmp_path):
     """605 = 22 x 22 + 11 x 11 rows of 95 = 12 + 3 + 80; the loops follow ``handel_preds`` and the deployed code."""
     levels, rows = fastest_v2(352, 80)
     outputs = {"rows": [rows], "rows with a batch": [rows[None]], "levels": [level[None] for level in levels]}
@@ -180,7 +175,7 @@ def test_yolo_fastest_v2_is_recognised_and_decoded_as_its_own_code_does(form: st
         ({"family": "yolov8", "head": {"strides": [8], "anchors": [[1, 2]]}}, "head: goes with the families"),
     ],
 )
-def test_bad_heads_say_what_is_wrong(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+def test_bad_heads_say_what_is_wrong(change, message, tmp_path):
     path = constant_graph(tmp_path / "m.onnx", shaped(raw(HEADS["yolov5"]), "planes"), SIZE_PX)
     stated = {"family": "anchors", "classes": list(NAMES), **change}
     path.with_name("m.contract.json").write_text(json.dumps(stated))

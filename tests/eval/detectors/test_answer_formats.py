@@ -1,11 +1,5 @@
 """Generated graphs in exactly the layouts of the families, with known answers, through onnxruntime."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from blurnoise_eval.detectors import recognition
@@ -13,11 +7,9 @@ from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats import FAMILIES as FAMILIES_BY_NAME
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, select
+from blurnoise_eval.detectors.formats.boxes import best_class, select
 from blurnoise_eval.detectors.formats.family import Family
-from blurnoise_eval.detectors.records import FloatArray
 from constant_graphs import answering_graph
-from numpy.typing import NDArray
 from onnx import TensorProto
 
 SIZE_PX = (64, 96)
@@ -35,11 +27,11 @@ EXTRAS = {
 }
 
 
-def logit(score: NDArray[np.float64]) -> NDArray[np.float64]:
+def logit(score):
     return np.log(score / (1 - score))
 
 
-def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def tensors(family):
     """Each output's value for a black picture, and what white adds to it. int64 where nothing is added."""
     score, klass = SCORES[:, None], CLASSES[:, None].astype(float)
     none, boxes = np.zeros((3, 4)), BOXES_XYXY
@@ -112,9 +104,9 @@ def tensors(family: str) -> dict[str, tuple[NDArray[np.float64], NDArray[np.floa
 
 
 def graph(
-    path: Path, family: str, *, size: tuple[int | str, int | str] = SIZE_PX, batch: int | str = 1,
-    squeezed: bool = False, names: Mapping[str, str] | None = None, asks: bool = True, **form: Any,
-) -> Path:  # fmt: skip
+    path, family, *, size = SIZE_PX, batch = 1,
+    squeezed = False, names = None, asks = True, **form,
+):  # fmt: skip
     """Write a detector whose scores grow with the picture's mean: 0 for black, ``SCORES`` for white.
 
     squeezed: outputs without their batch. names: of outputs, others than the family's. asks: for inputs beside
@@ -135,7 +127,7 @@ def graph(
     return answering_graph(path, outputs, taken, shapes=shapes, extras=extras, **form)
 
 
-def stated(family: str) -> Contract:
+def stated(family):
     classes = (*NAMES, "background") if family == "rfdetr" else NAMES
     value_range = "0-255" if family == "tfod" else "0-1"
     return Contract(
@@ -149,7 +141,7 @@ def stated(family: str) -> Contract:
     [{"opset": 13}, {"dtype": TensorProto.FLOAT16}, {"size": ("height", "width")}, {"batch": 2}],
     ids=str,
 )
-def test_known_answers(family: str, form: dict[str, Any], tmp_path: Path) -> None:
+def test_known_answers(family, form, tmp_path):
     detector = Detector(graph(tmp_path / "m.onnx", family, **form), contract=stated(family))
     white = np.full((128, 192, 3), 255, np.uint8)  # twice the input
     found = detector.detect(white)
@@ -163,7 +155,7 @@ def test_known_answers(family: str, form: dict[str, Any], tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("family", ["tfod", "torchvision"])
-def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, tmp_path: Path) -> None:
+def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family, tmp_path):
     """Boxes come back in px of that picture: shares of it for TensorFlow's, px for torchvision's."""
     path = graph(tmp_path / "m.onnx", family, size=("height", "width"))
     detector = Detector(path)
@@ -181,12 +173,10 @@ def test_graphs_that_resize_by_themselves_get_the_picture_as_it_is(family: str, 
     assert fixed.contract.resize == ("stretch" if family == "tfod" else "letterbox-top-left")
 
 
-def test_a_family_is_one_entry_and_one_line_in_the_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_family_is_one_entry_and_one_line_in_the_table(tmp_path, monkeypatch):
     """Made up: halves of centre and size, one class after the other, under names that no other family has."""
 
-    def decode(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    def decode(outputs, size_px, min_score):
         halves, scores = (output[0] for output in outputs)
         return select(2 * halves, *best_class(scores), min_score, scores)
 

@@ -1,9 +1,6 @@
 """A detector end to end: colours, places, sizes, broken answers, and files that are no models."""
 
-from __future__ import annotations
-
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +11,13 @@ from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.ocr import Recogniser
 from blurnoise_eval.detectors.opening import open_models
-from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 from signs_in_memory import matched_detector
 
 NAMES = ("first", "second", "third")
 
 
-def cell_graph(path: Path, *, fixed: tuple[int, ...] = (), unit: float = 1.0) -> Path:
+def cell_graph(path, *, fixed=(), unit=1.0):
     """Write a FastestDet of three classes whose scores in a cell of 16 px are its channels' means over ``unit``.
 
     Each box is half the picture about the cell's upper left corner. fixed: of a graph that only claims to take
@@ -51,11 +47,11 @@ def cell_graph(path: Path, *, fixed: tuple[int, ...] = (), unit: float = 1.0) ->
     return path
 
 
-def contract(**changes: object) -> Contract:
+def contract(**changes):
     return Contract(**{"family": "fastestdet", "classes": NAMES, "resize": "letterbox-top-left", **changes})
 
 
-def bright_patch(channel: int) -> NDArray[np.uint8]:
+def bright_patch(channel):
     """Bright where the cell at column 2, row 3 is."""
     image = np.zeros((64, 96, 3), np.uint8)
     image[48:64, 32:48, channel] = 255
@@ -63,7 +59,7 @@ def bright_patch(channel: int) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize(("colour", "first"), [("rgb", 0), ("bgr", 2)])
-def test_a_patch_is_found_in_its_place_and_colour(tmp_path: Path, colour: str, first: int) -> None:
+def test_a_patch_is_found_in_its_place_and_colour(tmp_path, colour, first):
     detector = Detector(cell_graph(tmp_path / "m.onnx"), contract=contract(colour=colour))
     found = detector.detect(bright_patch(0), min_score=0.9)
     assert found.class_ids.tolist() == [first]
@@ -71,7 +67,7 @@ def test_a_patch_is_found_in_its_place_and_colour(tmp_path: Path, colour: str, f
     np.testing.assert_allclose(found.boxes_xyxy, [[32 - 24, 48 - 16, 32 + 24, 64]], atol=1e-3)
 
 
-def test_graph_that_only_claims_to_be_dynamic(tmp_path: Path) -> None:
+def test_graph_that_only_claims_to_be_dynamic(tmp_path):
     path = cell_graph(tmp_path / "m.onnx", fixed=(1, 8, 4, 6))
     with pytest.raises(
         ModelError, match=r"fails on a picture .*; state the size that it takes, input_size_px"
@@ -82,7 +78,7 @@ def test_graph_that_only_claims_to_be_dynamic(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 400), (427, 640)])
 @pytest.mark.parametrize("resize", ["letterbox", "letterbox-top-left", "stretch"])
-def test_boxes_come_back_in_the_picture(tmp_path: Path, shape: tuple[int, int], resize: str) -> None:
+def test_boxes_come_back_in_the_picture(tmp_path, shape, resize):
     """A white picture fills its cells: the boxes reach its corners and no farther."""
     detector = Detector(cell_graph(tmp_path / "m.onnx"), contract=contract(resize=resize, pad_value=0))
     found = detector.detect(np.full((*shape, 3), 255, np.uint8))
@@ -93,7 +89,7 @@ def test_boxes_come_back_in_the_picture(tmp_path: Path, shape: tuple[int, int], 
     np.testing.assert_allclose(found.boxes_xyxy[:, 2:].max(axis=0), [width, height], rtol=1e-5)
 
 
-def test_nan_is_dropped_counted_and_warned_of_once(tmp_path: Path) -> None:
+def test_nan_is_dropped_counted_and_warned_of_once(tmp_path):
     detector = Detector(cell_graph(tmp_path / "m.onnx"), contract=contract())
     blob, placement = detector.prepare(bright_patch(0))
     outputs = [output.copy() for output in detector.run(blob)]
@@ -123,7 +119,7 @@ def test_nan_is_dropped_counted_and_warned_of_once(tmp_path: Path) -> None:
         ("folder", "a directory, device or pipe, no file"),
     ],
 )
-def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message: str) -> None:
+def test_files_that_are_no_models(tmp_path, content, message):
     path = tmp_path / "m.onnx"
     if isinstance(content, bytes):
         path.write_bytes(content)
@@ -148,7 +144,7 @@ def test_files_that_are_no_models(tmp_path: Path, content: bytes | str, message:
 # --- models from files ---
 
 
-def test_kinds_are_told_apart_and_names_too(tmp_path: Path) -> None:
+def test_kinds_are_told_apart_and_names_too(tmp_path):
     detector = matched_detector(tmp_path).path
     reader = band_reader(tmp_path / "rec.onnx")
     assert [type(model) for model in open_models([reader])] == [Recogniser]

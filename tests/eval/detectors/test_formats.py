@@ -1,9 +1,6 @@
 """Decoding against answers worked out by hand, suppression against plain loops, pictures laid into the input."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,21 +9,14 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
-from blurnoise_eval.detectors.formats.grids import (
-    FASTESTDET,
-    NANODET,
-    NANODETPLUS,
-    YOLOV5,
-    YOLOX,
-)
+from blurnoise_eval.detectors.formats.grids import FASTESTDET, NANODET, NANODETPLUS, YOLOV5, YOLOX
 from constant_graphs import constant_graph
-from numpy.typing import NDArray
 
 # --- decoding: answers worked out by hand ---
 
 
 @pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12)])
-def test_yolox_adds_the_cell_and_scales_by_the_stride(row: int, column: int, stride: int, first: int) -> None:
+def test_yolox_adds_the_cell_and_scales_by_the_stride(row, column, stride, first):
     """Input 64 x 96 px: rows and columns differ, so that a swap shows."""
     rows = np.zeros((1, cells((64, 96)), 7), np.float32)
     rows[0, first + row * (96 // stride) + column] = [0.5, 0.25, math.log(2), 0, 0.5, 0.25, 0.75]
@@ -38,7 +28,7 @@ def test_yolox_adds_the_cell_and_scales_by_the_stride(row: int, column: int, str
     assert found.class_ids.tolist() == [1]
 
 
-def test_fastestdet_on_its_single_grid() -> None:
+def test_fastestdet_on_its_single_grid():
     """Input 64 x 96 px, grid 4 x 6: tanh(0.5493) = 0.5; sigmoid(0) = 1/2, sigmoid(log 3) = 3/4."""
     grid = np.zeros((1, 7, 4, 6), np.float32)
     grid[0, :, 2, 5] = [0.5, math.atanh(0.5), 0, 0, math.log(3), 0.25, 0.75]
@@ -50,7 +40,7 @@ def test_fastestdet_on_its_single_grid() -> None:
     assert found.class_ids.tolist() == [1]
 
 
-def sides(*distances: float) -> NDArray[np.float32]:
+def sides(*distances):
     """Logits of eight bins for each side whose softmax has these means, in strides."""
     made = np.full((len(distances), 8), -50.0)
     for row, distance in zip(made, distances, strict=True):
@@ -61,7 +51,7 @@ def sides(*distances: float) -> NDArray[np.float32]:
     return made.ravel().astype(np.float32)
 
 
-def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
+def test_nanodet_before_plus_measures_from_the_cells_middle_pixel():
     """Input 64 x 96 px, stride 16, row 2, column 3: the centre is (3 * 16 + 7.5, 2 * 16 + 7.5) px."""
     outputs = []
     for stride in (8, 16, 32):
@@ -75,11 +65,8 @@ def test_nanodet_before_plus_measures_from_the_cells_middle_pixel() -> None:
         assert (found.scores.tolist(), found.class_ids.tolist()) == ([0.75], [1])
 
 
-@pytest.mark.parametrize(
-    ("row", "column", "stride", "first"),
-    [(1, 3, 8, 0), (0, 1, 64, 8 * 12 + 4 * 6 + 6)],
-)
-def test_nanodet_plus_measures_from_the_cells_corner(row: int, column: int, stride: int, first: int) -> None:
+@pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (0, 1, 64, 8 * 12 + 4 * 6 + 6)])
+def test_nanodet_plus_measures_from_the_cells_corner(row, column, stride, first):
     rows = np.zeros((1, 8 * 12 + 4 * 6 + 2 * 3 + 2, 3 + 32), np.float32)
     rows[0, first + row * math.ceil(96 / stride) + column] = [0.25, 0.75, 0.5, *sides(1, 0.5, 0.25, 1.5)]
     found = NANODETPLUS.decode([rows], (64, 96), 0.001)
@@ -89,7 +76,7 @@ def test_nanodet_plus_measures_from_the_cells_corner(row: int, column: int, stri
     assert (found.scores.tolist(), found.class_ids.tolist()) == ([0.75], [1])
 
 
-def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped() -> None:
+def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped():
     boxes = np.tile(np.array([0.25, 0.5, 0.75, 1], np.float32), (1, 5, 1))  # top, left, bottom, right
     scores = np.array([[0.9, 0.8, 0.7, 0.65, 0.6]], np.float32)
     classes = np.array([[1, np.nan, 90, -1, 2]], np.float32)
@@ -102,7 +89,7 @@ def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped() 
 
 
 @pytest.mark.parametrize("position", [0, 3, 4, 6])
-def test_rows_with_nan_or_infinity_are_dropped(position: int) -> None:
+def test_rows_with_nan_or_infinity_are_dropped(position):
     for poison in (math.nan, math.inf) if position < 4 else (math.nan,):
         rows = np.zeros((1, 21, 7), np.float32)
         rows[0, 2] = rows[0, 5] = [0, 0, 0, 0, 0.5, 0.25, 0.75]
@@ -115,7 +102,7 @@ def test_rows_with_nan_or_infinity_are_dropped(position: int) -> None:
 # --- suppression ---
 
 
-def greedy_reference(candidates: Candidates, nms_iou: float, most: int) -> set[int]:
+def greedy_reference(candidates, nms_iou, most):
     kept: list[int] = []
     for i in np.argsort(-candidates.scores, kind="stable"):
         box = candidates.boxes_xyxy[i].astype(np.float64)
@@ -132,7 +119,7 @@ def greedy_reference(candidates: Candidates, nms_iou: float, most: int) -> set[i
     return set(kept[:most])
 
 
-def random_candidates(count: int, classes: int, seed: int) -> Candidates:
+def random_candidates(count, classes, seed):
     rng = np.random.default_rng(seed)
     corner = rng.uniform(-80, 120, (count, 2))  # beyond the input on both sides
     boxes = np.concatenate([corner, corner + rng.uniform(20, 90, (count, 2))], axis=1).astype(np.float32)
@@ -140,10 +127,9 @@ def random_candidates(count: int, classes: int, seed: int) -> Candidates:
 
 
 @pytest.mark.parametrize(
-    ("count", "classes", "most"),
-    [(0, 1, 300), (1, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)],
+    ("count", "classes", "most"), [(0, 1, 300), (1, 1, 300), (300, 5, 300), (300, 5, 20), (400, 1, 30)]
 )
-def test_suppression_equals_the_plain_reference(count: int, classes: int, most: int) -> None:
+def test_suppression_equals_the_plain_reference(count, classes, most):
     candidates = random_candidates(count, classes, seed=count + classes)
     kept = suppress(candidates, 0.5, most)
     expected = greedy_reference(candidates, 0.5, most)
@@ -151,7 +137,7 @@ def test_suppression_equals_the_plain_reference(count: int, classes: int, most: 
     assert (np.diff(kept.scores) <= 0).all()
 
 
-def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
+def test_suppression_looks_for_the_last_one_past_a_crowd():
     """Nine apart, enough copies of the first to fill the first look, and a tenth: all ten are kept."""
     corners = np.stack([20.0 * np.arange(10), np.zeros(10)], axis=1)
     apart = np.hstack([corners, corners + 10]).astype(np.float32)
@@ -161,7 +147,7 @@ def test_suppression_looks_for_the_last_one_past_a_crowd() -> None:
     np.testing.assert_array_equal(kept.boxes_xyxy, apart)
 
 
-def test_of_equal_scores_the_first_are_kept() -> None:
+def test_of_equal_scores_the_first_are_kept():
     corners = np.stack([20.0 * np.arange(60), np.zeros(60)], axis=1)
     boxes = np.hstack([corners, corners + 10]).astype(np.float32)
     kept = suppress(Candidates(boxes, np.full(60, 0.5, np.float32), np.zeros(60, np.int64)), 0.5, 10)
@@ -176,9 +162,7 @@ def test_of_equal_scores_the_first_are_kept() -> None:
     ("colour", "order", "value_range", "full_scale"),
     [("rgb", [200, 100, 50], "0-255", 1), ("bgr", [50, 100, 200], "0-1", 255)],
 )
-def test_pictures_are_laid_in_as_the_contract_says(
-    resize: str, top: int | None, colour: str, order: list[int], value_range: str, full_scale: int
-) -> None:
+def test_pictures_are_laid_in_as_the_contract_says(resize, top, colour, order, value_range, full_scale):
     """A picture of 33 x 96 px into 64 x 96: of an odd border the smaller half is first, as in YOLOv5's letterbox."""
     mean, std = (0.1, 0.2, 0.3), (2.0, 4.0, 8.0)
     contract = Contract(
@@ -203,15 +187,13 @@ SIDES_PX, NAMES = (64, 96), ("lorry", "car", "bus")
 CELLS = 8 * 12 + 4 * 6 + 2 * 3
 
 
-def constant_detector(path: Path, family: str, answer: NDArray[np.float32]) -> Detector:
+def constant_detector(path, family, answer):
     """A graph that answers the same to every picture."""
     constant_graph(path, [answer[None]], SIDES_PX)
     return Detector(path, contract=Contract(family, NAMES, resize="stretch", nms_iou=0.5))
 
 
-def boxes_with_scores(
-    family: str, boxes_cxcywh: NDArray[np.float64], scores: NDArray[np.float64]
-) -> NDArray[np.float32]:
+def boxes_with_scores(family, boxes_cxcywh, scores):
     """An answer in the family's layout that holds these boxes (N, 4), px, with class scores (N, 3)."""
     rows = np.zeros((3 * CELLS if family == "yolov5" else CELLS, 8), np.float32)
     rows[:, 4] = 1 if family == "yolov6" else 0
@@ -224,9 +206,7 @@ def boxes_with_scores(
     return np.delete(rows, 4, axis=1).T.copy() if family == "yolov8" else rows
 
 
-def evaluated(
-    boxes: NDArray[np.float64], scores: NDArray[np.float64], iou: float, most: int
-) -> set[tuple[int, int]]:
+def evaluated(boxes, scores, iou, most):
     """Boxes and classes that a plain evaluator with several classes a box keeps: one by one, the best first."""
     pairs = [(scores[b, c], b, c) for b in range(len(boxes)) for c in range(3) if scores[b, c] >= 0.001]
     kept: list[tuple[int, int]] = []
@@ -236,7 +216,7 @@ def evaluated(
     return set(kept)
 
 
-def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def overlap(a, b):
     (ax, ay, aw, ah), (bx, by, bw, bh) = a, b
     width = min(ax + aw / 2, bx + bw / 2) - max(ax - aw / 2, bx - bw / 2)
     height = min(ay + ah / 2, by + bh / 2) - max(ay - ah / 2, by - bh / 2)
@@ -246,7 +226,7 @@ def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 @pytest.mark.parametrize("most", [7, 40, 300])
 @pytest.mark.parametrize("family", ["yolov8", "yolov5"])
-def test_what_is_kept_is_what_a_plain_evaluator_keeps(family: str, most: int, tmp_path: Path) -> None:
+def test_what_is_kept_is_what_a_plain_evaluator_keeps(family, most, tmp_path):
     rng = np.random.default_rng(most)
     boxes = np.concatenate([rng.uniform((20, 20), (76, 44), (60, 2)), rng.uniform(8, 24, (60, 2))], axis=1)
     boxes = np.round(boxes, 3)

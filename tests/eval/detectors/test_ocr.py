@@ -1,9 +1,5 @@
 """Recognisers on known boxes: graphs that read the colours of bands, so that every answer is known."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -13,26 +9,25 @@ from blurnoise_eval.detectors.ocr import Recogniser, character_error_rate
 from blurnoise_eval.detectors.ocr.recogniser import characters, decode
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 
-def bands(letters: str, *, height: int = 48, width: int = 48) -> NDArray[np.uint8]:
+def bands(letters, *, height=48, width=48):
     """A band of ``width`` px for each letter, black for "-"."""
     return np.concatenate([np.full((height, width, 3), COLOURS[x], np.uint8) for x in letters], axis=1)
 
 
-def whole(image: NDArray[np.uint8]) -> list[tuple[float, float, float, float]]:
+def whole(image):
     return [(0, 0, image.shape[1], image.shape[0])]
 
 
-def one_text(recogniser: Recogniser, image: NDArray[np.uint8]) -> str:
+def one_text(recogniser, image):
     return recogniser.read(image, whole(image))[0].text
 
 
 # --- the picture's way into the network ---
 
 
-def test_bands_are_read_in_order(tmp_path: Path) -> None:
+def test_bands_are_read_in_order(tmp_path):
     recogniser = Recogniser(band_reader(tmp_path / "m.onnx"))
     reading = recogniser.read(bands("rgb-b-bbr"), whole(bands("rgb-b-bbr")))[0]
     assert reading.text == "rgbbbr"
@@ -43,9 +38,7 @@ def test_bands_are_read_in_order(tmp_path: Path) -> None:
     ("size", "colour"),
     [((48, 200), "rgb"), ((31, 117), "bgr"), ((90, 1000), "rgb"), ((200, 30), "bgr"), ((1, 1), "rgb")],
 )
-def test_input_is_the_crop_normalised_beside_zeros(
-    tmp_path: Path, size: tuple[int, int], colour: str
-) -> None:
+def test_input_is_the_crop_normalised_beside_zeros(tmp_path, size, colour):
     mean, std = (0.5, 0.25, 0.125), (0.5, 0.2, 1.0)
     contract = {"colour": colour, "mean": mean, "std": std}
     recogniser = Recogniser(band_reader(tmp_path / "m.onnx"), contract=contract)
@@ -65,7 +58,7 @@ def test_input_is_the_crop_normalised_beside_zeros(
 # --- answers ---
 
 
-def test_logits_are_noticed(tmp_path: Path) -> None:
+def test_logits_are_noticed(tmp_path):
     sure = Recogniser(band_reader(tmp_path / "p.onnx"))
     logits = Recogniser(band_reader(tmp_path / "l.onnx", softmax=False))
     image = bands("r-gb") // 255 * 198  # 0.55: a logit of 11 beside the blank's 10
@@ -85,7 +78,7 @@ def test_logits_are_noticed(tmp_path: Path) -> None:
 # --- dictionary ---
 
 
-def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path: Path) -> None:
+def test_a_dictionary_file_wins_and_is_part_of_the_identity(tmp_path):
     path = band_reader(tmp_path / "m.onnx")
     plain = Recogniser(path)
     assert plain.contract.sources["dictionary"] == "metadata character"
@@ -114,7 +107,7 @@ CLASSES = characters("a\nb\nc")  # blank, a, b, c, space
 labels = st.lists(st.integers(0, 4), min_size=1, max_size=30)
 
 
-def sure(path: list[int], probability: float = 0.9) -> np.ndarray:
+def sure(path, probability=0.9):
     rows = np.full((len(path), 5), (1 - probability) / 4, np.float32)
     rows[np.arange(len(path)), path] = probability
     return rows
@@ -124,7 +117,7 @@ def sure(path: list[int], probability: float = 0.9) -> np.ndarray:
 
 
 @given(labels)
-def test_decoding_drops_repeats_then_blanks(path: list[int]) -> None:
+def test_decoding_drops_repeats_then_blanks(path):
     """Against the definition, letter by letter."""
     expected, previous = "", 0
     for label in path:
@@ -145,7 +138,7 @@ def test_decoding_drops_repeats_then_blanks(path: list[int]) -> None:
 # --- character error rate ---
 
 
-def test_known_rates() -> None:
+def test_known_rates():
     """Of insertions, deletions and substitutions; a swap is two errors."""
     known = {("STOP", "STOP"): 0, ("SOP", "STOP"): 1 / 4, ("stop", "STOP"): 1, ("STOPSTOP!", "STOP"): 5 / 4}
     known |= {("kitten", "sitting"): 3 / 7, ("TSOP", "STOP"): 2 / 4, ("", ""): 0, ("x", ""): 1}

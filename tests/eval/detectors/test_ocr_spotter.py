@@ -1,9 +1,6 @@
 """Detection before recognition: maps with known regions, and a graph that takes brightness for text."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -18,7 +15,6 @@ from blurnoise_eval.detectors.ocr import (
 )
 from blurnoise_eval.detectors.ocr.recogniser import RegionContract
 from blurnoise_eval.detectors.ocr.spotter import find_regions, straighten
-from numpy.typing import NDArray
 from onnx import parser
 
 from blurnoise import motion_blur
@@ -29,9 +25,7 @@ from blurnoise.optics.colour import srgb_from_linear
 NATIVE = {"min_side_px": 1, "unclip": 0.3}
 
 
-def turned_rectangle(
-    shape: tuple[int, int], centre: tuple[float, float], size: tuple[float, float], angle_deg: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def turned_rectangle(shape, centre, size, angle_deg):
     """Coordinates (u, v) of every pixel's centre, from -1 to 1 inside the rectangle; clockwise as displayed."""
     y, x = np.indices(shape) + 0.5
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
@@ -39,9 +33,7 @@ def turned_rectangle(
     return (dx * cos + dy * sin) * 2 / size[0], (dy * cos - dx * sin) * 2 / size[1]
 
 
-def corners_of(
-    centre: tuple[float, float], size: tuple[float, float], angle_deg: float
-) -> NDArray[np.float64]:
+def corners_of(centre, size, angle_deg):
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     right, down = np.array([cos, sin]) * size[0] / 2, np.array([-sin, cos]) * size[1] / 2
     middle = np.array(centre)
@@ -58,13 +50,13 @@ BRIGHT = """<ir_version: 8, opset_import: ["": 17]> bright (float[N,3,H,W] x) =>
 """A text detector whose map is the brightest channel, 0 to 1; the input is -1 to 1."""
 
 
-def spotter(folder: Path, **contract: object) -> TextSpotter:
+def spotter(folder, **contract):
     onnx.save(parser.parse_model(BRIGHT), folder / "det.onnx")
     recogniser = Recogniser(band_reader(folder / "rec.onnx"))
     return TextSpotter(folder / "det.onnx", recogniser, contract={**NATIVE, **contract})
 
 
-def picture(*words: tuple[str, int, int]) -> NDArray[np.uint8]:
+def picture(*words):
     """Black, 160 px high and 320 wide, with words of bands 16 px wide and 16 high at (left, top)."""
     image = np.zeros((160, 320, 3), np.uint8)
     for letters, left, top in words:
@@ -76,7 +68,7 @@ def picture(*words: tuple[str, int, int]) -> NDArray[np.uint8]:
 # --- regions ---
 
 
-def test_an_upright_region_is_exact() -> None:
+def test_an_upright_region_is_exact():
     """The outline runs through the outermost pixels' centres; it moves outwards by 1.6 area / perimeter."""
     probabilities = np.zeros((64, 96), np.float32)
     probabilities[10:26, 20:60] = 0.8
@@ -88,7 +80,7 @@ def test_an_upright_region_is_exact() -> None:
 
 
 @pytest.mark.parametrize("angle_deg", [-44, 5, 30])
-def test_straightened_text_runs_to_the_right(angle_deg: float) -> None:
+def test_straightened_text_runs_to_the_right(angle_deg):
     centre, size = (150.0, 110.0), (100.0, 30.0)
     u, v = turned_rectangle((220, 300), centre, size, angle_deg)
     image = np.zeros((220, 300, 3), np.uint8)
@@ -106,7 +98,7 @@ def test_straightened_text_runs_to_the_right(angle_deg: float) -> None:
 @pytest.mark.parametrize(
     ("size", "shape"), [((20, 80), (20, 80, 3)), ((40, 61), (40, 61, 3)), ((60, 80), (80, 60, 3))]
 )
-def test_a_high_region_is_laid_on_its_side(size: tuple[int, int], shape: tuple[int, ...]) -> None:
+def test_a_high_region_is_laid_on_its_side(size, shape):
     image = np.zeros((100, 100, 3), np.uint8)
     image[:50] = (255, 0, 0)
     crop = straighten(image, corners_of((50, 50), size, 0).astype(np.float32))
@@ -117,12 +109,12 @@ def test_a_high_region_is_laid_on_its_side(size: tuple[int, int], shape: tuple[i
 # --- spotting ---
 
 
-def whole(made: TextSpotter, image: NDArray[np.uint8]) -> str:
+def whole(made, image):
     return made.read(image, [(0, 0, image.shape[1], image.shape[0])])[0].text
 
 
 @pytest.mark.parametrize("contract", [{}, {"min_side_px": 480}, {"max_side_px": 160}])
-def test_lines_are_found_and_read(tmp_path: Path, contract: dict[str, object]) -> None:
+def test_lines_are_found_and_read(tmp_path, contract):
     """Row by row, from the left."""
     image = picture(("rgb", 40, 30), ("br", 200, 34), ("gr", 100, 110))
     assert whole(spotter(tmp_path, **contract), image) == "rgb br gr"
@@ -132,7 +124,7 @@ def test_lines_are_found_and_read(tmp_path: Path, contract: dict[str, object]) -
 # --- known boxes ---
 
 
-def test_known_boxes_take_the_lines_whose_centres_they_hold(tmp_path: Path) -> None:
+def test_known_boxes_take_the_lines_whose_centres_they_hold(tmp_path):
     made = spotter(tmp_path)
     image = picture(("rgb", 40, 30), ("br", 200, 34), ("gr", 100, 110))
     readings = made.read(
@@ -158,7 +150,7 @@ def test_known_boxes_take_the_lines_whose_centres_they_hold(tmp_path: Path) -> N
 # --- contract, identity, failures ---
 
 
-def test_contract_and_identity_are_those_of_both(tmp_path: Path) -> None:
+def test_contract_and_identity_are_those_of_both(tmp_path):
     made = spotter(tmp_path)
     other = TextSpotter(
         made.path, Recogniser(band_reader(tmp_path / "o.onnx", softmax=False)), contract=NATIVE
@@ -180,7 +172,7 @@ def test_contract_and_identity_are_those_of_both(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_real_networks_read_a_stop_sign_and_no_smeared_one() -> None:
+def test_real_networks_read_a_stop_sign_and_no_smeared_one():
     """On 18 % grey, moved to the right during the exposure; by its known box, and found."""
     models = rapidocr_models()
     if models is None:

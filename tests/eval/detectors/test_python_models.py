@@ -1,10 +1,6 @@
 """Detectors that are no files: functions of pictures, and networks of torchvision's detection API."""
 
-from __future__ import annotations
-
 import pickle
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +12,13 @@ from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDe
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_models.detector import STOP_SIGN
-from torch import Tensor, nn
+from torch import nn
 
 PLAN = SweepPlan({"exposure_s": (0.003, 0.03), "illuminance_lux": (30.0,)}, examples=False)
 _built_in: list[Detector] = []
 
 
-def signs(image: np.ndarray) -> tuple[Any, Any, Any]:
+def signs(image):
     """The built-in detector as somebody's own function."""
     if not _built_in:
         _built_in.append(Detector(STOP_SIGN))
@@ -33,11 +29,11 @@ def signs(image: np.ndarray) -> tuple[Any, Any, Any]:
 class Network(nn.Module):
     """As torchvision's: the brightest pixel is an object of 5 px whose score is a weight."""
 
-    def __init__(self, score: float = 0.5) -> None:
+    def __init__(self, score=0.5):
         super().__init__()
         self.score = nn.Parameter(torch.tensor([score]))
 
-    def forward(self, pictures: list[Tensor]) -> list[dict[str, Tensor]]:
+    def forward(self, pictures):
         found = []
         for picture in pictures:
             assert not self.training
@@ -48,7 +44,7 @@ class Network(nn.Module):
         return found
 
 
-def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path: Path) -> None:
+def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path):
     pictures = rendered_signs()
     done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, tmp_path, refine=False)
     by_model = {
@@ -59,7 +55,7 @@ def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path: Path) ->
     assert by_model["signs"] == by_model["stop_sign"]
 
 
-def test_a_network_of_torchvisions_api_finds_boxes() -> None:
+def test_a_network_of_torchvisions_api_finds_boxes():
     picture = np.zeros((20, 30, 3), np.uint8)
     picture[7, 12] = 255
     network = TorchvisionDetector(Network(), ("background", "lamp"))
@@ -73,7 +69,7 @@ def test_a_network_of_torchvisions_api_finds_boxes() -> None:
     assert again.detect(picture).boxes_xyxy.tolist() == [[10, 5, 15, 10]]
 
 
-def test_processes_take_functions_of_modules(tmp_path: Path) -> None:
+def test_processes_take_functions_of_modules(tmp_path):
     model = pickle.loads(pickle.dumps(PythonDetector(signs, ("stop sign",), name="mine", version="2")))
     assert (model.name, model.sha256) == ("mine", PythonDetector(signs, ("stop sign",), version="2").sha256)
     with pytest.raises(ValueError, match="models cannot be sent to another process"):
@@ -90,12 +86,12 @@ def test_processes_take_functions_of_modules(tmp_path: Path) -> None:
         (None, "TypeError"),
     ],
 )
-def test_what_a_function_may_not_answer(answer: Any, words: str) -> None:
+def test_what_a_function_may_not_answer(answer, words):
     with pytest.raises(ModelError, match=words):
         PythonDetector(lambda image: answer, ("a", "b")).detect(np.zeros((8, 9, 3), np.uint8))
 
 
-def test_other_names_are_dropped_and_what_must_be_wrapped_is_said(tmp_path: Path) -> None:
+def test_other_names_are_dropped_and_what_must_be_wrapped_is_said(tmp_path):
     boxes = [[0, 0, 5, 5], [1, 1, 4, 4]]
     found = PythonDetector(lambda image: (boxes, [0.3, 0.9], ["b", "x"]), ("a", "b")).detect(
         np.zeros((8, 9, 3), np.uint8)

@@ -1,7 +1,5 @@
 """Two real detectors on real photographs: the run's AP is that of a plain pycocotools evaluation."""
 
-from __future__ import annotations
-
 import csv
 import json
 from contextlib import redirect_stdout
@@ -26,7 +24,7 @@ shared = pytest.mark.skipif(not LABELS.is_file(), reason="the shared photographs
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory):
     """Both models on all photographs, untouched and under one condition; what was found, as COCO results."""
     folder = tmp_path_factory.mktemp("real") / "run"
     models = [f"--model={SHARED / 'models' / name}.onnx" for name in ("yolox_nano", "fastestdet_upstream")]
@@ -40,9 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @shared
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "clean"), [("yolox_nano", 0.299), ("fastestdet_upstream", 0.156)])
-def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
-    run: Path, model: str, clean: float
-) -> None:
+def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(run, model, clean):
     with (run / "results.csv").open(newline="") as file:
         clean_cells = {row["cell_id"] for row in csv.DictReader(file) if row["clean"] == "True"}
     found: dict[bool, list[Any]] = {True: [], False: []}
@@ -74,12 +70,12 @@ def test_average_precision_is_that_of_pycocotools_on_the_data_set_s_own_file(
         ("fasterrcnn_mobilenet_v3_large_320_fpn", "box_score_thresh"),
     ],
 )
-def test_torchvisions_detectors_answer_as_the_package_does(name: str, threshold: str, tmp_path: Path) -> None:
+def test_torchvisions_detectors_answer_as_the_package_does(name, threshold, tmp_path):
     """Exported here, with random weights, each layer scaled so that its answer has a deviation of 1."""
     detectors, path, image = torchvision_ops.detectors(), tmp_path / "m.onnx", drawn_picture()
     picture = torch.from_numpy(image).permute(2, 0, 1).float() / 255
 
-    def scaled(layer: torch.nn.Module, _: Any, answer: torch.Tensor) -> torch.Tensor:
+    def scaled(layer, _, answer):
         layer.weight.div_(answer.std())
         return answer / answer.std()
 

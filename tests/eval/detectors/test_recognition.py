@@ -1,7 +1,5 @@
 """Which family a graph is of, and what its contract says: by shapes, names, metadata, files and a probe."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -20,20 +18,13 @@ from blurnoise_eval.detectors.contract_files import (
     stated_contract,
 )
 from blurnoise_eval.detectors.formats import PRESETS
-from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
+from blurnoise_eval.detectors.formats.family import Signature
 from blurnoise_eval.detectors.model import TensorInfo
-from numpy.typing import NDArray
 
 NOWHERE = Path("nowhere/model.onnx")
 
 
-def signature(
-    size_px: tuple[int, int],
-    *shapes: tuple[int, ...],
-    metadata: dict[str, str] | None = None,
-    names: tuple[str, ...] = (),
-    answer: NDArray[np.float32] | None = None,
-) -> Signature:
+def signature(size_px, *shapes, metadata=None, names=(), answer=None):
     """A graph of float NCHW; ``answer`` is what it gives to any picture."""
     names = names or tuple(f"out{i}" for i in range(len(shapes)))
     outputs = tuple(TensorInfo(*pair, "tensor(float)") for pair in zip(names, shapes, strict=True))
@@ -42,13 +33,13 @@ def signature(
     return Signature((images,), outputs, metadata or {}, size_px, found)
 
 
-def resolve(path: Path, graph: Signature, contract: Any = None) -> tuple[Family, Contract, Layout]:
+def resolve(path, graph, contract=None):
     """As for a model at that path."""
     contract, layout = recognition.resolve(graph, stated_contract(PRESETS, path, graph.metadata, contract))
     return layout.family, contract, layout
 
 
-def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[np.float32]:
+def rows(count, width, *, objectness, size):
     """An answer [1, count, width] of one objectness and one box size."""
     made = np.full((1, count, width), 0.01, np.float32)
     made[..., 2:4], made[..., 4] = size, objectness
@@ -67,9 +58,7 @@ def rows(count: int, width: int, *, objectness: float, size: float) -> NDArray[n
         ("nanodetplus", (416, 416), (1, 3598, 112)),
     ],
 )
-def test_families_are_told_apart_by_their_cells(
-    name: str, size_px: tuple[int, int], shape: tuple[int, ...]
-) -> None:
+def test_families_are_told_apart_by_their_cells(name, size_px, shape):
     raw = rows(*shape[1:], objectness=0.5, size=1) if name == "yolox" else None
     family, contract, _ = resolve(NOWHERE, signature(size_px, shape, answer=raw))
     assert family.name == contract.family == name
@@ -83,11 +72,8 @@ def test_families_are_told_apart_by_their_cells(
     assert "contract.json" in assumed
 
 
-@pytest.mark.parametrize(
-    ("name", "objectness", "size"),
-    [("yolov6", 1, 3), ("yolox", 0.999, 15)],
-)
-def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: float) -> None:
+@pytest.mark.parametrize(("name", "objectness", "size"), [("yolov6", 1, 3), ("yolox", 0.999, 15)])
+def test_a_probe_tells_yolov6_from_yolox(name, objectness, size):
     answer = rows(8400, 85, objectness=objectness, size=size)
     family, contract, _ = resolve(NOWHERE, signature((640, 640), (1, 8400, 85), answer=answer))
     assert (family.name, contract.family) == (name, name)
@@ -111,9 +97,7 @@ def test_a_probe_tells_yolov6_from_yolox(name: str, objectness: float, size: flo
         ("nanodet", [(100, 32), (100, 80), (400, 32), (400, 80), (1600, 80), (1600, 32)], ()),
     ],
 )  # fmt: skip
-def test_families_are_told_apart_by_names_ranks_and_widths(
-    name: str, shapes: list[tuple[int, ...]], names: tuple[str, ...]
-) -> None:
+def test_families_are_told_apart_by_names_ranks_and_widths(name, shapes, names):
     family, _, layout = resolve(NOWHERE, signature((320, 320), *shapes, names=names))
     assert name == family.name
     assert set(layout.outputs) <= {"out0", "out1", "out2", "out3", "out4", "out5", *names}
@@ -124,7 +108,7 @@ def test_families_are_told_apart_by_names_ranks_and_widths(
         ]
 
 
-def test_metadata_comes_before_shapes() -> None:
+def test_metadata_comes_before_shapes():
     """[1, 8400, 6] is a one-class YOLOX by its cells, but not where Ultralytics says that it has suppressed."""
     exported = {"author": "Ultralytics", "task": "detect", "names": "['a', 'b']"}
     graph = signature((640, 640), (1, 8400, 6), metadata={**exported, "args": "{'nms': True, 'half': False}"})
@@ -135,7 +119,7 @@ def test_metadata_comes_before_shapes() -> None:
         assert resolve(NOWHERE, plain)[0].name == "yolov8"
 
 
-def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
+def test_ultralytics_metadata_names_classes_and_pre_processing():
     metadata = {"author": "Ultralytics", "task": "detect", "stride": "32", "imgsz": "[640, 640]"}
     named = signature((640, 640), (1, 6, 8400), metadata={**metadata, "names": "{0: 'stop', 1: 'yield'}"})
     _, contract, _ = resolve(NOWHERE, named)
@@ -149,10 +133,10 @@ def test_ultralytics_metadata_names_classes_and_pre_processing() -> None:
         resolve(NOWHERE, replace(named, metadata={**metadata, "names": "['stop']"}))
 
 
-def test_order_of_contracts(tmp_path: Path) -> None:
+def test_order_of_contracts(tmp_path):
     """The caller's, then the file beside the model, then the metadata; ``<stem>.json`` is none."""
 
-    def stated(name: str) -> str:
+    def stated(name):
         return json.dumps({"family": "yolov8", "classes": [name]})
 
     model = tmp_path / "model.onnx"
@@ -193,14 +177,14 @@ OLD_YOLOX = replace(
         ({"classes": {"1": "a", "3": "b"}}, "classes: ids must be 0 to 1"),
     ],
 )
-def test_bad_contracts_say_what_is_wrong(change: dict[str, object], message: str) -> None:
+def test_bad_contracts_say_what_is_wrong(change, message):
     with pytest.raises(ModelError, match=message) as caught:
         parse_contract({"family": "yolox", "classes": ["a"], **change}, "file x")
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 400
 
 
-def test_classes_by_id_from_0_or_as_google_numbers_them() -> None:
+def test_classes_by_id_from_0_or_as_google_numbers_them():
     for classes, names in (({"1": "b", "0": "a"}, ("a", "b")), ({1: "a", 2: "b"}, ("unused 0", "a", "b"))):
         assert parse_contract({"family": "tfod", "classes": classes}, "file x").classes == names
 
@@ -209,7 +193,7 @@ def test_classes_by_id_from_0_or_as_google_numbers_them() -> None:
     ("name", "text"),
     [("m.json", "[" * 100_000), ("m.json", '{"family": "yolox"'), ("m.yaml", "a: ["), ("m.yaml", "aliases")],
 )
-def test_contract_file_that_cannot_be_read_is_named(tmp_path: Path, name: str, text: str) -> None:
+def test_contract_file_that_cannot_be_read_is_named(tmp_path, name, text):
     doubled = (f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 12))
     bomb = "\n".join(["a0: &a0 [ha]", *doubled, "family: *a11"])
     (tmp_path / name).write_text(bomb if text == "aliases" else text, encoding="utf-8")
@@ -226,7 +210,7 @@ CONTRACTS: dict[str, Contract] = {
 
 
 @pytest.mark.parametrize("name", CONTRACTS)
-def test_what_is_written_is_read_again(name: str, tmp_path: Path) -> None:
+def test_what_is_written_is_read_again(name, tmp_path):
     contract = CONTRACTS[name]
     path = tmp_path / "m.contract.json"
     path.write_text(json.dumps(contract_document(contract)))

@@ -1,7 +1,5 @@
 """Models that never answer: a time limit for loading and the first answer, and interrupts that reach native code."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -13,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.model import OnnxModel
-from commands import Output, main
+from commands import main
 from endless_graphs import SIZE_PX, endless_below
 
 DARK = np.zeros((1, 3, SIZE_PX, SIZE_PX), np.float32)
 BRIGHT = np.ones((1, 3, SIZE_PX, SIZE_PX), np.float32)
 
 
-def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
+def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path):
     model = OnnxModel(endless_below(tmp_path / "dark.onnx", 0.5), timeout_s=0.3)
     model.infer(BRIGHT)
     with ThreadPoolExecutor(1) as pool:
@@ -34,9 +32,7 @@ def test_a_later_answer_has_none_but_can_be_interrupted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["inspect", "explore -o seen.png --model"])
-def test_commands_name_model_limit_and_option(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Output
-) -> None:
+def test_commands_name_model_limit_and_option(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     endless = endless_below(Path("endless.onnx"), 2.0)
     endless.with_suffix(".contract.json").write_text('{"base": "yolov8"}')
@@ -49,7 +45,7 @@ def test_commands_name_model_limit_and_option(
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 @pytest.mark.parametrize("engine", ["threads", "processes"])
-def test_an_interrupt_ends_a_sweep_in_the_middle_of_a_later_answer(tmp_path: Path, engine: str) -> None:
+def test_an_interrupt_ends_a_sweep_in_the_middle_of_a_later_answer(tmp_path, engine):
     model = endless_below(tmp_path / "dark.onnx", 0.25)
     options = f"--contract yolov8 --lux 50 --exposure-ms 0.01 --dx 0 --gain 0 --limit 2 --threads 2 --engine {engine}"
     where = ["--model", str(model), "-o", str(tmp_path / "run")]

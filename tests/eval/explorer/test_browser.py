@@ -1,19 +1,15 @@
 """The explorer in a real browser: what sliders, files, keys and two visitors do; skipped where there is no
 Chromium."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from typing import Any
 
 import browsers
 import pytest
-from browsers import Browser, Tab
 
 pytest.importorskip("nicegui")
 pytestmark = [
@@ -31,13 +27,13 @@ READY = (
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     with browsers.browser() as found:
         yield found
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
+def address():
     """The explorer's, with its token."""
     command = [sys.executable, "-m", "blurnoise_eval.cli", "explore", "--no-browser"]
     pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
@@ -53,7 +49,7 @@ def address() -> Iterator[str]:
 
 
 @pytest.fixture
-def tab(browser: Browser, address: str) -> Iterator[Tab]:
+def tab(browser, address):
     """Opened at the start; whatever a test does, the page has no error, and asks nobody but the explorer."""
     tab = browser.tab()
     tab.open(address)
@@ -65,7 +61,7 @@ def tab(browser: Browser, address: str) -> Iterator[Tab]:
     tab.close()
 
 
-def changes(tab: Tab, act: object) -> str:
+def changes(tab, act):
     """What is shown once it is another picture, in full."""
     before = tab.run(SHOWN)
     act()  # type: ignore[operator]
@@ -78,17 +74,17 @@ def changes(tab: Tab, act: object) -> str:
         shown = latest
 
 
-def text(tab: Tab, selector: str) -> str:
+def text(tab, selector):
     return str(tab.run(f"document.querySelector({selector!r})?.innerText ?? ''"))
 
 
-def slide(tab: Tab, name: str, key: str = "ArrowRight", times: int = 1) -> None:
+def slide(tab, name, key="ArrowRight", times=1):
     tab.run(f"document.querySelector('[data-control={name}] .q-slider [tabindex]').focus()")
     for _ in range(times):
         tab.press(key)
 
 
-def test_the_first_screen_answers(tab: Tab) -> None:
+def test_the_first_screen_answers(tab):
     assert re.match(r"Keeps \d+ % of its confidence in the original .*, \d of 3 found", text(tab, "h1"))
     window = r"90 % or more from about .* to .* ms.*; most, \d+ % at \d.* ms"
     assert re.search(window, text(tab, ".window"))
@@ -98,9 +94,7 @@ def test_the_first_screen_answers(tab: Tab) -> None:
     assert tab.run("location.search") == "?exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto"
 
 
-def test_sliders_and_what_is_typed_move_the_picture_the_numbers_and_the_url(
-    tab: Tab, browser: Browser
-) -> None:
+def test_sliders_and_what_is_typed_move_the_picture_the_numbers_and_the_url(tab, browser):
     """And the URL brings the state back."""
     for name, number in {
         "exposure_s": "blur_px",
@@ -123,7 +117,7 @@ def test_sliders_and_what_is_typed_move_the_picture_the_numbers_and_the_url(
     assert tab.run("document.querySelector('.message').offsetParent") is None
 
 
-def enter(tab: Tab, exposure_ms: str) -> None:
+def enter(tab, exposure_ms):
     tab.run("document.querySelector('[data-control=exposure_s] input').focus()")
     tab.run("document.querySelector('[data-control=exposure_s] input').select()")
     tab.call("Input.insertText", text=exposure_ms)

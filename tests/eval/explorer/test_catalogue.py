@@ -1,7 +1,5 @@
 """The catalogue: uploads, what is named but not there, and commands and scripts that give the same picture."""
 
-from __future__ import annotations
-
 import builtins
 import io
 import os
@@ -9,21 +7,13 @@ import shlex
 import shutil
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from band_readers import band_reader
 from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.cli import main
-from blurnoise_eval.datasets import (
-    PictureSet,
-    encode,
-    image_folder,
-    read_picture,
-    rendered_signs,
-    write_picture,
-)
+from blurnoise_eval.datasets import encode, image_folder, read_picture, rendered_signs, write_picture
 from blurnoise_eval.deciding.decision import Decision
 from blurnoise_eval.explorer import catalogue as catalogues
 from blurnoise_eval.explorer.catalogue import Catalogue
@@ -37,7 +27,7 @@ PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
 
 @pytest.fixture
-def catalogue() -> Catalogue:
+def catalogue():
     return Catalogue()
 
 
@@ -46,9 +36,7 @@ def catalogue() -> Catalogue:
     [("text.png", b"hello, I am no picture", "text.png: not an 8- or 16-bit picture"), ("empty.png", b"", "empty"),
      ("huge.png", PNG, "huge.png: 52 x 40 px"), ("../../etc/passwd", b"root", "passwd: not an 8")],
 )  # fmt: skip
-def test_what_is_no_picture_or_too_large_is_refused_with_a_line(
-    name: str, content: bytes, told: str, catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_picture_or_too_large_is_refused_with_a_line(name, content, told, catalogue, monkeypatch):
     monkeypatch.setattr(catalogues, "MOST_MEGAPIXELS", 0.001)
     with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         catalogue.take(name, content)
@@ -56,9 +44,7 @@ def test_what_is_no_picture_or_too_large_is_refused_with_a_line(
     assert "/tmp" not in str(error.value)
 
 
-def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
-    catalogue: Catalogue, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(catalogue, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     name = catalogue.take("C:\\photos\\a b.png", PNG)
     assert list(tmp_path.iterdir()) == []
@@ -73,12 +59,12 @@ def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "0f", "given"])
 @pytest.mark.parametrize("kind", ["picture", "camera", "model"])
-def test_a_url_names_no_files(kind: str, name: str, catalogue: Catalogue) -> None:
+def test_a_url_names_no_files(kind, name, catalogue):
     with pytest.raises(ValueError, match=f"{kind} = '{name}': is not here"):
         catalogue.start(f"lux=7&{kind}={name}")
 
 
-def test_files_that_the_command_names_are_given(tmp_path: Path) -> None:
+def test_files_that_the_command_names_are_given(tmp_path):
     write_picture(tmp_path / "grey.png", np.full((40, 50, 3), 90, np.uint8))
     catalogue = Catalogue(tmp_path / "grey.png", model="none")
     assert (catalogue.base.picture, catalogue.base.model, catalogue.base.camera) == (
@@ -108,7 +94,7 @@ STATES = {
 }
 
 
-def same(state: State, catalogue: Catalogue, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def same(state, catalogue, folder, monkeypatch):
     monkeypatch.chdir(folder)
     shown = catalogue.render(state).frame.image
     _, *words = shlex.split(catalogue.command(state))
@@ -120,9 +106,7 @@ def same(state: State, catalogue: Catalogue, folder: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("name", STATES)
-def test_command_and_script_give_the_picture(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_and_script_give_the_picture(name, tmp_path, monkeypatch):
     same(STATES[name], Catalogue(), tmp_path, monkeypatch)
 
 
@@ -137,29 +121,29 @@ GRID = {
 }
 
 
-def swept(folder: Path, pictures: PictureSet, grid: Any = GRID, **more: Any) -> Path:
+def swept(folder, pictures, grid=GRID, **more):
     evaluate(pictures=pictures, plan=SweepPlan(grid, **more), output=folder, threads=1, progress=False)
     return folder
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+def run(tmp_path_factory):
     signs = rendered_signs((50, 32), count=2)
     return Run(swept(tmp_path_factory.mktemp("explored") / "run", signs, seed=3, grey_anchor="mean"))
 
 
-def rows(run: Run) -> list[dict[str, object]]:
+def rows(run):
     with Store(run.folder, shared=True) as store:
         return list(store.cells())
 
 
-def frame(run: Run, row: dict[str, object]) -> Any:
+def frame(run, row):
     """The picture of a row's cell, computed anew."""
     cell = run.cell(cell_id=str(row["cell_id"]))
     return run.expose(run.scene(run.picture(cell.image)), cell).image
 
 
-def test_every_kept_picture_is_computed_anew(run: Run) -> None:
+def test_every_kept_picture_is_computed_anew(run):
     kept = [row for row in rows(run) if row["example"]]
     assert len(kept) > 4
     for row in kept:
@@ -167,7 +151,7 @@ def test_every_kept_picture_is_computed_anew(run: Run) -> None:
             assert np.array_equal(frame(run, row), read_picture(run.folder / str(row["example"])))
 
 
-def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) -> None:
+def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run):
     catalogue = Catalogue(run.folder)
     row = next(
         row for row in rows(run) if row["example"] and row["exposure_s"] == 0.06 and row["velocity_x_px_s"]
@@ -186,7 +170,7 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run: Run) ->
     assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
 
 
-def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None:
+def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path):
     folder = tmp_path / "pictures"
     folder.mkdir()
     (picture,) = rendered_signs((50,), count=1).pictures
@@ -209,9 +193,7 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("what", ["folder", "coco", "model"])
-def test_files_outside_a_foreign_run_are_not_opened(
-    what: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_outside_a_foreign_run_are_not_opened(what, run, tmp_path, monkeypatch):
     """Nor does a pipe hold up a run that is trusted."""
     folder = shutil.copytree(run.folder, tmp_path / "run")
     os.mkfifo(pipe := tmp_path / "pipe")
@@ -228,7 +210,7 @@ def test_files_outside_a_foreign_run_are_not_opened(
     for holder, name in ((builtins, "open"), (io, "open"), (os, "stat")):
         own = getattr(holder, name)
 
-        def recorded(path: Any, *args: Any, honest: Any = own, of: str = name, **named: Any) -> Any:
+        def recorded(path, *args, honest=own, of=name, **named):
             if str(path) == str(pipe):
                 asked.append(of)
             return honest(path, *args, **named)

@@ -1,7 +1,5 @@
 """A page: the newest state counts, what fails is said and the page goes on, what is kept is bounded."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -26,7 +24,7 @@ QUIET = State(model="none")
 class Told(Page):
     """A page without elements: what it would show, in order."""
 
-    def _build(self) -> None:
+    def _build(self):
         self.events: list[tuple[str, Any]] = []
         self.paints = True
         for name in ("_panes", "_original", "_seen", "_curve", "_window"):
@@ -34,31 +32,31 @@ class Told(Page):
         self._seen.set_source = lambda url: self.events.append(("picture", url))
         self._curve.options.update = lambda options: self.events.append(("curve", options["series"][0]))
 
-    def fails(self, message: str) -> None:
+    def fails(self, message):
         if message:
             self.events.append(("fails", message))
 
-    def _show_controls(self) -> None:
+    def _show_controls(self):
         pass
 
-    def _show_rendered(self, found: Any) -> None:
+    def _show_rendered(self, found):
         self.events.append(("seen", found))
 
-    def of(self, kind: str) -> list[Any]:
+    def of(self, kind):
         return [what for each, what in self.events if each == kind]
 
-    def show(self, state: State) -> None:
+    def show(self, state):
         self.state = state
         self._changed.set()
 
-    def run_javascript(self, script: str) -> None:
+    def run_javascript(self, script):
         self.events.append(("preview", script))
         if self.paints:
             self._painted.set()
 
 
 @pytest.fixture(scope="module")
-def catalogue() -> Catalogue:
+def catalogue():
     return Catalogue()
 
 
@@ -67,8 +65,8 @@ Visit = Callable[[State, Steps], Told]
 
 
 @pytest.fixture
-def visit(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> Visit:
-    async def go(state: State, steps: Steps) -> Told:
+def visit(catalogue, monkeypatch):
+    async def go(state, steps):
         page = Told(catalogue, state)
         monkeypatch.setattr(pages, "ui", SimpleNamespace(run_javascript=page.run_javascript))
         loop = asyncio.create_task(page.live())
@@ -79,13 +77,13 @@ def visit(catalogue: Catalogue, monkeypatch: pytest.MonkeyPatch) -> Visit:
     return lambda state, steps: asyncio.run(asyncio.wait_for(go(state, steps), 60))
 
 
-async def until(ready: Callable[[], Any]) -> None:
+async def until(ready):
     while not ready():
         await asyncio.sleep(0.01)
 
 
-def test_of_many_changes_the_last_is_seen_exactly_and_few_between(visit: Visit, catalogue: Catalogue) -> None:
-    async def steps(page: Told) -> None:
+def test_of_many_changes_the_last_is_seen_exactly_and_few_between(visit, catalogue):
+    async def steps(page):
         await until(lambda: page.of("seen"))
         for number in range(200):
             page.show(replace(QUIET, seed=number))
@@ -100,14 +98,14 @@ def test_of_many_changes_the_last_is_seen_exactly_and_few_between(visit: Visit, 
     assert [*page.files] == names[-6:]
 
 
-def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:
+def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit):
     wrong = {
         "camera = 'gone'": replace(QUIET, camera="gone"),
         "read_noise_e": QUIET.put("read_noise_e", -3.0),
         "gain": QUIET.put("gain_db", 99.0),
     }
 
-    async def steps(page: Told) -> None:
+    async def steps(page):
         await until(lambda: page.of("seen"))
         for place, state in enumerate(wrong.values()):
             page.show(state)
@@ -123,10 +121,8 @@ def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit: Visit) -> None:
 @pytest.mark.parametrize(
     ("model", "kinds"), [("gone", ["picture", "fails", "seen"]), ("built-in", ["picture", "seen", "curve"])]
 )
-def test_the_picture_comes_first_with_its_model_or_without(
-    model: str, kinds: list[str], visit: Visit
-) -> None:
-    async def steps(page: Told) -> None:
+def test_the_picture_comes_first_with_its_model_or_without(model, kinds, visit):
+    async def steps(page):
         await until(lambda: len(page.events) == 3)
 
     page = visit(State(model=model), steps)

@@ -1,7 +1,5 @@
 """What a state shows: the sweep's bits, numbers by their formulas, confidences, a smaller copy, and sentences."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from types import SimpleNamespace
@@ -18,7 +16,6 @@ from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.rendered import (
     POINTS,
     Point,
-    Rendered,
     Standard,
     Subject,
     curve_points,
@@ -39,16 +36,16 @@ STATE = State()
 KEPT, ABSOLUTE = Criterion(0.9, kept=True), Criterion(0.6, kept=False)
 
 
-def seen(state: State, subject: Subject, model: Detector | None = None) -> Rendered:
+def seen(state, subject, model=None):
     return rendered(state, subject, subject.frame(state, CAMERA), model)
 
 
 @pytest.fixture(scope="module")
-def signs() -> Subject:
+def signs():
     return Subject(rendered_signs(count=1).pictures[0])
 
 
-def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
+def test_numbers_are_those_of_their_formulas(signs):
     found = seen(STATE.put("gain_db", 0.0).put("velocity_y_px_s", 750.0), signs)
     values = {name: value for name, (_, value, _) in found.numbers.items()}
     white_e = photoelectrons(CAMERA, 2.0, 0.02)
@@ -64,7 +61,7 @@ def test_numbers_are_those_of_their_formulas(signs: Subject) -> None:
     assert 0 < bright.numbers["clipped_percent"][1] == 100 * bright.frame.saturated
 
 
-def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs: Subject) -> None:
+def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(signs):
     detector = Detector(STOP_SIGN)
     taken = seen(STATE, signs, detector)
     assert taken.sight is not None
@@ -87,7 +84,7 @@ def test_a_detector_is_asked_as_in_a_sweep_and_the_curve_is_what_is_seen_there(s
     assert points[14].mean == mean_confidence(there.sight)
 
 
-def test_the_smaller_copy_is_the_picture_averaged() -> None:
+def test_the_smaller_copy_is_the_picture_averaged():
     """In mean, to what noise leaves, and, without motion apart, in what blur leaves of its edges."""
     coarse = np.random.default_rng(1).integers(0, 255, (34, 60, 3), np.uint8)
     large = cv2.resize(coarse, (880, 512), interpolation=cv2.INTER_CUBIC)
@@ -103,12 +100,12 @@ def test_the_smaller_copy_is_the_picture_averaged() -> None:
         subject.preview(STATE.put("ego_speed_m_s", 20.0), CAMERA)
 
 
-def sight(*confidences: float) -> ModelOutput:
+def sight(*confidences):
     rows = tuple({"target_id": 2 * place, "confidence": held} for place, held in enumerate(confidences))
     return ModelOutput(NOTHING, rows, 1.0, None, 0)
 
 
-def test_what_is_enough_is_a_share_of_the_original_or_a_confidence() -> None:
+def test_what_is_enough_is_a_share_of_the_original_or_a_confidence():
     """Of a share, what is missed in the original is no target."""
     clean, dark = sight(0.8, 0.1, 0.4), sight(0.6, 0.9, 0.5)
     kept = Standard.of(KEPT, clean)
@@ -119,7 +116,7 @@ def test_what_is_enough_is_a_share_of_the_original_or_a_confidence() -> None:
     assert (absolute.enough, absolute.text(0.3), absolute.sight(dark)) == (0.6, "0.30", dark)
 
 
-def curve(best_ms: float, stops: float, saturated_from: float = math.inf) -> list[Point]:
+def curve(best_ms, stops, saturated_from=math.inf):
     """A curve along the exposure: the kept share falls as a parabola of the logarithm."""
     exposure = controls(CAMERA)["exposure_s"]
     points = []
@@ -132,7 +129,7 @@ def curve(best_ms: float, stops: float, saturated_from: float = math.inf) -> lis
 
 @pytest.mark.parametrize("best_ms", [3.0, 7.7, 21.0])
 @pytest.mark.parametrize("stops", [3.0, 8.0])
-def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float, stops: float) -> None:
+def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms, stops):
     """Ninety per cent of a parabola in log2: the root of a tenth of its half width, to a fifth of a stop. What keeps
     most is found to what the places, two thirds of a stop apart, allow."""
     standard = Standard(0.9, True, 0.5, frozenset())
@@ -155,7 +152,7 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms: float, st
         ((0.1, 0.2, 0.1), "none of the 3 values tried reaches 0.60; most, 0.20 at 1.64 ms."),
     ],
 )
-def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
+def test_the_sentence_of_a_curve(held, told):
     points = [Point(value, each) for value, each in zip((0.003, 1.64, 900.0), held, strict=True)]
     standard = Standard(0.6, False, 1.0, frozenset())
     assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
@@ -164,19 +161,19 @@ def test_the_sentence_of_a_curve(held: tuple[float, ...], told: str) -> None:
 # --- boxes and the curve ---
 
 
-def row(x: float, confidence: float) -> dict[str, object]:
+def row(x, confidence):
     place = {"x0": x, "y0": 20.0, "x1": x + 30, "y1": 50.0, "width_px": 30.0, "height_px": 30.0}
     return {**place, "confidence": confidence}
 
 
-def drawn(classes: tuple[str, ...], *targets: dict[str, object]) -> ET.Element:
+def drawn(classes, *targets):
     places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
     found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
     return ET.fromstring(charts.boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
 
 
-def test_boxes_are_found_missed_or_others() -> None:
+def test_boxes_are_found_missed_or_others():
     tree = drawn(("sign",), row(10, 0.3), row(60, 0.2))
     assert tree.get("viewBox") == "0 0 120 80"  # whatever lies below
     assert [each.get("class") for each in tree] == ["other", "found", "missed"]

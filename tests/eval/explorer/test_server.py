@@ -1,10 +1,7 @@
 """The explorer's server: who is answered, on routes and sockets, what is printed, freed and taken."""
 
-from __future__ import annotations
-
 import re
 import time
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,13 +12,12 @@ pytest.importorskip("nicegui")
 from blurnoise_eval.explorer import server
 from blurnoise_eval.explorer.server import Gate
 from starlette.testclient import TestClient
-from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 OWN = "http://127.0.0.1:8123"
 
 
-async def inside(scope: Scope, receive: Receive, send: Send) -> None:
+async def inside(scope, receive, send):
     """An application that answers everybody."""
     if scope["type"] == "websocket":
         socket = WebSocket(scope, receive, send)
@@ -34,11 +30,11 @@ async def inside(scope: Scope, receive: Receive, send: Send) -> None:
 
 
 @pytest.fixture
-def client() -> TestClient:
+def client():
     return TestClient(Gate(inside, ("127.0.0.1", "localhost"), 8123), base_url=OWN)
 
 
-def socket_opens(client: TestClient, path: str = "/_nicegui_ws/socket.io/", **headers: str) -> bool:
+def socket_opens(client, path="/_nicegui_ws/socket.io/", **headers):
     address = str(client.base_url).replace("http", "ws", 1)
     try:
         with client.websocket_connect(f"{address}{path}", headers=headers) as socket:
@@ -52,7 +48,7 @@ def socket_opens(client: TestClient, path: str = "/_nicegui_ws/socket.io/", **he
     ["evil.example", "evil.example:8123", "127.0.0.1", "127.0.0.1:80", "127.0.0.1:8123.evil.example", "",
      "10.0.0.7:8123", "127.0.0.1.evil.example:8123", "[::1]:8123", "localhost.:8123"],
 )  # fmt: skip
-def test_another_name_rebound_to_this_machine_is_not_answered(client: TestClient, host: str) -> None:
+def test_another_name_rebound_to_this_machine_is_not_answered(client, host):
     for ask in (client.get, client.post):
         assert ask("/token/", headers={"host": host}).status_code == 421
     assert not socket_opens(client, host=host, origin=f"http://{host}")
@@ -61,7 +57,7 @@ def test_another_name_rebound_to_this_machine_is_not_answered(client: TestClient
 @pytest.mark.parametrize(
     "origin", ["http://evil.example", "null", "", "https://127.0.0.1:8123", "http://127.0.0.1:8124"]
 )
-def test_other_origins_are_not_answered(client: TestClient, origin: str) -> None:
+def test_other_origins_are_not_answered(client, origin):
     for ask in (client.get, client.post):
         assert ask("/token/", headers={"origin": origin}).status_code == 403
         assert ask("/token/", headers={"origin": OWN}).status_code == 200
@@ -73,34 +69,32 @@ PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
 
 @pytest.fixture(scope="module")
-def catalogue() -> Catalogue:
+def catalogue():
     return Catalogue(model="none")
 
 
 @pytest.fixture(scope="module")
-def visitor(catalogue: Catalogue) -> Iterator[TestClient]:
+def visitor(catalogue):
     gate = Gate(server.app(catalogue, catalogue.base, "token"), ("127.0.0.1",), 80)
     with TestClient(gate, base_url="http://127.0.0.1") as client:
         yield client
 
 
 @pytest.mark.parametrize("path", ["/", "/tokens/", "/token", "//token/", "/pictures/a/b", "/favicon.ico"])
-def test_without_the_token_nothing_is_answered(visitor: TestClient, path: str) -> None:
+def test_without_the_token_nothing_is_answered(visitor, path):
     assert visitor.get(path, follow_redirects=False).status_code in (404, 307)
     assert not socket_opens(visitor, "/_nicegui_ws/socket.io/?EIO=4&transport=websocket")
     assert visitor.get("/token/").status_code == 200
 
 
-def upload(visitor: TestClient, name: str, content: bytes) -> None:
+def upload(visitor, name, content):
     """Upload a file on a page of its own: by its first upload, that of pictures."""
     found = re.search(r"/_nicegui/client/[\w-]+/upload/\d+", visitor.get("/token/").text)
     assert found
     visitor.post(f"/token{found[0]}", files={"file": (name, content)})
 
 
-def test_a_picture_is_uploaded_and_not_listed_on_another_page(
-    visitor: TestClient, catalogue: Catalogue
-) -> None:
+def test_a_picture_is_uploaded_and_not_listed_on_another_page(visitor, catalogue):
     upload(visitor, "a b.png", PNG)
     end = time.monotonic() + 20
     while not catalogue._uploads and time.monotonic() < end:

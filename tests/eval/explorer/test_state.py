@@ -1,21 +1,12 @@
 """States, the queries that name them, and the controls that move them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from urllib.parse import urlencode
 
 import pytest
 from blurnoise_eval.explorer.catalogue import Catalogue
-from blurnoise_eval.explorer.state import (
-    FIGURES,
-    STEPS,
-    State,
-    controls,
-    key,
-    with_figures,
-)
+from blurnoise_eval.explorer.state import FIGURES, STEPS, State, controls, key, with_figures
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES
 
 from blurnoise.optics.camera import PRESETS
@@ -31,7 +22,7 @@ MOVED = (
 )
 
 
-def test_a_query_says_a_state() -> None:
+def test_a_query_says_a_state():
     assert USUAL.query(USUAL) == "exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto"
     for base in (USUAL, replace(MOVED, figures=())):
         for state in (USUAL, MOVED, MOVED.put("moves", None)):
@@ -49,7 +40,7 @@ def test_a_query_says_a_state() -> None:
         ("moves=nobody", "must be one of all, targets, background"),
     ],
 )
-def test_a_wrong_query_says_what_is_wrong(query: str, told: str) -> None:
+def test_a_wrong_query_says_what_is_wrong(query, told):
     with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         State.of_query(f"dx=7&{query}&f-number=4", USUAL)
     assert told in str(error.value)
@@ -61,7 +52,7 @@ def test_a_wrong_query_says_what_is_wrong(query: str, told: str) -> None:
      "a=b=c", "sign-²", "run/x", "../../etc/passwd", "none", "all", "<script>", "a" * 100_000],
     ids=lambda value: repr(value[:20]),
 )  # fmt: skip
-def test_whatever_a_url_says_it_is_a_state_or_a_line(value: str) -> None:
+def test_whatever_a_url_says_it_is_a_state_or_a_line(value):
     """Of every parameter and figure."""
     catalogue = Catalogue()
     names = ["picture", "camera", "model", "cell", "seed", "token", "", *map(key, (*AXES, *FIGURES))]
@@ -76,7 +67,7 @@ def test_whatever_a_url_says_it_is_a_state_or_a_line(value: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(PRESETS))
-def test_every_control_stands_where_the_state_is_and_moves_it(name: str) -> None:
+def test_every_control_stands_where_the_state_is_and_moves_it(name):
     camera, state = PRESETS[name], State()
     for each in controls(camera).values():
         assert each.low < each.high

@@ -28,7 +28,7 @@ MOST = 48  # conditions of a grid
 
 
 @st.composite
-def grids(draw: st.DrawFn) -> dict[str, list[float]]:
+def grids(draw):
     """Values on the needed axes and any others; some differ by less than a file's name shows."""
     grid = {}
     for axis in AXES:
@@ -63,7 +63,7 @@ def grids(draw: st.DrawFn) -> dict[str, list[float]]:
     return grid
 
 
-def result(cell: Cell, score: float) -> CellResult:
+def result(cell, score):
     """A finished cell, as a sweep leaves it, told from all others by its score."""
     at = cell.conditions
     row: dict[str, Any] = {"cell_id": cell.cell_id, "model": "m", "camera": "imx250", "image": cell.image}
@@ -74,7 +74,7 @@ def result(cell: Cell, score: float) -> CellResult:
     return CellResult(row, ({**row, **target},), found)
 
 
-def filled(folder: Path, plan: SweepPlan) -> tuple[Store, dict[Conditions | None, float]]:
+def filled(folder, plan):
     """A run of one picture whose every cell has a score of its own; scores by condition."""
     conditions: list[Conditions | None] = [None, *plan.conditions()]
     scores = {at: (place + 1) / 64 for place, at in enumerate(conditions)}  # exact in single precision

@@ -203,7 +203,7 @@ NODES = tuple(
 )
 
 
-def searched(*nodes: Conditions, **further: Any) -> SweepPlan:
+def searched(*nodes, **further):
     return SweepPlan({}, only=nodes, direction=(1.0, 0.0), **further)
 
 
@@ -228,7 +228,7 @@ def test_what_makes_a_run_is_all_but_the_nodes():
     assert all(replace(alike[1], **other).to_dict() != alike[0].to_dict() for other in others)
 
 
-def _axes(plan: Any) -> dict[str, tuple[float, ...]]:
+def _axes(plan):
     names = {"exposures_s": "exposure_s", "lights_lux": "illuminance_lux"}
     names |= {"right_px_s": "velocity_x_px_s", "down_px_s": "velocity_y_px_s"}
     return {name: plan.values(axis) for name, axis in names.items()}

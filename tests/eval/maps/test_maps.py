@@ -9,7 +9,7 @@ import matched_filter
 import numpy as np
 import pytest
 from blurnoise_eval.maps import maps
-from blurnoise_eval.maps.maps import Maps, Rank, map_of, sentences
+from blurnoise_eval.maps.maps import Maps, map_of, sentences
 from blurnoise_eval.maps.nodes import nodes_at, nodes_of
 from blurnoise_eval.quality.measure import METRICS
 from blurnoise_eval.store.store import StoreError
@@ -24,11 +24,11 @@ U, W = PLANE.places.T
 RNG = np.random.default_rng(1)
 
 
-def ranks(metrics: dict[str, Any], values: Any, clusters: int = 12) -> tuple[Rank, ...]:
+def ranks(metrics, values, clusters=12):
     return map_of(PLANE, metrics, scores_at(PLANE, values, clusters), KEEP.score).ranks
 
 
-def made(**grid: Any) -> Maps:
+def made(**grid):
     """A detector that needs light and dislikes blur, before sixteen metrics that know all, but the second light
     alone, and the third nothing."""
     of = plane(**grid)
@@ -111,7 +111,7 @@ def test_the_command(tmp_path, capsys, lights, nodes):
     assert len(every) == nodes
 
 
-def nodes(*rows: dict[str, Any], planned: tuple[str, ...] = (), **figures: float) -> int:
+def nodes(*rows, planned=(), **figures):
     return len(nodes_at(rows, replace(IMX250, **figures), planned))  # type: ignore[arg-type]
 
 

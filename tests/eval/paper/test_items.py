@@ -1,20 +1,15 @@
 """Items held to measurements that are made up, whose verdicts are known, and to the paper's numbers."""
 
-from __future__ import annotations
-
 import csv
 import math
 import re
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import read_pages
 from blurnoise_eval.paper import items, page
-from blurnoise_eval.paper.item import Check, Figure, Item, Outcome, Parts, near
-from blurnoise_eval.paper.measurement import Grid, Measurements, NotRun
+from blurnoise_eval.paper.item import Check, Figure, Item, near
+from blurnoise_eval.paper.measurement import Measurements, NotRun
 from blurnoise_eval.quality.measure import TILT_DEG
 from scipy.optimize import brentq
 
@@ -28,11 +23,11 @@ METRICS = ("mtf50_x", "patch_snr_dark", "patch_snr_bright", "edge_snr_db", "sic_
 AGREES = {"agrees": True, "differs": False}
 
 
-def measured(value: Callable[..., Any]) -> Measurements:
+def measured(value):
     """Measurements that are made up: ``value`` of a metric, or of a sign's size in px, at ms and px/s."""
 
     class MadeUp(Measurements):
-        def __getitem__(self, of: Grid) -> Any:
+        def __getitem__(self, of):
             names = METRICS if of.chain is None else [f"{size} px" for size in of.sizes_px]
             found = {}
             for name in names:
@@ -45,7 +40,7 @@ def measured(value: Callable[..., Any]) -> Measurements:
     return MadeUp(None, None)  # type: ignore[arg-type]
 
 
-def rows(name: str, value: Callable[..., Any] = lambda *at: WITHHELD) -> list[dict[str, str]]:
+def rows(name, value=lambda *at: WITHHELD):
     """The rows of an item, of the judged chain where there are two; those of the other are not judged."""
     item = ITEM[name]
     found = item.run(measured(value)).rows
@@ -53,11 +48,11 @@ def rows(name: str, value: Callable[..., Any] = lambda *at: WITHHELD) -> list[di
     return [row for row in found if row["chain"] in ("", item.judged)]
 
 
-def verdicts(name: str, value: Callable[..., Any] = lambda *at: WITHHELD) -> list[bool | None]:
+def verdicts(name, value=lambda *at: WITHHELD):
     return [AGREES.get(row["verdict"]) for row in rows(name, value)]
 
 
-def test_every_item_has_its_place_in_the_paper_and_is_chosen_by_name() -> None:
+def test_every_item_has_its_place_in_the_paper_and_is_chosen_by_name():
     assert len(ITEM) == len(items.ITEMS) == 13
     assert all(re.match(r"(Table|Figures?|eq\.|section) \d", each.place) for each in items.ITEMS)
     assert items.chosen([]) == items.ITEMS
@@ -66,14 +61,14 @@ def test_every_item_has_its_place_in_the_paper_and_is_chosen_by_name() -> None:
         items.chosen(["sharpness"])
 
 
-def test_formulas_give_the_papers_numbers() -> None:
+def test_formulas_give_the_papers_numbers():
     blurs_px = ["3.9380", "1.9691", "0.9845", "1.9691", "3.9374", "9.8435", "19.6751", "39.3502", "19.6869"]
     assert [row["found"] for row in rows("table-2")] == [f"{blur} px" for blur in blurs_px]
     assert [row["found"] for row in rows("quanta")] == ["5774.6 quanta"]
     assert all(row["verdict"] == "agrees" for name in ("table-2", "quanta") for row in rows(name))
 
 
-def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_numbers_differ(monkeypatch):
     blur, *rest = items.TABLE_2[3]
     monkeypatch.setattr(items, "TABLE_2", ((blur, *rest), (blur + 0.006, *rest)))
     assert verdicts("table-2") == [True, False]
@@ -82,7 +77,7 @@ def test_other_numbers_differ(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_mtf50_over_speed_is_that_of_the_closed_form() -> None:
+def test_mtf50_over_speed_is_that_of_the_closed_form():
     """Within 1 %, or its 95 % interval widened as Bonferroni does for seven speeds."""
     found = Measurements(None, None)[items.OVER_SPEED]  # type: ignore[arg-type]
     assert closed_mtf50(60.0) == pytest.approx(0.603355 / 60, rel=2e-3)  # the motion alone
@@ -92,7 +87,7 @@ def test_mtf50_over_speed_is_that_of_the_closed_form() -> None:
     assert not near("", "", estimates, [1.05 * each for each in truth], "", 0.01).agrees
 
 
-def closed_mtf50(length_px: float) -> float:
+def closed_mtf50(length_px):
     """MTF50, cycles/px, of the lin2024 camera across an edge at the charts' angle from vertical, moved along x.
 
     The chart's pixel, the areas of the camera's disc in the pixels, and uniform motion.
@@ -100,7 +95,7 @@ def closed_mtf50(length_px: float) -> float:
     areas = convolution.disc(Camera.preset("lin2024").defocus_radius_px)
     place = np.arange(len(areas)) - len(areas) // 2
 
-    def above_half(f: float) -> float:
+    def above_half(f):
         fx, fy = f * math.cos(math.radians(TILT_DEG)), f * math.sin(math.radians(TILT_DEG))
         disc = (areas * np.cos(2 * math.pi * (place * fx + place[:, None] * fy))).sum()
         return float(np.sinc(fx) * np.sinc(fy) * disc * np.sinc(fx * length_px)) - 0.5
@@ -112,7 +107,7 @@ def closed_mtf50(length_px: float) -> float:
     ("value", "low", "agrees"),
     [(1.005, math.nan, True), (1.02, 0.98, True), (1.02, 1.004, True), (1.02, 1.01, False)],
 )
-def test_a_number_may_miss_within_its_interval(value: float, low: float, agrees: bool) -> None:
+def test_a_number_may_miss_within_its_interval(value, low, agrees):
     """Widened for seven numbers, 2.69 / 1.96 times: one of seven intervals of 95 % misses in three runs of ten."""
     assert near("", "", [Estimate(10 * value, 10 * low, 10.5)] * 7, [10.0] * 7, "", 0.01).agrees == agrees
 
@@ -126,8 +121,8 @@ def test_a_number_may_miss_within_its_interval(value: float, low: float, agrees:
 NONE = Measurements(None, None)  # type: ignore[arg-type]
 
 
-def made(name: str, *agree: bool | None) -> Outcome:
-    def parts(measured: Measurements) -> Parts:
+def made(name, *agree):
+    def parts(measured):
         for place, each in enumerate(agree):
             yield Check(f"{name} {place}", "1 <px>", "2 px", "equal", each)
         lines = {"a line": {1.0: 0.2, 10.0: 0.4}}
@@ -138,7 +133,7 @@ def made(name: str, *agree: bool | None) -> Outcome:
     return Item(name, f"Title of {name}", "Figure 1", "a setting", parts).run(NONE)
 
 
-def test_page_and_table(tmp_path: Path) -> None:
+def test_page_and_table(tmp_path):
     page.write([made("a", True, False, None), made("b")], "<b>0</b> fields", tmp_path)
     rows = list(csv.DictReader((tmp_path / "paper.csv").open(newline="")))
     assert [(row["item"], row["expected"], row["found"], row["rule"], row["verdict"]) for row in rows] == [

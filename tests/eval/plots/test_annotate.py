@@ -1,23 +1,19 @@
 """Boxes on example pictures: many, and far outside."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.plots import annotate
 
 
-def example(folder: Path, boxes: list[tuple[float, float, float, float]]) -> dict[str, Any]:
+def example(folder, boxes):
     write_picture(folder / "p.png", np.full((40, 60, 3), 90, np.uint8))
     targets = [{"box_xyxy": box, "confidence": 0.0, "text": None, "label": "sign"} for box in boxes]
     return {"path": str(folder / "p.png"), "detections": [], "targets": targets}
 
 
-def test_of_many_targets_the_largest_are_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_many_targets_the_largest_are_drawn(tmp_path, monkeypatch):
     drawn: list[float] = []
     monkeypatch.setattr(annotate, "_draw_box", lambda _, box, *rest, **options: drawn.append(box[2]))
     sides = np.random.default_rng(3).permutation(1000) + 1.0
@@ -28,7 +24,7 @@ def test_of_many_targets_the_largest_are_drawn(tmp_path: Path, monkeypatch: pyte
     assert len(drawn) == 300
 
 
-def test_boxes_that_reach_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_boxes_that_reach_anywhere(tmp_path, monkeypatch):
     """The part inside the picture is drawn as ever, in a number of dashes that the picture bounds."""
     lines: list[Any] = []
     line = annotate.cv2.line

@@ -1,12 +1,9 @@
 """Two pictures of one chart: alike but for the draw of noise, or not, and then in what."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
 from dataclasses import replace
-from pathlib import Path
 from statistics import NormalDist
 
 import cv2
@@ -23,7 +20,7 @@ CAMERA = replace(Camera.preset("imx250"), black_level_dn=20.0)
 SIZE = (257, 320)
 
 
-def picture(seed: int, *, light: float = 1.0, blur: float = 0.0, camera: Camera = CAMERA) -> np.ndarray:
+def picture(seed, *, light=1.0, blur=0.0, camera=CAMERA):
     electrons = 5000.0 * light * charts.slanted_edge(*SIZE, angle_deg=5.0)
     if blur:
         electrons = torch.from_numpy(cv2.GaussianBlur(electrons[0, 0].numpy(), (0, 0), blur))[None, None]
@@ -32,11 +29,11 @@ def picture(seed: int, *, light: float = 1.0, blur: float = 0.0, camera: Camera 
     return dn[0, 0].numpy().astype(np.uint16)
 
 
-def compared(first: np.ndarray, second: np.ndarray) -> list[Quantity]:
+def compared(first, second):
     return compare(pair_of(first, second, "linear", black_level=20.0, full_scale=4095.0))[0]
 
 
-def verdicts(found: list[Quantity]) -> dict[str, str]:
+def verdicts(found):
     """By the kind of quantity, "agree" or how it differs; the worst of a kind."""
     told: dict[str, str] = {}
     for each in found:
@@ -47,7 +44,7 @@ def verdicts(found: list[Quantity]) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_draws_of_one_camera_agree() -> None:
+def test_draws_of_one_camera_agree():
     """In one of twenty comparisons a quantity differs by chance: of eight pairs, in 4 or more once in 3000 times."""
     pairs = [compared(picture(2 * seed), picture(2 * seed + 1)) for seed in range(8)]
     assert sum(any(each.verdict != "agree" for each in found) for found in pairs) < 4
@@ -57,7 +54,7 @@ def test_draws_of_one_camera_agree() -> None:
         assert sum(name.startswith(kind) for name in names) == count
 
 
-def test_texture_rules_no_verdict() -> None:
+def test_texture_rules_no_verdict():
     """Texture of the noise's own variance in both pictures, one pixel apart: half of what is compared is noise, and
     read noise of 5 % more shows as half of that. A picture without texture tells."""
     random = np.random.default_rng(1)
@@ -75,7 +72,7 @@ def test_texture_rules_no_verdict() -> None:
         assert any("texture" in note for note in notes) == (verdict == "cannot tell")
 
 
-def test_noise_is_the_cameras() -> None:
+def test_noise_is_the_cameras():
     """Levels of 250 squares of 16 x 16 px: a deviation to 0.3 %; the edge's own squares are left out."""
     noise = [each for each in compared(picture(0), picture(1)) if each.name.startswith("noise at")]
     for each, reflectance in zip(noise, (0.1, 0.8), strict=True):
@@ -86,7 +83,7 @@ def test_noise_is_the_cameras() -> None:
 
 
 @pytest.mark.slow
-def test_what_differs_is_told_apart() -> None:
+def test_what_differs_is_told_apart():
     simulated = picture(0)
     darker = verdicts(compared(simulated, picture(1, light=0.8)))
     assert darker["mean"].startswith("differs by -")
@@ -102,7 +99,7 @@ def test_what_differs_is_told_apart() -> None:
 
 
 @pytest.mark.slow
-def test_chance_is_as_wide_as_differences_are() -> None:
+def test_chance_is_as_wide_as_differences_are():
     """Differences in standard deviations, of 12 pairs: a spread of 1 within a factor of 1.6, kind by kind. Chance is
     what one of n quantities exceeds in 5 % of comparisons: a normal's 1 - 0.025 / n."""
     deviations: dict[str, list[float]] = {}
@@ -115,7 +112,7 @@ def test_chance_is_as_wide_as_differences_are() -> None:
         assert 1 / 1.6 < np.sqrt(np.mean(np.square(found))) < 1.6, kind
 
 
-def test_what_cannot_be_told() -> None:
+def test_what_cannot_be_told():
     assert Quantity("x", "", 0.0, 1.0, 0.1).verdict == "cannot tell"
     assert Quantity("x", "", 1.0, 2.5, 0.1).verdict == "differs by +150 %"
     assert [Quantity("x", "", 0.0, 0.0, each).cells()[3] for each in (0.1, math.nan, math.inf)] == [
@@ -128,7 +125,7 @@ def test_what_cannot_be_told() -> None:
     assert any("noise is not compared" in note for note in notes)
 
 
-def test_pictures_that_do_not_go_together() -> None:
+def test_pictures_that_do_not_go_together():
     said = "simulated is 320 x 257 px, 16 bits; real"
     for first, second, why in (
         (picture(0), np.zeros((257, 321), np.uint16), f"{said} 321 x 257 px, 16 bits: must be alike"),
@@ -140,7 +137,7 @@ def test_pictures_that_do_not_go_together() -> None:
 
 
 @pytest.mark.slow
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path, capsys):
     for name, seed in (("a", 0), ("b", 1)):
         cv2.imwrite(str(tmp_path / f"{name}.png"), picture(seed))
     pictures = [str(tmp_path / name) for name in ("a.png", "b.png")]
@@ -167,5 +164,5 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
         (1e-6, 2.0, "differs by -100 %"),
     ],
 )
-def test_no_chance_makes_any_loss_agree(real: float, chance: float, verdict: str) -> None:
+def test_no_chance_makes_any_loss_agree(real, chance, verdict):
     assert Quantity("noise", "", 1.0, real, chance).verdict == verdict

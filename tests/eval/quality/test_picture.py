@@ -1,13 +1,9 @@
 """``blurnoise measure``: numbers against closed forms, codings, what is withheld, and bad input."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import charts_of_squares as chart
 import cv2
@@ -18,7 +14,7 @@ import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
 from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.find_edges import UNUSABLE, Found, find_edges
+from blurnoise_eval.quality.find_edges import UNUSABLE, find_edges
 from blurnoise_eval.quality.linear import Linear
 from blurnoise_eval.quality.picture import reading_text
 from edge_cases import Draw, Setting
@@ -26,7 +22,7 @@ from torch import Tensor
 
 from blurnoise import charts
 from blurnoise.blur.convolution import motion_blur
-from blurnoise.metrics import Flag, SlantedEdge, information
+from blurnoise.metrics import Flag, information
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.colour import srgb_from_linear
 
@@ -37,7 +33,7 @@ BLACK, STEP = (
 )  # of the pictures of 12 bits below, DN; their edges go from 400 to 3200 above black
 
 
-def raw(path: Path, linear: Tensor, noise_dn: float = 0.0) -> Path:
+def raw(path, linear, noise_dn=0.0):
     """A picture of 12 bits: reflectance 0.1 to 0.8 as 400 to 3200 DN above black, with white noise."""
     generator = torch.Generator().manual_seed(7)
     dn = 4000 * linear[0, 0].double() + BLACK
@@ -50,12 +46,12 @@ NAMES = [metric.name for metric in measuring.EDGE_METRICS]
 RAW = ("--black-level", "40", "--full-scale", "4095")
 
 
-def told(capsys: Output, *arguments: object) -> Any:
+def told(capsys, *arguments):
     assert main(["measure", *map(str, arguments), "--json"]) == 0
     return json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
 
 
-def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
+def test_numbers_are_the_closed_forms(tmp_path, capsys):
     """Motion of 4.4 px, noise of 28 DN: what both leave, each within its interval's width of the closed form."""
     noise_dn = STEP / 100
     image = motion_blur(charts.slanted_edge(200, 200), [[4.4, 0.0]])
@@ -102,7 +98,7 @@ def test_numbers_are_the_closed_forms(tmp_path: Path, capsys: Output) -> None:
 
 
 @pytest.mark.slow
-def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> None:
+def test_codings_agree_where_they_are_right(tmp_path, capsys):
     """8 bits sRGB, its colour twin and 16 bits linear hold one edge; coded numbers taken as linear are told."""
     light = motion_blur(charts.slanted_edge(120, 120), [[3.0, 0.0]])
     coded = (255 * srgb_from_linear(light)).round().byte().numpy()[0, 0]
@@ -122,7 +118,7 @@ def test_codings_agree_where_they_are_right(tmp_path: Path, capsys: Output) -> N
     assert wrong["michelson"] < 0.5
 
 
-def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) -> None:
+def test_withheld_numbers_are_empty_and_say_why(tmp_path, capsys):
     """A clipped edge, a corner, even ground, beside a good edge: in JSON, in CSV, in the table, in the figure."""
     image = chart.squares()[..., :165, :200]
     image[..., 40:130, 150:] += 0.25  # beyond full scale beside the right-hand edge
@@ -152,14 +148,14 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path: Path, capsys: Output) 
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 
 
-def test_readings_as_text() -> None:
+def test_readings_as_text():
     assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
     assert reading_text(Estimate(5.4152, 4.9179, 5.9964, frozenset({"sharpened"}))) == "5.415? (4.92–6)"
     assert reading_text(Estimate(5415.27, 4917.9, 5996.4)) == "5415 (4918–5996)"
     assert reading_text(Estimate(math.nan)) == reading_text(Estimate(math.inf, 1.0, math.inf)) == "-"
 
 
-def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
+def test_iso_is_another_mode(tmp_path, capsys):
     path = raw(tmp_path / "edge.png", charts.slanted_edge(100, 100), 20.0)
     exact, iso = (told(capsys, path, *RAW, "--mode", mode) for mode in ("exact", "iso"))
     assert iso["mode"] == "iso"
@@ -176,9 +172,7 @@ def test_iso_is_another_mode(tmp_path: Path, capsys: Output) -> None:
         (["--plot", "out.bmp"], "suffix"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(
-    tmp_path: Path, capsys: Output, monkeypatch: pytest.MonkeyPatch, given: list[str], named: str
-) -> None:
+def test_what_is_wrong_is_named_in_one_line(tmp_path, capsys, monkeypatch, given, named):
     monkeypatch.chdir(tmp_path)
     path = raw(tmp_path / "edge.png", charts.slanted_edge(60, 100), 5.0)
     assert main(["measure", str(path), *given]) == 2
@@ -190,11 +184,11 @@ def test_what_is_wrong_is_named_in_one_line(
 # --- edges that deceive ------------------------------------------------------
 
 
-def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> None:
+def test_a_grey_scale_takes_a_tone_curve_out(tmp_path, capsys):
     """An S that raises MTF50 by 18 %: with the scale's 21 fields it is back within 2 %."""
     at, light = Setting(sigma_px=1.0, offset_px=(0.3, 0.1), noise=0.002), np.linspace(0, 1, 21)
 
-    def curve(value: Any) -> Any:
+    def curve(value):
         return 0.5 + 0.45 * np.tanh(3 * (value - 0.5)) / math.tanh(1.5)
 
     numbers = 65535 * curve(light)
@@ -214,15 +208,15 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path: Path, capsys: Output) -> 
 # --- slanted edges found in a picture ---
 
 
-def found(image: Tensor, full_scale: float = 1.0, black_level: float = 0.0) -> Found:
+def found(image, full_scale=1.0, black_level=0.0):
     return find_edges(Linear(image[0].double(), full_scale, black_level))
 
 
-def edge_of(image: Tensor, roi: tuple[int, int, int, int]) -> SlantedEdge:
+def edge_of(image, roi):
     return Linear(image[0].double(), 1.0).edge(roi)
 
 
-def noise(image: Tensor, deviation: float) -> Tensor:
+def noise(image, deviation):
     return image + deviation * torch.randn(image.shape, generator=torch.Generator().manual_seed(2))
 
 
@@ -235,7 +229,7 @@ BLURS = {  # px of motion to the right, noise, and what MTF50 may be off
 
 
 @cache
-def blurred(name: str) -> tuple[Tensor, list[tuple[int, int, int, int]]]:
+def blurred(name):
     """The chart of squares, and its regions."""
     length, deviation, _ = BLURS[name]
     image = noise(motion_blur(chart.squares(), [[length, 0.0]]), deviation)
@@ -244,7 +238,7 @@ def blurred(name: str) -> tuple[Tensor, list[tuple[int, int, int, int]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BLURS)
-def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name: str) -> None:
+def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name):
     """Four sides of four squares: their angles to 0.2°, MTF50 to 0.4 %, with noise to four standard errors."""
     length, _, error = BLURS[name]
     image, regions = blurred(name)
@@ -262,11 +256,11 @@ def test_every_edge_of_a_chart_is_found_and_gives_the_closed_form(name: str) -> 
 
 
 @pytest.mark.parametrize("angle_deg", [3.0, 12.0, 26.565, 95.0, 184.0, -80.0])
-def test_an_edge_alone_has_the_whole_picture(angle_deg: float) -> None:
+def test_an_edge_alone_has_the_whole_picture(angle_deg):
     assert found(charts.slanted_edge(160, 180, angle_deg=angle_deg)).rois == [(0, 0, 180, 160)]
 
 
-def test_wide_blur_under_noise_shows_at_coarser_scales() -> None:
+def test_wide_blur_under_noise_shows_at_coarser_scales():
     image = motion_blur(charts.slanted_edge(200, 200, dark=0.3, bright=0.6), [[30.0, 0.0]])
     assert found(noise(image, 0.03)).rois == [(0, 0, 200, 200)]
 
@@ -282,7 +276,7 @@ NOT_FOUND: dict[str, tuple[Tensor, Flag | None]] = {
 
 
 @pytest.mark.parametrize(("image", "reason"), NOT_FOUND.values(), ids=NOT_FOUND)
-def test_what_cannot_be_measured_is_not_found(image: Tensor, reason: Flag | None) -> None:
+def test_what_cannot_be_measured_is_not_found(image, reason):
     seen = found(image)
     assert seen.rois == []
     assert set(seen.turned_down) == ({reason} if reason else set())

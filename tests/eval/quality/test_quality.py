@@ -1,18 +1,13 @@
 """Every metric of simulated charts against physics in closed form, and what is withheld, written and drawn."""
 
-from __future__ import annotations
-
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
-from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.quality import figures as quality_figures
 from blurnoise_eval.quality import measure as quality
-from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG, Row
+from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG
 from blurnoise_eval.quality.picture import Metric
 from closed_edges import closed_mtf, closed_mtf50
 from plans import plan as swept
@@ -37,16 +32,16 @@ EDGES = [
 ]
 
 
-def measured(plan: SweepPlan, camera: Camera = CAMERA, threads: int = 1) -> list[Row]:
+def measured(plan, camera=CAMERA, threads=1):
     return quality.measure(camera, plan.conditions(), repeats=plan.repeats, seed=plan.seed, threads=threads)
 
 
 @pytest.fixture(scope="module")
-def rows() -> list[Row]:
+def rows():
     return measured(PLAN)
 
 
-def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float = 0.0) -> Estimate:
+def reading(rows, metric, exposure_s, speed_px_s=0.0):
     wanted = (metric, exposure_s, speed_px_s)
     (found,) = (
         row.estimate
@@ -56,17 +51,17 @@ def reading(rows: list[Row], metric: str, exposure_s: float, speed_px_s: float =
     return found
 
 
-def near(found: Estimate, truth: float, widths: float = 3.0) -> bool:
+def near(found, truth, widths=3.0):
     """Whether the truth lies within so many half widths of the interval, which must be there."""
     assert found.low < found.value < found.high
     return abs(found.value - truth) < widths * max(found.high - found.value, found.value - found.low)
 
 
-def electrons(exposure_s: float, reflectance: float) -> float:
+def electrons(exposure_s, reflectance):
     return reflectance * photoelectrons(CAMERA, LUX, exposure_s)
 
 
-def noise_e2(exposure_s: float, reflectance: float) -> float:
+def noise_e2(exposure_s, reflectance):
     """Temporal and spatial variance of a patch, electrons squared (EMVA 1288)."""
     signal, gain = electrons(exposure_s, reflectance), CAMERA.system_gain_dn_per_e
     dark = CAMERA.dark_variance_dn2(CAMERA.dark_current_e_s * exposure_s) / gain**2
@@ -76,16 +71,14 @@ def noise_e2(exposure_s: float, reflectance: float) -> float:
 # --- the physics ------------------------------------------------------------
 
 
-def test_a_row_per_condition_and_metric(rows: list[Row]) -> None:
+def test_a_row_per_condition_and_metric(rows):
     wanted = [(at.on(CAMERA), metric.name) for at in PLAN.conditions() for metric in METRICS]
     assert [(row.at, row.metric) for row in rows] == wanted
 
 
 @pytest.mark.parametrize("exposure_s", [0.001, 0.004, 0.016])
 @pytest.mark.parametrize(("metric", "level"), [("patch_snr_bright", BRIGHT), ("patch_snr_dark", DARK)])
-def test_patch_snr_is_that_of_the_sensor_model(
-    rows: list[Row], metric: str, level: float, exposure_s: float
-) -> None:
+def test_patch_snr_is_that_of_the_sensor_model(rows, metric, level, exposure_s):
     truth = electrons(exposure_s, level) / math.sqrt(noise_e2(exposure_s, level))
     found = reading(rows, metric, exposure_s)
     assert near(found, truth)
@@ -94,7 +87,7 @@ def test_patch_snr_is_that_of_the_sensor_model(
 
 
 @pytest.mark.parametrize("exposure_s", [0.004, 0.016])
-def test_contrasts_are_those_of_the_charts(rows: list[Row], exposure_s: float) -> None:
+def test_contrasts_are_those_of_the_charts(rows, exposure_s):
     assert near(reading(rows, "michelson", exposure_s), (BRIGHT - DARK) / (BRIGHT + DARK))
     step = electrons(exposure_s, BRIGHT) - electrons(exposure_s, DARK)
     noise = math.sqrt((noise_e2(exposure_s, BRIGHT) + noise_e2(exposure_s, DARK)) / 2)
@@ -103,7 +96,7 @@ def test_contrasts_are_those_of_the_charts(rows: list[Row], exposure_s: float) -
 
 
 @pytest.mark.parametrize("exposure_s", [0.004, 0.016])
-def test_mtf50_falls_with_motion_as_the_closed_form_does(rows: list[Row], exposure_s: float) -> None:
+def test_mtf50_falls_with_motion_as_the_closed_form_does(rows, exposure_s):
     """2 and 8 px along x: across x the motion's box, across y only its sine; 1 % for aliases."""
     motion = {"sigma_px": 0.0, "motion_px": (500 * exposure_s, 0.0)}
     across = {}
@@ -118,7 +111,7 @@ def test_mtf50_falls_with_motion_as_the_closed_form_does(rows: list[Row], exposu
 
 
 @pytest.mark.parametrize("exposure_s", [0.001, 0.016])
-def test_information_is_the_closed_forms(rows: list[Row], exposure_s: float) -> None:
+def test_information_is_the_closed_forms(rows, exposure_s):
     """Without motion, from the electrons alone: to 3 standard errors (half an interval is 2)."""
     step = electrons(exposure_s, BRIGHT) - electrons(exposure_s, DARK)
     noise = (noise_e2(exposure_s, BRIGHT) + noise_e2(exposure_s, DARK)) / 2
@@ -144,7 +137,7 @@ def test_information_is_the_closed_forms(rows: list[Row], exposure_s: float) -> 
 # --- what is withheld -------------------------------------------------------
 
 
-def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
+def test_saturation_withholds_what_it_falsifies(rows):
     """At 0.1 s white would hold 28 000 e-, the pixel 10 700; the grey at 18 % is still whole."""
     for speed in (0.0, 500.0):
         for metric in (*EDGES, "patch_snr_bright", "neq_0", "cnr", "michelson", "cdp"):
@@ -159,14 +152,14 @@ def test_saturation_withholds_what_it_falsifies(rows: list[Row]) -> None:
     assert reading(rows, "psnr_db", 0.1).value < reading(rows, "psnr_db", 0.016).value - 10
 
 
-def test_digital_gain_clips_where_light_leaves_the_range() -> None:
+def test_digital_gain_clips_where_light_leaves_the_range():
     """Beyond 24 dB it is digital: 280 e- of white are 1700 DN at 24 dB, 3400 at 30, 6800 at 36."""
     for row in measured(swept((0.001,), (LUX,), (0.0,), gain_db=(30.0, 36.0))):
         if row.metric == "patch_snr_bright":
             assert ("clipped" in row.estimate.flags) == (row.at["gain_db"] > 30)
 
 
-def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
+def test_repeats_are_averaged_and_any_of_them_can_withhold():
     told = [Estimate(1.0, 0.8, 1.4, frozenset({"a"})), Estimate(3.0, 2.6, 3.2, frozenset({"b"}))]
     both = quality.mean_of(told)
     assert (both.value, both.flags) == (2.0, {"a", "b"})
@@ -180,8 +173,8 @@ def test_repeats_are_averaged_and_any_of_them_can_withhold() -> None:
 # --- the same rows ----------------------------------------------------------
 
 
-def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) -> None:
-    def records(*plan: Any, threads: int = 1) -> list[dict[str, object]]:
+def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows):
+    def records(*plan, threads=1):
         return [row.record() for row in measured(swept(*plan), threads=threads)]
 
     some = ((0.004, 0.016), (LUX,), (500.0,))
@@ -198,7 +191,7 @@ def test_rows_hang_on_the_seed_and_their_own_condition_alone(rows: list[Row]) ->
 # --- files, figures, the command --------------------------------------------
 
 
-def test_a_new_metric_is_one_entry(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_new_metric_is_one_entry(monkeypatch, tmp_path):
     """Weber contrast as the seventeenth: measured, written and drawn."""
     weber: Metric = Metric(
         "weber", "Weber contrast", "1", "bright / dark - 1",

@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 from blurnoise_eval.report import figures
@@ -78,7 +77,7 @@ def looked_at(tmp_path, monkeypatch):
     """What a run's page is like in frames of WIDTHS_PX, by width; a window itself cannot be as narrow as a phone."""
     monkeypatch.setattr(figures, "figures_of", lambda *_: {})
 
-    def looks(**shape: Any) -> dict[int, dict[str, Any]]:
+    def looks(**shape):
         page: Path = write_report(made_run(tmp_path, **shape), tmp_path)
         text = page.read_text(encoding="utf-8").replace("<head>", f"<head>{LISTEN}", 1)
         page.with_name("probed.html").write_text(PROBE.join(text.rsplit("</body>", 1)), encoding="utf-8")

@@ -2,27 +2,25 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from blurnoise_eval.report import charts, figures
 from blurnoise_eval.report.figures import figures_of
-from blurnoise_eval.report.run import RunData
 from made_runs import EXPOSURES_S, made_run
 
 
-def _lines(figure: Any, panel: int) -> dict[str, tuple[list[float], list[float]]]:
+def _lines(figure, panel):
     """Abscissae and ordinates of a panel's labelled lines."""
     lines = [line for line in figure.axes[panel].lines if not line.get_label().startswith("_")]
     return {line.get_label(): (list(line.get_xdata()), list(line.get_ydata())) for line in lines}
 
 
-def _near(values: list[float]) -> Any:
+def _near(values):
     """As they are drawn: to four decimals."""
     return pytest.approx(values, abs=6e-5)
 
 
-def _drawn(data: RunData, word: str) -> Any:
+def _drawn(data, word):
     """The figure of the view of this name."""
     file = next(view.file for view in charts.views(data) if view.word == word)
     groups = data.largest_groups(12)

@@ -21,18 +21,18 @@ TWO = ("yolox-nano", "fastestdet")
 Change = Callable[[RunData], RunData]
 
 
-def kept(data: RunData) -> RunData:
+def kept(data):
     """The same numbers, as shares that are kept."""
     criterion = Criterion(THRESHOLD, kept=True)
     answers = [answer | {"criterion": criterion.text} for answer in data.answers]
     return replace(data, answers=answers, manifest=data.manifest | {"criterion": criterion.row()})
 
 
-def told(**facts: Any) -> Change:
+def told(**facts):
     return lambda data: replace(data, manifest=data.manifest | facts)
 
 
-def ranked(data: RunData) -> RunData:
+def ranked(data):
     for row, mpc, behind in zip(data.models, (0.30, 0.41, 0.40), (0.11, None, 0.01), strict=True):
         low, high = (None, None) if behind is None else (behind - 0.02, behind + 0.02)
         row |= {"mpc": mpc, "mpc_behind": behind, "mpc_behind_low": low, "mpc_behind_high": high}
@@ -40,14 +40,14 @@ def ranked(data: RunData) -> RunData:
     return data
 
 
-def saturating(data: RunData) -> RunData:
+def saturating(data):
     values = [
         {"values": [0.99 if each == 0.016 else 0.5 for each in row["exposures_s"]]} for row in data.averages
     ]
     return replace(data, averages=[row | own for row, own in zip(data.averages, values, strict=True)])
 
 
-def of_each_light(data: RunData) -> RunData:
+def of_each_light(data):
     """As where the camera sets the exposure: what is tested under one light is not under another."""
     return replace(data, recommendations=[row for row in data.recommendations if row["scope"] != "all"])
 
@@ -86,7 +86,7 @@ CASES: dict[str, tuple[dict[str, Any], Change]] = {
 }
 
 
-def text_of(name: str, folder: Path) -> str:
+def text_of(name, folder):
     """What is said of a case: opening, table of models, a group's answers, facts and assumptions."""
     shape, change = CASES[name]
     data = change(made_run(folder, n_examples=0, **shape))

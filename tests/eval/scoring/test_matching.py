@@ -1,6 +1,5 @@
 """Which detection answers for which target, where the exposure has moved it."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,23 +13,22 @@ from blurnoise_eval.scoring.boxes import iou, xywh
 from blurnoise_eval.scoring.matching import Targets, matched, target_confidences
 from blurnoise_eval.scoring.on_picture import View
 from coco_oracle import hits
-from numpy.typing import NDArray
 from signs_in_memory import BOX as SIGN
 from signs_in_memory import sign
 
 BOX = (10.0, 20.0, 30.0, 60.0)  # 20 x 40 px
 
 
-def detections(*rows: tuple[tuple[float, float, float, float], float, int]) -> Detections:
+def detections(*rows):
     boxes, scores, class_ids = zip(*rows, strict=True) if rows else ((), (), ())
     return Detections(np.array(boxes), np.array(scores), np.array(class_ids))
 
 
-def confidence(found: Detections, class_id: int) -> float:
+def confidence(found, class_id):
     return float(target_confidences(found, [BOX], [class_id])[0])
 
 
-def annotations(boxes_xyxy: Any) -> list[dict[str, Any]]:
+def annotations(boxes_xyxy):
     return [{"category_id": 7, "bbox": box, "area": box[2] * box[3]} for box in xywh(boxes_xyxy).tolist()]
 
 
@@ -39,7 +37,7 @@ def test_half_an_overlap_is_enough_and_less_is_not():
     assert confidence(detections(((10, 20, 30, 39.9), 0.8, 0)), 0) == 0.0
 
 
-def matches(found: Detections, targets_xyxy: Any) -> list[bool]:
+def matches(found, targets_xyxy):
     """Of the detections of class 0, in one picture."""
     own = found.boxes_xyxy[found.class_ids == 0]
     targets = Targets.of([annotations(targets_xyxy)])
@@ -78,7 +76,7 @@ def test_targets_are_held_against_any_number_of_boxes(monkeypatch):
         np.testing.assert_array_equal(target_confidences(found, targets.tolist(), ids), expected)
 
 
-def _near(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+def _near(rng, count):
     corners = rng.uniform(0, 100, (count, 2))
     return np.concatenate([corners, corners + rng.uniform(30, 50, (count, 2))], axis=1)
 
@@ -87,16 +85,14 @@ SHIFT_PX = 15
 MOVED = (SIGN[0] + SHIFT_PX, SIGN[1], SIGN[2] + SHIFT_PX, SIGN[3])
 
 
-def to_the_right(
-    boxes: NDArray[np.float64], sizes_px: NDArray[np.float64], labels: Sequence[str]
-) -> NDArray[np.float64]:
+def to_the_right(boxes, sizes_px, labels):
     assert boxes.shape == (1, 4)
     assert len(labels) == 1
     assert sizes_px.shape == (1, 2)
     return boxes + np.array([SHIFT_PX, 0, SHIFT_PX, 0])
 
 
-def box_of(row: dict[str, Any]) -> tuple[float, ...]:
+def box_of(row):
     return tuple(row[edge] for edge in ("x0", "y0", "x1", "y1"))
 
 
@@ -128,10 +124,10 @@ class Asked:
 
     name, sha256, non_finite_values_here, contract, path = "reader", "0" * 64, 0, None, Path("reader.onnx")
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.boxes: list[Any] = []
 
-    def read(self, image: NDArray[np.uint8], boxes_xyxy: Any) -> list[Reading]:
+    def read(self, image, boxes_xyxy):
         self.boxes.append([tuple(box) for box in boxes_xyxy])
         return [Reading("STOP", 0.9) for _ in boxes_xyxy]
 

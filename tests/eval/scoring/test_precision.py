@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.scoring import scores
-from blurnoise_eval.scoring.boxes import MoveBoxes
 from blurnoise_eval.scoring.evaluated import Alarms, Evaluated, Truth, coco_results
 from blurnoise_eval.scoring.matching import Targets
-from blurnoise_eval.scoring.precision import Precision, precision
+from blurnoise_eval.scoring.precision import precision
 from blurnoise_eval.scoring.uncertainty import interval_of, left_out
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
@@ -23,7 +22,7 @@ CATEGORY_OF = {0: 13, 4: 2, 5: 90}  # class 7 of the model is nothing that the d
 Found = dict[str, Detections]
 
 
-def crowded(seed: int, pictures: int = 10) -> tuple[Truth, Found]:
+def crowded(seed, pictures=10):
     """Targets that overlap each other, of all sizes, some crowds, whose areas are not the boxes'; several tries at
     each, tied scores, clutter."""
     rng = np.random.default_rng(seed)
@@ -53,7 +52,7 @@ def crowded(seed: int, pictures: int = 10) -> tuple[Truth, Found]:
     return Truth({"annotations": annotations, "categories": CATEGORIES}, names, CATEGORY_OF), found
 
 
-def by_pycocotools(truth: Truth, found: Found) -> dict[str, float]:
+def by_pycocotools(truth, found):
     ids = [truth.image_ids[name] for name in found]
     kept = [each for each in truth.coco["annotations"] if each["image_id"] in ids]
     coco = COCO()
@@ -70,7 +69,7 @@ def by_pycocotools(truth: Truth, found: Found) -> dict[str, float]:
     return {name: float(judge.stats[place]) for name, place in COCO_SCORES.items()}
 
 
-def scored(truth: Truth, found: Found, move_boxes: MoveBoxes | None = None) -> dict[str, float | None]:
+def scored(truth, found, move_boxes=None):
     """The scores of detections alone."""
     judged = Evaluated({}, truth, Answers.of([(name, 0, each) for name, each in found.items()]), move_boxes)
     own = ("false_positives_per_image", "calibration_error", *COCO_SCORES)
@@ -150,7 +149,7 @@ def test_false_positives_and_calibration_by_hand():
     assert got["calibration_error"] == pytest.approx(gaps / 4, abs=1e-6)
 
 
-def alarms(certain: list[float], right: list[bool], pictures: int = 1) -> Alarms:
+def alarms(certain, right, pictures=1):
     cluster = np.arange(len(certain)) % pictures
     return Alarms(np.array(certain, float), np.array(right, bool), cluster, np.ones(pictures))
 
@@ -191,7 +190,7 @@ def test_cautious_mean_leans_to_categories_of_many_targets():
     assert found.cautious[0, 0, 0] == pytest.approx(0.8125 - 0.5 * 0.0625)
 
 
-def some(rng: np.random.Generator, pictures: int, clusters: int, categories: int = 20) -> Precision:
+def some(rng, pictures, clusters, categories=20):
     """Targets of categories of which most are rare, found at chance, and false detections of the same categories."""
     frequency = 1 / np.arange(1, categories + 1)
     answers, every = [], []

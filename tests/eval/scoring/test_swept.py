@@ -2,7 +2,6 @@
 that box the one or the other."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,14 +24,14 @@ EXPOSURE_S, LUX = 0.01, 100.0
 Found = Callable[[NDArray[np.uint8]], tuple[float, float, float, float]]
 
 
-def square() -> NDArray[np.uint8]:
+def square():
     """White on black, (150, 280, 3)."""
     image = np.zeros((150, 280, 3), np.uint8)
     image[60:80, 130:150] = 255
     return image
 
 
-def smear(image: NDArray[np.uint8]) -> tuple[float, float, float, float]:
+def smear(image):
     """The box of all that is clearly brighter than black."""
     rows, columns = np.nonzero(image.min(axis=2) > 40)
     return columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
@@ -43,16 +42,16 @@ class Fake:
 
     name, non_finite_values_here = "fake", 0
 
-    def __init__(self, found: Found) -> None:
+    def __init__(self, found):
         self._found = found
         self.contract = type("Contract", (), {"classes": ("square",)})()
 
-    def look(self, image: NDArray[np.uint8]) -> tuple[Detections, None]:
+    def look(self, image):
         found = Detections(np.array([self._found(image)]), np.array([1.0]), np.array([0]))
         return found, None
 
 
-def answers(found: Found, velocity_px_s: tuple[float, float]) -> dict[str, Any]:
+def answers(found, velocity_px_s):
     scene, picture = Scene(square()), Picture("p", (Target("square", "squares", BOX),), square, "p")
     x, y = velocity_px_s
     at = Conditions(exposure_s=EXPOSURE_S, illuminance_lux=LUX, velocity_x_px_s=x, velocity_y_px_s=y)
@@ -73,7 +72,7 @@ def test_who_boxes_the_smear_is_right_by_the_swept_box(blur_px, direction):
     assert row["confidence"] == float(SIDE_PX**2 / area > 0.5)
 
 
-def judged(box: NDArray[np.float64], speed_px_s: float) -> Evaluated:
+def judged(box, speed_px_s):
     exposure = Exposure(CAMERA, EXPOSURE_S, LUX, (speed_px_s, 0.0))
     sides = [BOX[0], BOX[1], SIDE_PX, SIDE_PX]
     annotations = [

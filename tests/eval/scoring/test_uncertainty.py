@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 from blurnoise_eval.scoring import uncertainty
-from blurnoise_eval.scoring.uncertainty import (
-    interval_of,
-    left_out,
-    mean_of,
-    ratio,
-)
+from blurnoise_eval.scoring.uncertainty import interval_of, left_out, mean_of, ratio
 from scipy import stats
 
 
-def sample(*shape: int, seed: int = 0) -> np.ndarray:
+def sample(*shape, seed=0):
     return np.random.default_rng(seed).gamma(0.6, size=shape)
 
 

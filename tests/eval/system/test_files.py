@@ -1,10 +1,7 @@
 """Files appear whole or not at all, whoever writes them."""
 
-from __future__ import annotations
-
 import os
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import blurnoise_eval
@@ -28,11 +25,11 @@ IN_PLACE = re.compile(
 FIGURE_BY_NAME = re.compile(r"savefig\((?!.*format=)")  # into a buffer, the format has to be said
 
 
-def test_what_fails_half_way_leaves_the_file_of_before(tmp_path: Path) -> None:
+def test_what_fails_half_way_leaves_the_file_of_before(tmp_path):
     path = tmp_path / "table.csv"
     write_whole(path, b"before")
 
-    def lines() -> Iterator[bytes]:
+    def lines():
         yield b"half"
         raise KeyboardInterrupt
 
@@ -43,13 +40,11 @@ def test_what_fails_half_way_leaves_the_file_of_before(tmp_path: Path) -> None:
     assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"after"}
 
 
-def test_a_folder_is_on_disk_before_it_takes_its_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_is_on_disk_before_it_takes_its_name(tmp_path, monkeypatch):
     synced: list[str] = []
     honest = os.fsync
 
-    def fsync(handle: int) -> None:
+    def fsync(handle):
         synced.append(Path(f"/proc/self/fd/{handle}").readlink().name)
         honest(handle)
 
@@ -67,7 +62,7 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(
     assert (tmp_path / "table" / "below" / "part").read_text() == "second"
 
 
-def test_nothing_writes_files_in_place() -> None:
+def test_nothing_writes_files_in_place():
     found = [
         f"{name}: {line}"
         for name, source in SOURCES.items()

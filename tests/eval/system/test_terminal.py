@@ -1,7 +1,5 @@
 """What is printed: text of any origin as it stands, whatever a terminal or rich would make of it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import warnings
@@ -10,14 +8,7 @@ import pytest
 from blurnoise_eval.system import progress
 from blurnoise_eval.system.progress import ProgressBar, duration_text
 from blurnoise_eval.system.tables import csv_lines
-from blurnoise_eval.system.terminal import (
-    paragraph,
-    plain,
-    plain_warnings,
-    say,
-    shortened,
-    table_lines,
-)
+from blurnoise_eval.system.terminal import paragraph, plain, plain_warnings, say, shortened, table_lines
 from rich.cells import cell_len
 
 Output = pytest.CaptureFixture[str]
@@ -34,7 +25,7 @@ Output = pytest.CaptureFixture[str]
         ("lone \udcff", "lone ?"),
     ],
 )
-def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Output) -> None:
+def test_text_is_one_line_that_steers_nothing(text, shown, capsys):
     assert plain(text) == shown
     say(text, text)
     assert capsys.readouterr() == (f"{shown}\n{shown}\n", "")
@@ -42,7 +33,7 @@ def test_text_is_one_line_that_steers_nothing(text: str, shown: str, capsys: Out
     assert capsys.readouterr() == ("", f"{shown}\n")
 
 
-def test_warnings_are_a_plain_line() -> None:
+def test_warnings_are_a_plain_line():
     before = warnings.formatwarning
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
@@ -55,7 +46,7 @@ def test_warnings_are_a_plain_line() -> None:
 
 
 @pytest.mark.parametrize("columns", [24, 40, 80, None])
-def test_tables_fit_and_lose_nothing(columns: int | None) -> None:
+def test_tables_fit_and_lose_nothing(columns):
     heads = ["model", "P", "AUC\nexposure", "how"]
     rows = [["止標識" * 5, "0.5", "12.5 (9.1–20.0)", "left out " * 9], ["b" * 30, "10", "≥ 5 px/s", ""]]
     lines = table_lines(heads, rows, [False, True, True, False], columns)
@@ -69,7 +60,7 @@ def test_tables_fit_and_lose_nothing(columns: int | None) -> None:
 
 
 @pytest.mark.parametrize("columns", [None, 40])
-def test_paragraphs_keep_words_and_the_spaces_between(columns: int | None) -> None:
+def test_paragraphs_keep_words_and_the_spaces_between(columns):
     text = f"Which gain?      46 dB at 0.5 lux, 14 dB at 50 lux, of a/{'long/' * 30}path"
     lines = paragraph(text, columns, 2, 6)
     assert lines[0].startswith("  Which gain?      46")
@@ -79,12 +70,12 @@ def test_paragraphs_keep_words_and_the_spaces_between(columns: int | None) -> No
     assert columns is None or max(map(len, lines)) <= columns
 
 
-def test_a_long_text_keeps_its_begin_and_its_end() -> None:
+def test_a_long_text_keeps_its_begin_and_its_end():
     assert shortened("a" * 20 + "b" * 980) == "a" * 20 + "b" * 980
     assert shortened("a" * 600 + "b" * 600) == f"{'a' * 500} ... {'b' * 500}"
 
 
-def test_csv_reads_back() -> None:
+def test_csv_reads_back():
     rows = [{"name": 'a "quoted", name', "value": 0.1, "none": None}, {"name": "two\nlines", "value": 1e-300}]
     text = "".join(csv_lines(["name", "value", "none"], [{"none": None, **row} for row in rows]))
     read = csv.DictReader(io.StringIO(text, newline=""))
@@ -96,14 +87,14 @@ def test_csv_reads_back() -> None:
 
 
 @pytest.fixture
-def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def now(monkeypatch):
     """The clock, s."""
     clock = [100.0]
     monkeypatch.setattr(progress, "monotonic", lambda: clock[0])
     return clock
 
 
-def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Output) -> None:
+def test_a_log_says_how_far_it_is_and_when_it_ends(now, capsys):
     with ProgressBar("draw \x1b", 100) as advance:
         for _ in range(100):
             now[0] += 4.0
@@ -114,6 +105,6 @@ def test_a_log_says_how_far_it_is_and_when_it_ends(now: list[float], capsys: Out
     assert len(lines) == 2 + 6  # after 12 s, then each minute, and the end
 
 
-def test_durations_have_the_unit_that_fits() -> None:
+def test_durations_have_the_unit_that_fits():
     texts = {0: "0 s", 89: "89 s", 720: "12 min", 12_000: "3 h 20 min"}
     assert {seconds: duration_text(seconds) for seconds in texts} == texts

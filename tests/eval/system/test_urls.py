@@ -1,10 +1,6 @@
 """Locations: what a URL means and what is shown of it; listings, versions and copies of what is there."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -25,7 +21,7 @@ URL = "memory://bucket/set"
 
 
 @pytest.fixture
-def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def bucket(tmp_path, monkeypatch):
     """Three objects, of this process."""
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     found = location(URL)
@@ -44,7 +40,7 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
         ("hf://datasets/user/set@main/a", "hf://datasets/user/set@main/a"),
     ],
 )
-def test_urls(text: str, shown: str) -> None:
+def test_urls(text, shown):
     assert str(location(text)) == shown
 
 
@@ -61,19 +57,19 @@ def test_urls(text: str, shown: str) -> None:
         ("s3://key:secret@bucket/a?token=secret", "must hold no user, password or query"),
     ],
 )
-def test_urls_that_cannot_be_meant(text: str, told: str) -> None:
+def test_urls_that_cannot_be_meant(text, told):
     with pytest.raises(ValueError, match=told) as error:
         location(text)
     assert "secret" not in str(error.value)
     assert "\n" not in str(error.value)
 
 
-def test_secrets_are_not_shown() -> None:
+def test_secrets_are_not_shown():
     command = "sweep --images s3://k:secret@b/a?token=secret -o 'https://b/c?x=secret' --lux 1,2"
     assert without_secrets(command) == "sweep --images s3://b/a -o 'https://b/c' --lux 1,2"
 
 
-def test_a_listing_is_that_of_a_folder(bucket: Any, tmp_path: Path) -> None:
+def test_a_listing_is_that_of_a_folder(bucket, tmp_path):
     """Names that lead elsewhere are left out, links to folders stay shut, broken links are no files."""
     for name in ("a.bin", "sub/größe b.bin", "sub/none"):
         (tmp_path / "set" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -94,7 +90,7 @@ def test_a_listing_is_that_of_a_folder(bucket: Any, tmp_path: Path) -> None:
     assert versions(location("memory://other/none"), list(many)) == {}
 
 
-def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
+def test_a_copy_is_of_one_version(bucket, tmp_path):
     known = version(bucket / "a.bin")
     copy = local_file(bucket / "a.bin", known=known)
     assert (copy.name, copy.read_bytes()) == ("a.bin", b"a.bin")
@@ -109,7 +105,7 @@ def test_a_copy_is_of_one_version(bucket: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("status", [401, 403, 404])
-def test_what_a_storage_says_by_a_status(status: int) -> None:
+def test_what_a_storage_says_by_a_status(status):
     """As Google's and Hugging Face's clients say it."""
     error = RuntimeError("no")
     error.status = status  # type: ignore[attr-defined]
@@ -128,23 +124,23 @@ RUN: Any = location(RUN_URL)
 
 
 @pytest.fixture(autouse=True)
-def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def empty(tmp_path, monkeypatch):
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     fsspec.filesystem("memory").store.clear()
     yield
     fsspec.filesystem("memory").store.clear()
 
 
-def there() -> dict[str, bytes]:
+def there():
     return {name: (RUN / name).read_bytes() for name in listing(RUN)}
 
 
-def work(folder: Path, **files: str) -> None:
+def work(folder, **files):
     for name, text in files.items():
         (folder / name.replace("_", ".")).write_text(text)
 
 
-def test_what_was_written_is_there_at_the_end(tmp_path: Path) -> None:
+def test_what_was_written_is_there_at_the_end(tmp_path):
     with written_run(RUN) as folder:
         work(folder.path, results_sqlite="rows", report_html="page")
         (folder.path / "examples").mkdir()
@@ -155,8 +151,8 @@ def test_what_was_written_is_there_at_the_end(tmp_path: Path) -> None:
     assert not list((tmp_path / "cache/runs").iterdir()), "nothing stays here"
 
 
-def test_what_was_done_before_it_was_stopped_is_put() -> None:
-    def interrupted() -> None:
+def test_what_was_done_before_it_was_stopped_is_put():
+    def interrupted():
         with written_run(RUN) as folder:
             work(folder.path, results_sqlite="some rows")
             raise KeyboardInterrupt
@@ -166,8 +162,8 @@ def test_what_was_done_before_it_was_stopped_is_put() -> None:
     assert there() == {RUN_FILE: b"some rows"}
 
 
-def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path: Path) -> None:
-    def overtaken() -> None:
+def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path):
+    def overtaken():
         with written_run(RUN) as folder:
             work(folder.path, results_sqlite="rows of this one")
             (RUN / RUN_FILE).write_bytes(b"rows of another machine")
@@ -179,8 +175,8 @@ def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path: Path) -> 
     assert here.read_text() == "rows of this one"
 
 
-def test_what_cannot_be_put_stays_and_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def denied(*_: object) -> None:
+def test_what_cannot_be_put_stays_and_is_named(tmp_path, monkeypatch):
+    def denied(*_):
         raise PermissionError
 
     monkeypatch.setattr(type(RUN.fs), "put", denied)

@@ -1,11 +1,8 @@
 """Google Cloud Storage and the Hugging Face Hub, by servers that answer as they do."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,9 +44,7 @@ if sys.argv[1].startswith("gs:"):
         ("huggingface_hub", hub_server, "HF_ENDPOINT", (f"hf://{REPOSITORY}", "hf://datasets/user/none/a")),
     ],
 )
-def test_objects_are_read_and_their_changes_noticed(
-    package: str, serve: Any, endpoint: str, urls: tuple[str, str], tmp_path: Path
-) -> None:
+def test_objects_are_read_and_their_changes_noticed(package, serve, endpoint, urls, tmp_path):
     """One changes under way, with as many bytes; a run is put into the bucket."""
     pytest.importorskip(package)
     files = {"größe.bin": b"first", "b.bin": b"third"}

@@ -1,14 +1,8 @@
 """Objects of a real S3 server, over a wire that is slow, cut, busy or closed."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import pytest
 from blurnoise_eval.system.urls import local_file, location, version, versions
-from s3_servers import BUCKET, Wire, at, s3_server, wire_to
+from s3_servers import BUCKET, at, s3_server, wire_to
 
 pytestmark = pytest.mark.slow  # the server takes seconds to import
 A = f"s3://{BUCKET}/a.bin"
@@ -16,7 +10,7 @@ CONTENT = b"a.bin" * 1000
 
 
 @pytest.fixture(scope="module")
-def held() -> Iterator[Wire]:
+def held():
     """To a server with an empty bucket."""
     with pytest.MonkeyPatch.context() as patch, s3_server() as server, wire_to(server) as (address, wire):
         at(address, patch.setenv)
@@ -25,7 +19,7 @@ def held() -> Iterator[Wire]:
 
 
 @pytest.fixture
-def wire(held: Wire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Wire]:
+def wire(held, tmp_path, monkeypatch):
     """Of a bucket with three objects, through an empty cache."""
     monkeypatch.setenv("BLURNOISE_CACHE", str(tmp_path / "cache"))
     held.mend()
@@ -35,11 +29,11 @@ def wire(held: Wire, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterato
     held.mend()
 
 
-def read(url: Any, known: str | None = None) -> bytes:
+def read(url, known=None):
     return local_file(location(url), known=known).read_bytes()
 
 
-def test_reads_once(wire: Wire) -> None:
+def test_reads_once(wire):
     """A version is fetched once and then stays; another version is another object."""
     known = version(location(A))
     wire.requests.clear()
@@ -51,14 +45,14 @@ def test_reads_once(wire: Wire) -> None:
 
 
 @pytest.mark.parametrize(("fault", "times"), [("cuts", 3), ("refusals", 2)])
-def test_a_fault_that_passes_is_not_seen(fault: str, times: int, wire: Wire) -> None:
+def test_a_fault_that_passes_is_not_seen(fault, times, wire):
     known = version(location(A))
     setattr(wire, fault, times)
     assert read(A, known) == CONTENT
     assert getattr(wire, fault) == 0
 
 
-def test_a_connection_that_is_always_cut(wire: Wire, tmp_path: Path) -> None:
+def test_a_connection_that_is_always_cut(wire, tmp_path):
     known, wire.cuts, wire.cut_at = version(location(A)), 99, 100
     with pytest.raises(OSError, match="failed") as told:
         read(A, known)
@@ -66,7 +60,7 @@ def test_a_connection_that_is_always_cut(wire: Wire, tmp_path: Path) -> None:
     assert not [file for file in (tmp_path / "cache").rglob("*") if file.is_file()], "nothing of it is kept"
 
 
-def test_denied(wire: Wire) -> None:
+def test_denied(wire):
     """At once, and named; a folder that must not be listed is asked for its objects one by one."""
     wire.requests.clear()
     wire.refusals, wire.status = 99, "403 Forbidden"
@@ -81,7 +75,7 @@ def test_denied(wire: Wire) -> None:
     assert list(versions(location(f"s3://{BUCKET}"), names)) == ["a.bin", "sub/b.bin"]
 
 
-def test_missing(wire: Wire) -> None:
+def test_missing(wire):
     for url in (f"s3://{BUCKET}/none", "s3://no-such-bucket/a"):
         with pytest.raises(FileNotFoundError, match="no such object") as told:
             read(url)

@@ -1,10 +1,7 @@
 """Whole rows and columns, gains, small frames and the headline of a validation, on frames that NumPy made."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,13 +23,13 @@ SHARES = np.linspace(0.05, 0.7, 6)
 
 
 def folder(
-    path: Path, camera: Camera = CAMERA, *, seed: int = 0, size: tuple[int, int] = (64, 96), levels: int = 6,
-    gain_db: float = 0.0, kind: str = "npy", site: tuple[float, ...] = (1.0,) * 4,
-) -> Path:  # fmt: skip
+    path, camera = CAMERA, *, seed = 0, size = (64, 96), levels = 6,
+    gain_db = 0.0, kind = "npy", site = (1.0,) * 4,
+):  # fmt: skip
     """Two dark levels and flat ones, two frames each, by NumPy alone. site: light of the four places of a mosaic."""
     random = np.random.default_rng(seed)
 
-    def normal(pixel: float, row: float, column: float) -> np.ndarray:
+    def normal(pixel, row, column):
         height, width = size
         parts = (pixel, (height, width)), (row, (height, 1)), (column, (1, width))
         return sum((sigma * random.standard_normal(shape) for sigma, shape in parts), np.zeros(size))
@@ -65,7 +62,7 @@ def folder(
         {"prnu_row": 0.003, "dsnu_row_e": 1.0, "row_noise_e": 1.0, "column_noise_e": 0.5},
     ],
 )
-def test_same_rows_and_columns_agree_but_for_chance(tmp_path: Path, whole: dict[str, float]) -> None:
+def test_same_rows_and_columns_agree_but_for_chance(tmp_path, whole):
     """At most one validation of 20 is to find a difference; of 16, 4 or more once in 140."""
     camera, wrong = replace(CAMERA, **whole), 0
     for seed in range(16):
@@ -76,7 +73,7 @@ def test_same_rows_and_columns_agree_but_for_chance(tmp_path: Path, whole: dict[
 
 
 @pytest.mark.parametrize("name", ["noise", "pattern"])
-def test_octaves_leave_whole_rows_and_columns_out(name: str) -> None:
+def test_octaves_leave_whole_rows_and_columns_out(name):
     """Their power is that of the pixels, block by block, whatever whole rows and columns have."""
     random = np.random.default_rng(0)
     pixels = random.standard_normal((2, 128, 128))
@@ -86,7 +83,7 @@ def test_octaves_leave_whole_rows_and_columns_out(name: str) -> None:
         np.testing.assert_allclose(both, alone, rtol=1e-9)
 
 
-def test_mean_is_as_uncertain_as_few_rows_and_columns(tmp_path: Path) -> None:
+def test_mean_is_as_uncertain_as_few_rows_and_columns(tmp_path):
     """Of 96 columns of 6 e- the mean varies by 6 / sqrt 96, of 64 rows of 4 e- by 4 / 8; in both, by sqrt 2 more."""
     camera = replace(CAMERA, dsnu_row_e=4.0, dsnu_column_e=6.0)
     found = held_out.validate(folder(tmp_path / "frames", camera), camera)
@@ -96,7 +93,7 @@ def test_mean_is_as_uncertain_as_few_rows_and_columns(tmp_path: Path) -> None:
         assert each.verdict != DIFFERS
 
 
-def test_camera_counts_gains_as_its_fit_did(tmp_path: Path) -> None:
+def test_camera_counts_gains_as_its_fit_did(tmp_path):
     """From the lowest of its folder, 6 dB: with frames of 6 dB it is as it was fitted, with those of 0 dB refused."""
     frames = folder(tmp_path / "frames", gain_db=6.0)
     fitted = to_camera.camera_of(fit.measure(frames), "mine", base="imx250m")
@@ -123,23 +120,21 @@ def test_camera_counts_gains_as_its_fit_did(tmp_path: Path) -> None:
         ({"kind": "raw"}, ["--raw-layout", "u16,96x65"], "12288 bytes"),
     ],
 )
-def test_what_cannot_be_compared_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], made: dict, options: list[str], message: str
-) -> None:
+def test_what_cannot_be_compared_says_why(tmp_path, capsys, made, options, message):
     frames = folder(tmp_path / "frames", **made)
     assert main(["validate", str(frames), "-o", str(tmp_path / "out"), *options]) != 0
     assert message in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "out").exists()
 
 
-def test_small_raw_frames_are_compared(tmp_path: Path) -> None:
+def test_small_raw_frames_are_compared(tmp_path):
     frames = folder(tmp_path / "frames", size=(32, 48), kind="raw")
     found = held_out.validate(frames, CAMERA, layout=RawLayout.parse("u16,48x32"), cfa="none")
     assert found.pairs[0].real.shape == (2, 32, 48)
     assert "behave like" in found.answer
 
 
-def test_green_pixels_of_a_mosaic_are_compared(tmp_path: Path) -> None:
+def test_green_pixels_of_a_mosaic_are_compared(tmp_path):
     """With those of a camera whose mosaic the frames have, too: of 32 x 48 px, 16 x 24."""
     frames = folder(tmp_path / "frames", size=(32, 48), site=(0.6, 1.0, 1.0, 0.5))
     colour = Camera.preset("imx250c")
@@ -149,11 +144,11 @@ def test_green_pixels_of_a_mosaic_are_compared(tmp_path: Path) -> None:
     assert not [each for each in found.comparisons if each.verdict == DIFFERS]
 
 
-def test_headline_follows_the_verdicts() -> None:
+def test_headline_follows_the_verdicts():
     """A dim level is not what means are within; what differs is said, also in the dark."""
     mean, variance = MEASURES[:2]
 
-    def level(name: str, kind: str, measure: object, apart: float, chance: float) -> Comparison:
+    def level(name, kind, measure, apart, chance):
         return Comparison(name, kind, measure, 1.0, 1.0, apart, apart - 0.01, apart + 0.01, chance)  # type: ignore[arg-type]
 
     pairs = [

@@ -1,7 +1,5 @@
 """Deceiving edges are withheld or flagged by name, honest ones are left alone; correlated noise; certain peaks."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -38,25 +36,25 @@ FOUND = {
 
 
 @pytest.mark.parametrize("name", FOUND)
-def test_each_fault_is_found_by_its_name(name: str) -> None:
+def test_each_fault_is_found_by_its_name(name):
     edges = [measured(WRONG[name], seed, bootstrap=0) for seed in range(2)]
     assert all(FOUND[name] in edge.flags for edge in edges)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
-def test_no_plain_wrong_number_on_held_out_seeds(name: str) -> None:
+def test_no_plain_wrong_number_on_held_out_seeds(name):
     assert told(WRONG[name], HELD_OUT) >= CAUGHT
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HONEST)
-def test_honest_edges_are_left_alone_on_held_out_seeds(name: str) -> None:
+def test_honest_edges_are_left_alone_on_held_out_seeds(name):
     assert told(HONEST[name], HELD_OUT) <= SPARED
 
 
 @pytest.mark.parametrize("name", HONEST)
-def test_honest_edges_are_left_alone_and_their_intervals_hold(name: str) -> None:
+def test_honest_edges_are_left_alone_and_their_intervals_hold(name):
     """One of each; its MTF50 within 2.5 interval widths of the truth."""
     edge = measured(HONEST[name], 0, bootstrap=50)
     assert told(HONEST[name], range(1)) == 0
@@ -67,7 +65,7 @@ def test_honest_edges_are_left_alone_and_their_intervals_hold(name: str) -> None
 
 
 @pytest.mark.parametrize("steps", [(0.6, 0.6, 0.6), (0.6, 0.3, 0.1), (0.6, 0.5, -0.1)])
-def test_an_edge_of_colour_is_no_fault(steps: tuple[float, float, float]) -> None:
+def test_an_edge_of_colour_is_no_fault(steps):
     """A blurred edge at a CNR of 20, each colour with a step of its own; red and blue moved apart is one."""
     draw, at = Draw.of(4), Setting(noise=0.03, sigma_px=1.3, offset_px=(0.3, 0.1))
     for apart_px in (0.0, 1.0):
@@ -82,13 +80,13 @@ def test_an_edge_of_colour_is_no_fault(steps: tuple[float, float, float]) -> Non
             assert Flag.NON_LINEAR_SUSPECTED in flags
 
 
-def test_certainty_is_students() -> None:
+def test_certainty_is_students():
     """Quantiles of Student's law at 1 - 0.0005 and 1 - 0.000005, from tables: 30 and 100 degrees of freedom."""
     for rows, places, quantile in ((31, 1, 3.646), (101, 1, 3.390), (101, 100, 4.654)):
         assert float(certain(rows, places)) == pytest.approx(quantile, rel=0.02)
 
 
-def test_a_gaussian_edge_has_the_mtf50_it_is_made_for() -> None:
+def test_a_gaussian_edge_has_the_mtf50_it_is_made_for():
     """Its transform, by sums at quarters of a pixel, is one half there."""
     place = 0.25 * torch.arange(-80, 81, dtype=torch.float64)
     mtf50 = torch.tensor([0.1, 0.25, 0.5], dtype=torch.float64)
@@ -99,7 +97,7 @@ def test_a_gaussian_edge_has_the_mtf50_it_is_made_for() -> None:
         assert response == pytest.approx(0.5, abs=1e-4)
 
 
-def test_white_noise_is_white() -> None:
+def test_white_noise_is_white():
     """One in 3 000 is not taken for it; of 200 none."""
     fields = Draw.of(1).normal((200, 100, 24))
     left, right = fields[..., :12], fields[..., 12:]
@@ -110,19 +108,19 @@ def test_white_noise_is_white() -> None:
     assert not too_long.any()
 
 
-def correlated(sigma_px: float, seed: int) -> SlantedEdge:
+def correlated(sigma_px, seed):
     field = smoothed(Draw.of(seed).normal((120, 140)), sigma_px)[10:-10, 10:-10]
     edge = slanted_edge(AT.edge() + 0.01 * field / field.std(), full_scale=9.0, bootstrap=20)
     assert isinstance(edge, SlantedEdge)
     return edge
 
 
-def test_correlated_noise_is_noticed() -> None:
+def test_correlated_noise_is_noticed():
     """The filter's power at 0 is 7.98 times white noise's; one edge knows it to some 20 %."""
     assert correlated(0.8, 1).noise_power_at_0 == pytest.approx(7.98, rel=0.6)
 
 
-def test_blocks_are_whole_and_as_many_rows_as_there_are() -> None:
+def test_blocks_are_whole_and_as_many_rows_as_there_are():
     weights = block_weights(300, 100, 7, seed=1)
     assert bool((weights.sum(1) == 100).all())
     assert float(weights.mean(0).std()) < 0.15  # every row as often: of 300 draws the mean is known to 0.06
@@ -131,7 +129,7 @@ def test_blocks_are_whole_and_as_many_rows_as_there_are() -> None:
     assert torch.equal(block_weights(5, 40, 1, seed=3), block_weights(5, 40, 1, seed=3))
 
 
-def test_few_blocks_widen_intervals_as_student_says() -> None:
+def test_few_blocks_widen_intervals_as_student_says():
     """t at 97.5 % with 9 degrees of freedom, from tables 2.262, over 1.96, times the root of 10/9."""
     assert widening(100, 1) == 1
     assert widening(100, 10) == pytest.approx(2.262 / 1.96 * (10 / 9) ** 0.5, rel=0.005)
@@ -139,7 +137,7 @@ def test_few_blocks_widen_intervals_as_student_says() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sigma_px", [0.5, 0.8])
-def test_intervals_hold_where_noise_is_correlated(sigma_px: float) -> None:
+def test_intervals_hold_where_noise_is_correlated(sigma_px):
     """Of 300 at 95 % a share of 91.2 to 98.8 is within three standard errors; without widening it is 90 %."""
     draws = [Draw.of(seed) for seed in range(300)]
     noise = torch.stack([smoothed(draw.normal((120, 140)), sigma_px)[10:-10, 10:-10] for draw in draws])
@@ -153,7 +151,7 @@ def test_intervals_hold_where_noise_is_correlated(sigma_px: float) -> None:
 PEAK = 63
 
 
-def response(noise: float) -> Response:
+def response(noise):
     """A power of 1.5 at one frequency over a fall from 1, and its noise, the same everywhere."""
     power = (1 - FREQUENCIES).clone()
     power[PEAK] = 1.5
@@ -161,13 +159,13 @@ def response(noise: float) -> Response:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-14, -1e-14])
-def test_a_peak_without_noise_is_certain_though_its_power_round_below_0(noise: float) -> None:
+def test_a_peak_without_noise_is_certain_though_its_power_round_below_0(noise):
     found = response(1e-14)
     found.noise[0, ::7] = noise
     assert found.peak().tolist() == [PEAK]
 
 
-def test_a_peak_within_the_noise_is_none() -> None:
+def test_a_peak_within_the_noise_is_none():
     """Three standard errors of power 1.5 with noise v are 3 sqrt(3 v): more than 0.5 from v = 0.0093 on."""
     assert response(0.0092).peak().tolist() == [PEAK]
     assert response(0.0094).peak().tolist() == [0]

@@ -1,7 +1,5 @@
 """The slanted edge against closed forms, the standard's steps, its own statistics; where it cannot be measured."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -11,7 +9,6 @@ import pytest
 import torch
 from closed_edges import closed_edge, closed_mtf, closed_mtf50
 from iso_steps import iso_steps, mtf50
-from torch import Tensor
 
 from blurnoise.metrics import Flag, SlantedEdge, slanted_edge
 
@@ -22,19 +19,19 @@ MODES = ["exact", "iso"]
 MOTION = {"sigma_px": 0.3, "motion_px": (6.0, 0.0)}
 
 
-def one(image: Tensor, **options: object) -> SlantedEdge:
+def one(image, **options):
     edge = slanted_edge(image, **{"bootstrap": 0, **options})
     assert isinstance(edge, SlantedEdge)
     return edge
 
 
-def many(images: Tensor, **options: object) -> list[SlantedEdge]:
+def many(images, **options):
     edges = slanted_edge(images[:, None], **{"bootstrap": 0, **options})
     assert isinstance(edges, list)
     return edges
 
 
-def noisy(count: int, cnr: float, shape: tuple[int, int], seed: int = 0, **blur: object) -> Tensor:
+def noisy(count, cnr, shape, seed=0, **blur):
     """``count`` pictures of one edge with white noise, standard deviation STEP / cnr."""
     generator = torch.Generator().manual_seed(seed)
     edge = closed_edge(*shape, offset_px=(0.3, 0.1), **blur)
@@ -46,7 +43,7 @@ BLURS = [{"sigma_px": 0.3}, {"sigma_px": 3.0}, {"sigma_px": 0.3, "motion_px": (6
 
 @pytest.mark.parametrize("blur", BLURS, ids=str)
 @pytest.mark.parametrize("turn_deg", [0, 90, 180, 270])
-def test_mtf_is_exact_for_any_blur_tilt_side_and_offset(blur: dict[str, object], turn_deg: int) -> None:
+def test_mtf_is_exact_for_any_blur_tilt_side_and_offset(blur, turn_deg):
     """MTF50 to 0.05 % and the curve to 0.001 up to Nyquist: four times and three times better than asked for."""
     shape = (121, 100) if turn_deg % 180 == 0 else (100, 121)
     for tilt_deg, offset_px in ((2.0, (0.0, 0.0)), (-5.0, (0.37, -0.21)), (12.0, (9.5, 0.7))):
@@ -70,13 +67,13 @@ def test_mtf_is_exact_for_any_blur_tilt_side_and_offset(blur: dict[str, object],
         *[((60, 100), {"sigma_px": 0.3, "angle_deg": angle}) for angle in (0.5, 18.43495, 26.56505, 35.0)],
     ],
 )
-def test_long_motion_needs_no_window_and_few_phases_are_enough(size: tuple[int, int], blur: dict) -> None:
+def test_long_motion_needs_no_window_and_few_phases_are_enough(size, blur):
     edge = one(closed_edge(*size, offset_px=(0.2, 0.0), **blur))
     assert edge.mtf50 == pytest.approx(closed_mtf50(**blur), rel=2e-3)
     assert edge.flags == frozenset()
 
 
-def test_levels_noise_and_contrast_are_those_put_in() -> None:
+def test_levels_noise_and_contrast_are_those_put_in():
     generator = torch.Generator().manual_seed(3)
     clean = closed_edge(200, 200)
     deviation = torch.where(clean > 0.45, 0.03, 0.01)
@@ -93,7 +90,7 @@ def test_levels_noise_and_contrast_are_those_put_in() -> None:
     assert edge.edge_snr_db == pytest.approx(20 * math.log10(edge.cnr))
 
 
-def test_integers_colours_regions_and_scales_are_the_same_edge() -> None:
+def test_integers_colours_regions_and_scales_are_the_same_edge():
     plain = closed_edge(100, 120, sigma_px=1.0)
     truth = closed_mtf50(sigma_px=1.0)
     coded = {
@@ -111,7 +108,7 @@ def test_integers_colours_regions_and_scales_are_the_same_edge() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_batch_is_its_items_one_by_one(mode: str) -> None:
+def test_a_batch_is_its_items_one_by_one(mode):
     blurs = ((4.0, 0.5), (97.0, 2.0), (-8.0, 0.3), (265.0, 1.0))
     images = torch.stack([closed_edge(90, 90, angle_deg=angle, sigma_px=sigma) for angle, sigma in blurs])
     images += white(images.shape, 0.01)
@@ -124,13 +121,13 @@ def test_a_batch_is_its_items_one_by_one(mode: str) -> None:
 
 @pytest.mark.parametrize("blur", [{"sigma_px": 0.5}, MOTION], ids=str)
 @pytest.mark.parametrize(("cnr", "allowed"), [(20.0, 0.01), (10.0, 0.02)])
-def test_noise_does_not_move_mtf50(blur: dict[str, object], cnr: float, allowed: float) -> None:
+def test_noise_does_not_move_mtf50(blur, cnr, allowed):
     """The scatter is 2.6 and 5.2 % at most, so the mean of 200 is known to 0.2 and 0.4 %."""
     found = [edge.mtf50 for edge in many(noisy(200, cnr, (100, 100), **blur), full_scale=9.0)]
     assert np.mean(found) == pytest.approx(closed_mtf50(**blur), rel=allowed)
 
 
-def test_half_of_the_peak_is_half_of_the_start_unless_a_peak_is_certain() -> None:
+def test_half_of_the_peak_is_half_of_the_start_unless_a_peak_is_certain():
     """Noise lifts the response a little above 1; a true peak takes the place of the start."""
     for edge in many(noisy(40, 10.0, (100, 100)), full_scale=9.0):
         assert edge.mtf50p == pytest.approx(edge.mtf50, rel=1e-9)
@@ -157,7 +154,7 @@ def test_half_of_the_peak_is_half_of_the_start_unless_a_peak_is_certain() -> Non
     ],
     ids=str,
 )
-def test_intervals_cover_the_truth(cnr: float, shape: tuple[int, int], blur: dict[str, object]) -> None:
+def test_intervals_cover_the_truth(cnr, shape, blur):
     """Of 200 intervals at 95 %, 190 +- 3 should; between 90 and 98 % are asked for."""
     truths = {
         "mtf50": closed_mtf50(**blur),
@@ -173,7 +170,7 @@ def test_intervals_cover_the_truth(cnr: float, shape: tuple[int, int], blur: dic
         assert 0.88 <= ((low <= truth) & (truth <= high)).mean() <= 0.99, name
 
 
-def test_the_interval_is_as_wide_as_the_scatter() -> None:
+def test_the_interval_is_as_wide_as_the_scatter():
     """Of 60 edges: 2 x 1.96 deviations to 5 / sqrt(2 x 60), 46 %, and a deviation 10 % of each interval."""
     found = many(noisy(60, 20.0, (60, 60)), full_scale=9.0, bootstrap=60)
     scatter = np.std([edge.mtf50 for edge in found])
@@ -181,7 +178,7 @@ def test_the_interval_is_as_wide_as_the_scatter() -> None:
     assert np.mean(widths) == pytest.approx(2 * 1.96 * scatter, rel=0.3)
 
 
-def test_intervals_hang_on_the_seed_alone() -> None:
+def test_intervals_hang_on_the_seed_alone():
     picture = noisy(1, 20.0, (60, 60))[0]
     first, again, other = (one(picture, full_scale=9.0, bootstrap=50, seed=seed) for seed in (1, 1, 2))
     assert first.intervals == again.intervals != other.intervals
@@ -190,7 +187,7 @@ def test_intervals_hang_on_the_seed_alone() -> None:
 
 
 @pytest.mark.parametrize("angle_deg", [5.0, -8.0])
-def test_iso_takes_the_steps_one_by_one(angle_deg: float) -> None:
+def test_iso_takes_the_steps_one_by_one(angle_deg):
     image = noisy(1, 50.0, (91, 110), angle_deg=angle_deg)[0]
     frequencies, response = iso_steps(image.numpy())
     edge = one(image, mode="iso", full_scale=9.0)
@@ -201,7 +198,7 @@ def test_iso_takes_the_steps_one_by_one(angle_deg: float) -> None:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the shared edges are absent")
 @pytest.mark.parametrize("name", ["h_edge", "v_edge"])
-def test_real_edges_are_as_sharp_as_sfrmat5_says(name: str) -> None:
+def test_real_edges_are_as_sharp_as_sfrmat5_says(name):
     """Its published SFR50 are .202 and .203, of regions chosen by hand and not stated: both files are one picture,
     turned. Over regions about the edge, 50 to 80 px wide, iso is within 1 % of their mean, exact within 1.5 %.
     Of the whole file, which has more of the flare, its steps give .197."""
@@ -219,25 +216,25 @@ def test_real_edges_are_as_sharp_as_sfrmat5_says(name: str) -> None:
     assert one(picture, full_scale=255.0, mode="iso").mtf50 == pytest.approx(whole, rel=0.01)
 
 
-def test_iso_says_when_its_window_cuts() -> None:
+def test_iso_says_when_its_window_cuts():
     blur = {"sigma_px": 0.3, "motion_px": (30.0, 0.0)}
     narrow, wide = (one(closed_edge(100, width, **blur), mode="iso") for width in (100, 300))
     assert narrow.mtf50 > 1.03 * closed_mtf50(**blur)
     assert (Flag.WINDOW_CUTS in narrow.flags, wide.flags) == (True, frozenset())
 
 
-def white(shape: tuple[int, ...], deviation: float, seed: int = 0) -> Tensor:
+def white(shape, deviation, seed=0):
     return deviation * torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def withheld(edge: SlantedEdge) -> bool:
+def withheld(edge):
     """Whether no number at all is given."""
     names = ("mtf50", "mtf50p", "mtf_nyquist", "cnr", "edge_snr_db", "michelson", "bright")
     numbers = any(not math.isnan(getattr(edge, name)) for name in names)
     return not numbers and edge.sfr.numel() == 0 and not edge.intervals
 
 
-def moved(x_px: float, **options: object) -> Tensor:
+def moved(x_px, **options):
     return closed_edge(100, 120, offset_px=(x_px, 0.0), **options)
 
 
@@ -262,7 +259,7 @@ HOPELESS = {
 
 
 @pytest.mark.parametrize("name", HOPELESS)
-def test_what_cannot_be_measured_is_withheld(name: str) -> None:
+def test_what_cannot_be_measured_is_withheld(name):
     image, flag = HOPELESS[name]
     for mode in MODES:
         edge = one(image, mode=mode)
@@ -273,7 +270,7 @@ def test_what_cannot_be_measured_is_withheld(name: str) -> None:
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("share", [0.05, 0.3])
 @pytest.mark.parametrize("end", ["bright", "dark"])
-def test_clipping_is_withheld_for_it_would_raise_mtf50(share: float, end: str, mode: str) -> None:
+def test_clipping_is_withheld_for_it_would_raise_mtf50(share, end, mode):
     full_scale = 0.8 - 0.7 * share if end == "bright" else 1.0
     clipped = (EDGE if end == "bright" else EDGE - 0.1 - 0.7 * share).clamp(0, full_scale)
     for deviation in (0.0, 0.01):
@@ -286,7 +283,7 @@ def test_clipping_is_withheld_for_it_would_raise_mtf50(share: float, end: str, m
     assert unseen.mtf50 > 1.02 * one(EDGE, mode=mode).mtf50
 
 
-def test_a_bad_region_harms_no_other() -> None:
+def test_a_bad_region_harms_no_other():
     bad = [NAN, torch.ones_like(EDGE), moved(-15) - moved(15) + 0.1]
     first, *others, last = many(torch.stack([EDGE, *bad, EDGE.flip(1)]), bootstrap=20)
     assert all(withheld(edge) for edge in others)
@@ -296,14 +293,14 @@ def test_a_bad_region_harms_no_other() -> None:
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("angle_deg", [0.0, 0.25, 45.0])
-def test_too_few_phases(angle_deg: float, mode: str) -> None:
+def test_too_few_phases(angle_deg, mode):
     for x_px in (0.0, 0.2, 0.4):
         image = closed_edge(60, 100, angle_deg=angle_deg, sigma_px=0.3, offset_px=(x_px, 0.0))
         assert one(image, mode=mode).flags - {Flag.NEVER_REACHES_50} == {Flag.TOO_FEW_PHASES}
     assert one(closed_edge(60, 100, angle_deg=7.0), mode=mode).flags == frozenset()
 
 
-def test_what_is_odd_is_flagged_and_what_is_not_is_not() -> None:
+def test_what_is_odd_is_flagged_and_what_is_not_is_not():
     linear, tone = closed_edge(100, 120, sigma_px=1.5), lambda image: image ** (1 / 2.2)
     hot = EDGE.clone()
     hot[::20, 110] = 1.0  # 5 of 12000
@@ -338,6 +335,6 @@ def test_what_is_odd_is_flagged_and_what_is_not_is_not() -> None:
         (EDGE, {"bootstrap": -1}, "bootstrap"),
     ],
 )
-def test_wrong_arguments_are_named(image: Tensor, options: dict, match: str) -> None:
+def test_wrong_arguments_are_named(image, options, match):
     with pytest.raises((TypeError, ValueError), match=match):
         slanted_edge(image, **options)
