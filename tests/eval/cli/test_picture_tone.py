@@ -57,6 +57,7 @@ def test_what_is_no_tone_is_a_line(tmp_path, scene, capsys, monkeypatch, tone, w
     assert why in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_run_has_one_and_goes_on_with_no_other(tmp_path, scene, capsys, monkeypatch):
     """The brightness of a sweep's picture is that of the light, and the run's plan has the points."""
     monkeypatch.chdir(tmp_path)

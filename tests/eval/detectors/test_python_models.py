@@ -44,6 +44,7 @@ class Network(nn.Module):
         return found
 
 
+@pytest.mark.slow
 def test_a_function_gets_the_scores_of_the_file_that_it_calls(tmp_path):
     pictures = rendered_signs()
     done = evaluate([signs, STOP_SIGN], pictures, "imx250c", PLAN, tmp_path, refine=False)

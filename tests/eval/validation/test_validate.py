@@ -112,6 +112,7 @@ def test_classifier_tells_what_there_is():
     assert np.isnan(classifier.told_apart([draw[0][:, :128, :128]], [draw[1][:, :128, :128]]).value)
 
 
+@pytest.mark.slow
 def test_command_writes_what_it_found(tmp_path, capsys):
     out = tmp_path / "out"
     CAMERA.save(tmp_path / "mine.yaml")
