@@ -64,3 +64,11 @@ def pytest_terminal_summary(terminalreporter, config):
     if noted := config.getoption("--note-skipped"):
         names = dict.fromkeys(each.nodeid for each in terminalreporter.stats.get("skipped", ()))
         Path(noted).write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def detector(tmp_path_factory):
+    """One small detector for all tests of the harness: of stop signs, exact by construction."""
+    from signs_in_memory import matched_detector  # late: it imports PyTorch
+
+    return matched_detector(tmp_path_factory.mktemp("model"))
