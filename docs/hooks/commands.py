@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from inspect import cleandoc
 from typing import Any
 
@@ -71,6 +71,8 @@ def _files() -> str:
         lines += [_setting(kind, each) for each in fields(kind)]
     lines += ["", "## Records", "", "Settings that are mappings, with the fields of these records."]
     for name, record in PlanFile.records().items():
+        if not is_dataclass(record):  # a value of its own, such as a tone curve
+            continue
         told = ", ".join(f"`{each.name}`" for each in fields(record))
         about = cleandoc(record.__doc__ or "").split("\n\n")
         lines += ["", f"### {name}", "", f"{told}.", "", *(" ".join(part.split()) for part in about)]
