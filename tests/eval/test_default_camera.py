@@ -47,6 +47,10 @@ def test_pictures_choose_the_camera_and_the_manifest_says_why(tmp_path, colours,
     assert each == list(colours)
 
 
+def test_the_last_of_many_pictures_is_looked_at(tmp_path):
+    assert in_colour(folder_of(tmp_path, *[False] * 9, True))  # 8 of 10 are
+
+
 @pytest.mark.parametrize("named", ["ar0237", "imx250", "imx250m"])
 def test_a_named_camera_wins(tmp_path, named):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)

@@ -148,6 +148,17 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path, capsys):
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 
 
+def test_no_noise_leaves_no_number_that_would_have_no_bound(tmp_path, capsys):
+    """Of sRGB 8 bits the levels are fractions, whose rounding made a CNR of 1e31."""
+    assert main(["chart", "slanted-edge", "-o", str(tmp_path / "edge.png")]) == 0
+    capsys.readouterr()
+    (row,) = told(capsys, tmp_path / "edge.png")["regions"]
+    assert row["mtf50"] == pytest.approx(chart.mtf50(5.0), rel=0.005)
+    for name in ("cnr", "edge_snr_db", "sic_radial", "sic_square", "neq_0", "neq_integral", "snri"):
+        assert row[name] is row[f"{name}_low"] is row[f"{name}_high"] is None, name
+    assert "no noise" in row["flags"]
+
+
 def test_readings_as_text():
     assert reading_text(Estimate(0.098823, 0.098112, 0.09951)) == "0.09882 (0.0981–0.0995)"
     assert reading_text(Estimate(5.4152, 4.9179, 5.9964, frozenset({"sharpened"}))) == "5.415? (4.92–6)"
