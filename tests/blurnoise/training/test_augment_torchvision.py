@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import torchvision_ops
 from made_up import Shift
 from torch import Tensor
 
@@ -21,11 +22,7 @@ pytest.importorskip("PIL")
 if importlib.util.find_spec("torchvision") is None:
     pytest.skip("torchvision is not installed", allow_module_level=True)
 
-# Where torchvision's compiled operators do not fit the installed torch, declaring two lets its Python load.
-_declared = torch.library.Library("torchvision", "FRAGMENT")
-for _operator in ("nms", "qnms"):
-    if not hasattr(torch.ops.torchvision, _operator):
-        _declared.define(f"{_operator}(Tensor boxes, Tensor scores, float iou_threshold) -> Tensor")
+torchvision_ops.detectors()  # so that its Python loads beside another build of torch
 
 import PIL.Image  # noqa: E402
 from torchvision import tv_tensors  # noqa: E402

@@ -40,7 +40,7 @@ def timeless(rows):
 
 @pytest.mark.slow
 def test_python_and_the_command_find_the_same(done, detector, pictures, tmp_path, capsys):
-    command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS]
+    command = ["sweep", "--model", str(detector.path), "--images", pictures.source, *OPTIONS.split()]
     assert commands.main([*command, "-o", str(tmp_path)]) == 0
     told = json.loads(capsys.readouterr().out)
     by_command = Evaluation(tmp_path)
