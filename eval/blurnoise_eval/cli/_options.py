@@ -171,3 +171,10 @@ FullScale = Annotated[
     float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
 ]
 Json = Annotated[bool, Option("--json", help="print JSON for programs")]
+FramesLayout = Annotated[
+    str | None,
+    Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
+]
+FramesCfa = Annotated[
+    str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
+]

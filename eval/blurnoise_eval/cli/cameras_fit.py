@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import new_file
+from blurnoise_eval.cli._options import FramesCfa, FramesLayout, new_file
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 
 
@@ -41,13 +41,8 @@ def cameras_fit(
     bit_depth: Annotated[
         int | None, Option(metavar="N", help="of the converter (default: the fewest that fit)")
     ] = None,
-    raw_layout: Annotated[
-        str | None,
-        Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
-    ] = None,
-    cfa: Annotated[
-        str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
-    ] = None,
+    raw_layout: FramesLayout = None,
+    cfa: FramesCfa = None,
     base: Annotated[
         str,
         Option(

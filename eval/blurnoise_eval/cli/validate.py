@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json, NewFolder
+from blurnoise_eval.cli._options import FramesCfa, FramesLayout, Json, NewFolder
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lines
 
 
@@ -19,13 +19,8 @@ def validate(
         str | None,
         Option(metavar="NAME|FILE", help="to compare them with (default: fitted on every other level)"),
     ] = None,
-    raw_layout: Annotated[
-        str | None,
-        Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
-    ] = None,
-    cfa: Annotated[
-        str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
-    ] = None,
+    raw_layout: FramesLayout = None,
+    cfa: FramesCfa = None,
     seed: Annotated[int, Option(metavar="N", help="of the simulated noise")] = 0,
     as_json: Json = False,
 ) -> None:
