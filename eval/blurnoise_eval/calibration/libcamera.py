@@ -38,6 +38,7 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
     file that is none, ``OSError`` as reading does.
     """
     try:
+        refuse(path.suffix.lower() != ".json", "must be a tuning file of libcamera, MODULE.json")
         document = read_document(path)
         listed: Any = document.get("algorithms") if isinstance(document, Mapping) else None
         refuse(
