@@ -1,8 +1,8 @@
 """Flesch reading ease of the guide's pages: ``python docs/reading_ease.py [PAGE.md ...]``.
 
 206.835 - 1.015 words per sentence - 84.6 syllables per word (Flesch, J. Appl. Psychol. 32, 1948): 60 to 70 is plain
-English, below 30 hard. Only running text counts: code, tables, formulas, headings and captions are left out, and code
-within a sentence counts as a word of one syllable. Exits with 1 where the mean or a page is below what the guide must have.
+English, below 30 hard. Only running text counts: code blocks, tables, formulas and headings are left out, and code
+within a sentence counts as a word of one syllable. Exits with 1 if the mean or a page is below the guide's limits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _END = re.compile(r"[.!?](?=\s|$)|\n\s*\n|\n\s*(?:[-*]|\d+\.)\s")
 def syllables(word: str) -> int:
     """Groups of vowels, without a silent e at the end; on the guide within 1 % of CMU's dictionary."""
     word = re.sub(r"['’].*", "", word.lower())
-    groups = len(re.findall(r"[aeiouy]+", re.sub(r"(?<=[^aeiouyl])(?:e|es|ed)$|(?<=[aeiouy]l)es?$", "", word)))
+    groups = len(
+        re.findall(r"[aeiouy]+", re.sub(r"(?<=[^aeiouyl])(?:e|es|ed)$|(?<=[aeiouy]l)es?$", "", word))
+    )
     return max(1, groups + len(re.findall(r"(?<=[iu])(?:a|o|um)(?!u)|eo|ism$", word)) * (len(word) > 4))
 
 
@@ -42,7 +44,9 @@ def reading_ease(markdown: str) -> float:
 
 def main(paths: list[str]) -> int:
     """Print each page's figure, the hardest first."""
-    found = sorted((reading_ease(page.read_text()), page.name) for page in map(Path, paths or PAGES.rglob("*.md")))
+    found = sorted(
+        (reading_ease(page.read_text()), page.name) for page in map(Path, paths or PAGES.rglob("*.md"))
+    )
     found = [each for each in found if each[0] < float("inf")]
     for ease, name in found:
         print(f"{ease:5.1f}  {name}")
