@@ -1,4 +1,4 @@
-"""Outputs that the guide shows: ``<!-- output of: COMMAND -->`` fills the ``text`` block below it when the guide is built.
+"""Outputs in the guide: ``<!-- output of: COMMAND -->`` fills the ``text`` block below it in the build.
 
 All commands of a build run in one temporary folder. ``python docs/hooks/outputs.py`` writes the blocks of the
 pages themselves, for people who read them in the repository.
