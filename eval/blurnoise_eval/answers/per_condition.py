@@ -20,8 +20,8 @@ from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
-COUNTS = ("n_images", "n_targets", "errors")
-PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
+COUNTS = ("n_pictures", "n_targets", "errors")
+PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
 """Means over the pictures of a condition; None of the original ones."""
 
 Moves = Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]

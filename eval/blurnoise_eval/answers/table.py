@@ -309,7 +309,7 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
         known = [(row, each) for row, each in found if each.influence is not None]
         if clean.value is None or not n_targets or not known:
             continue
-        axes = (*ORDER, "saturated", "brightness")
+        axes = (*ORDER, "saturated_share", "brightness")
         columns = {name: np.array([row[name] for row, _ in known], float) for name in axes}
         values = np.array([each.pseudo_values for _, each in known]).T
         table = ScoreTable(
@@ -319,7 +319,7 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
             columns,
             np.nan_to_num(values),
             np.isfinite(values).astype(float),
-            columns.pop("saturated"),
+            columns.pop("saturated_share"),
             columns.pop("brightness"),
             n_targets,
             clean.value,

@@ -26,7 +26,7 @@ OF_PICTURES = {
     "applied_gain_db": "Gain / dB",
     "snr_db": "SNR of the mean light / dB",
     "brightness": "Mean of the picture, 0-1",
-    "saturated": "Share of saturated pixels",
+    "saturated_share": "Share of saturated pixels",
 }
 """Columns of scores that tell a dark picture from a noisy one."""
 Row = dict[str, Any]
@@ -111,7 +111,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         return conditions.setdefault(at, len(conditions))
 
     most = max(
-        [1.0, *(float(answer["best_value"]) for answer in data.answers)]
+        [1.0, *(float(answer["best_score"]) for answer in data.answers)]
     )  # what is kept may be more than 1
     title = data.criterion.title[0].upper() + data.criterion.title[1:]
     measures: list[Row] = [{"name": title, "better": "higher", "most": most}]
@@ -122,7 +122,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         if answer["group"] not in group_of:
             continue
         whose, velocity = (models[answer["model"]], group_of[answer["group"]]), velocity_of(answer)
-        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_value"]))
+        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_score"]))
         unknown = [None] * len(answer["exposures_s"])
         columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
         for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
@@ -143,7 +143,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
             if (y := _short(row.get(name))) is not None:
                 bounds = (_short(row.get(f"{name}{end}")) for end in ("_low", "_high"))
                 at = place(data.at(row, row["exposure_s"], velocity_of(row)))
-                of_models[row["model"]].append([at, y, *bounds, row["n_images"]])
+                of_models[row["model"]].append([at, y, *bounds, row["n_pictures"]])
         for model, values in of_models.items():
             original = _short(data.clean_scores.get(model, {}).get(name))
             series += [[len(measures), models[model], 0, original, values]] * bool(values)

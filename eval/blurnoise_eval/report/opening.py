@@ -97,7 +97,7 @@ def _ranking(data: RunData, names: Sequence[str]) -> str:
         return "The models cannot be ranked: their scores are not known."
     behind = []
     for row in others[: MAX_MODELS - 1]:
-        less, low, high = (finite(row.get(f"mpc_behind{end}")) for end in ("", "_low", "_high"))
+        less, low, high = (finite(row.get(f"mpc_deficit{end}")) for end in ("", "_low", "_high"))
         if less is None:
             behind.append(f"{row['model']} {row['mpc']:.3f}")
         elif low is None or high is None:
@@ -137,8 +137,8 @@ class _OfModel:
         if row is None:
             reached = reached_text(f"{self._of_lights():.2f}", criterion)
             return f"No exposure was tested in all lights. With the best of each it {reached} on average."
-        n, sure, use = row["conditions"], row["sure"], EXPOSURE.text(row["exposure_s"])
-        reached = reached_text(value_text(row["value"], row["low"], row["high"]), criterion)
+        n, sure, use = row["n_conditions"], row["n_works"], EXPOSURE.text(row["exposure_s"])
+        reached = reached_text(value_text(row["score"], row["score_low"], row["score_high"]), criterion)
         bright = self._unsure(row) + ("" if brief else self._bright(row))
         if n == 1:
             after = {
@@ -162,7 +162,7 @@ class _OfModel:
 
     def _unsure(self, row: Row) -> str:
         """Why a value has no interval."""
-        if row["low"] is not None:
+        if row["score_low"] is not None:
             return ""
         count = max(answer["n_pictures"] for answer in self.answers)
         weight = ", of unequal weight," if count >= FEWEST else ""
@@ -172,38 +172,39 @@ class _OfModel:
 
     def _of_lights(self) -> float:
         """What one exposure for each light reaches, mean over the conditions."""
-        total = sum(each["conditions"] for each in self.lights)
-        return float(sum(each["value"] * each["conditions"] for each in self.lights) / total)
+        total = sum(each["n_conditions"] for each in self.lights)
+        return float(sum(each["score"] * each["n_conditions"] for each in self.lights) / total)
 
     def _lost(self, row: Row) -> str:
         """What an exposure for each light would reach, or one for each light and speed."""
-        if len(self.lights) > 1 and (value := self._of_lights()) - row["value"] > NEAR:
+        if len(self.lights) > 1 and (value := self._of_lights()) - row["score"] > NEAR:
             return f"; one exposure for each light would {self.verb} {value:.2f}"
-        best = row["value"] + row["loss"]
-        return f"; the best for each speed would {self.verb} {best:.2f}" if row["loss"] > NEAR else ""
+        best = row["score"] + row["regret"]
+        return f"; the best for each speed would {self.verb} {best:.2f}" if row["regret"] > NEAR else ""
 
     def _bright(self, row: Row) -> str:
         """What the exposure saturates, and which one keeps more but saturates too much to be used."""
         text = ""
-        if row["saturated"] is not None and row["saturated"] > SATURATED:
+        if row["saturated_share"] is not None and row["saturated_share"] > SATURATED:
             brightest = max(each[LIGHT.name] for each in self.lights)
             at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-            text = f" It saturates {100 * row['saturated']:.0f} % of the picture{at}."
+            text = f" It saturates {100 * row['saturated_share']:.0f} % of the picture{at}."
         means = (row for row in self.data.averages if row["model"] == self.model)
         tested = [pair for each in means for pair in zip(each["values"], each["exposures_s"], strict=True)]
         value, exposure_s = max(tested, default=(0.0, 0.0))
-        if value - row["value"] > NEAR and exposure_s > row["exposure_s"]:
+        if value - row["score"] > NEAR and exposure_s > row["exposure_s"]:
             text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
         return text
 
     def _weakest(self) -> str:
         """What falls short most at the single exposure, and where."""
-        rows = [row for row in self.conditions if row["at_common"] is not None]
-        worst = min(rows, key=lambda row: float(row["at_common"]), default=None)
-        if worst is None or len(rows) < 2 or worst["at_common"] >= self.level:
+        name = "score_at_overall_exposure"
+        rows = [row for row in self.conditions if row[name] is not None]
+        worst = min(rows, key=lambda row: float(row[name]), default=None)
+        if worst is None or len(rows) < 2 or worst[name] >= self.level:
             return ""
         speed = [self._speed_text(worst["speed"])] if len(self.speeds) > 1 else []
-        return f" It falls short most at {', '.join(self._setting_texts(worst) + speed)}: {worst['at_common']:.2f}."
+        return f" It falls short most at {', '.join(self._setting_texts(worst) + speed)}: {worst[name]:.2f}."
 
     def _over(self) -> str:
         """'3 lights, 2 speeds and 3 kinds of target'."""
@@ -229,16 +230,16 @@ class _OfModel:
         use, verdict = EXPOSURE.text(row["exposure_s"]), row["verdict"]
         if row[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row[GAIN.name]).removeprefix('gain ')}"
-        interval = "" if row["low"] is None else f"{row['low']:.2f}–{row['high']:.2f}"
-        return MARKS[verdict], f"{use} {row['value']:.2f} {MARKS[verdict]}", [interval]
+        interval = "" if row["score_low"] is None else f"{row['score_low']:.2f}–{row['score_high']:.2f}"
+        return MARKS[verdict], f"{use} {row['score']:.2f} {MARKS[verdict]}", [interval]
 
     def limits(self) -> str:
         """What holds back the conditions in which no exposure works, the most frequent first; else what ends the
         windows."""
         parts = []
-        failing = [a for a in self.answers if a["verdict"] != WORKS and a["limited_by"]]
-        for limit, _ in Counter(answer["limited_by"] for answer in failing).most_common(2):
-            some = [answer for answer in failing if answer["limited_by"] == limit]
+        failing = [a for a in self.answers if a["verdict"] != WORKS and a["best_limited_by"]]
+        for limit, _ in Counter(answer["best_limited_by"] for answer in failing).most_common(2):
+            some = [answer for answer in failing if answer["best_limited_by"] == limit]
             places = []  # what these answers have in common and others do not
             for of, text in ((lambda a: a[LIGHT.name], LIGHT.text), (self.data.speed.of, self._speed_text)):
                 own, every = {of(each) for each in some}, {of(each) for each in self.answers}
@@ -248,7 +249,10 @@ class _OfModel:
         if parts:
             return "; ".join(parts) + "."
         ends = []
-        for name, side in (("limited_low", "shorter exposures fail by"), ("limited_high", "longer ones by")):
+        for name, side in (
+            ("window_from_limited_by", "shorter exposures fail by"),
+            ("window_to_limited_by", "longer ones by"),
+        ):
             named = [answer[name] for answer in self.answers if answer[name]]
             if named:
                 ends.append(f"{side} {limit_text(max(sorted(set(named)), key=named.count))}")

@@ -57,7 +57,7 @@ def answers(data: RunData, model: str, groups: list[str]) -> tuple[str, list[tup
             rows.append((data.settings.text(at), "", cells))
         if of:
             most = max(of.values(), key=lambda each: each["n_targets"])
-            clean = finite(most["clean_value"])
+            clean = finite(most["clean_score"])
             known = "" if clean is None else f"; original pictures {clean:.2f}"
             pictures = counted(most["n_pictures"], "picture")
             parts.append((f"{group}: n = {most['n_targets']} in {pictures}{known}", rows))

@@ -77,9 +77,9 @@ def window_text(answer: Row) -> str:
     was tested. Those of the mean curve; whether they can be relied upon is the verdict's."""
     rows = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
     ends = [[_end_text(low, *of_low), _end_text(high, *of_high)] for (low, high), of_low, of_high in rows]
-    if ends and answer["open_low"]:
+    if ends and answer["window_from_open"]:
         ends[0][0] = f"≤ {ends[0][0]}"
-    if ends and answer["open_high"]:
+    if ends and answer["window_to_open"]:
         ends[-1][1] = f"≥ {ends[-1][1]}"
     return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends) + " ms"
 
@@ -91,17 +91,17 @@ def answer_lines(answer: Row) -> list[str]:
     lines = {CANNOT_TELL: [f"{CANNOT_TELL} from {pictures_text(answer)}; {needed_text(answer)}"]}
     found = lines.get(verdict, [] if works else [str(verdict)])
     if chosen is None or verdict == NONE_WORKS:
-        best = value_text(answer["best_value"], answer["best_low"], answer["best_high"])
-        limit = f", limited by {limit_text(answer['limited_by'])}" if answer["limited_by"] else ""
+        best = value_text(answer["best_score"], answer["best_score_low"], answer["best_score_high"])
+        limit = f", limited by {limit_text(answer['best_limited_by'])}" if answer["best_limited_by"] else ""
         return [*found, f"best {EXPOSURE.text(answer['best_s'])}: {best}{limit}"]
-    names = "confidence_at_recommended", "recommended_low", "recommended_high"
+    names = "score_at_recommended", "score_at_recommended_low", "score_at_recommended_high"
     found += [f"{EXPOSURE.text(chosen)} → {value_text(*(answer[name] for name in names))}"]
     found += [window_text(answer) if works else f"of the mean: {window_text(answer)}"]
     if works and answer["regret_95"] is not None:
         found.append(f"loses at most {answer['regret_95']:.3f}")
     if works and answer["few_pictures"]:
         found.append(f"few: {pictures_text(answer)}")
-    share = answer["saturated_at_recommended"]
+    share = answer["saturated_share_at_recommended"]
     return found + [f"{100 * (share or 0):.0f} % of the picture saturated"] * ((share or 0) > _MANY_SATURATED)
 
 
@@ -109,8 +109,8 @@ def needed_text(answer: Row) -> str:
     """How many pictures would tell: '3.3 times as many would in half of such cases', 'at least 3 more would',
     'very many more would'."""
     n = answer["n_pictures"]
-    if answer["pictures_to_tell"] is not None:
-        times = float(f"{answer['pictures_to_tell'] / n:.2g}")
+    if answer["pictures_needed"] is not None:
+        times = float(f"{answer['pictures_needed'] / n:.2g}")
         return f"{times:g} times as many would in half of such cases"
     lacking = math.ceil(FEWEST * n / (answer["effective_pictures"] or 1.0)) - n
     return f"at least {lacking} more would" if lacking > 0 else "very many more would"

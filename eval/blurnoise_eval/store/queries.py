@@ -48,11 +48,11 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, original pictures first: numbers of pictures, errors and targets, and means of
-    blur, gain, signal to noise, brightness, saturated and invented shares."""
-    names = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
+    blur, gain, signal to noise, brightness, saturated and inpainted shares."""
+    names = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
     means = ", ".join(f"AVG({name}) AS {name}" for name in names)
     query = f"""
-      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors, {means},
+      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_pictures, COUNT(error) AS errors, {means},
         NULLIF(SUM(n_targets), 0) AS n_targets
       FROM cells WHERE model = ? GROUP BY {_SHARED} ORDER BY {SORTED}
     """
@@ -166,9 +166,9 @@ def median_simulate_ms(store: Store) -> float | None:
 
 def saturated_shares(store: Store) -> dict[tuple[float, ...], float]:
     """Mean share of saturated values over pictures, by the values of ``SETTING``, velocity and exposure."""
-    query = f"SELECT {_SHARED}, AVG(saturated) AS saturated FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
-    rows = (row for row in store.rows(query) if row["saturated"] is not None)
-    return {(*setting_of(row), *velocity_of(row), row["exposure_s"]): row["saturated"] for row in rows}
+    query = f"SELECT {_SHARED}, AVG(saturated_share) AS share FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
+    rows = (row for row in store.rows(query) if row["share"] is not None)
+    return {(*setting_of(row), *velocity_of(row), row["exposure_s"]): row["share"] for row in rows}
 
 
 def example_files(store: Store) -> list[str]:
@@ -242,7 +242,7 @@ def _as_text(table: str, name: str, kind: str) -> str:
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int32]
-_OF_PICTURE = ("saturated", "brightness")
+_OF_PICTURE = ("saturated_share", "brightness")
 _EXACT = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
 _OF_TARGET = (_EXACT, "confidence", "confidence_swept", "read_confidence", "character_error_rate")
 _MOST_KEPT = 5_000_000

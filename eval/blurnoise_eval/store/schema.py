@@ -22,18 +22,20 @@ RUN_TABLES = ("cells", "targets", "pictures", "skipped")
 TABLES = f"""
 CREATE TABLE IF NOT EXISTS about (key TEXT PRIMARY KEY, value TEXT);
 CREATE TABLE IF NOT EXISTS cells ({_SHARED}, seed INTEGER, n_targets INTEGER, target_confidence REAL,
-  detection_rate REAL, n_detections INTEGER, saturated REAL, applied_exposure_s REAL, applied_gain_db REAL,
-  snr_db REAL, brightness REAL, invented_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
+  detection_rate REAL, n_detections INTEGER, saturated_share REAL, applied_exposure_s REAL, applied_gain_db REAL,
+  snr_db REAL, brightness REAL, inpainted_share REAL, simulate_ms REAL, infer_ms REAL, error TEXT,
   example TEXT, computed_by TEXT, non_finite_values INTEGER, detections BLOB, PRIMARY KEY (cell_id, model));
 CREATE INDEX IF NOT EXISTS cells_by_image ON cells (image);
 CREATE INDEX IF NOT EXISTS cells_by_conditions ON cells (model, clean, {", ".join(LIGHT_FIRST)});
 CREATE TABLE IF NOT EXISTS targets ({_SHARED}, target_id INTEGER, "group" TEXT, label TEXT, x0 REAL,
   y0 REAL, x1 REAL, y1 REAL, width_px REAL, height_px REAL, confidence REAL, confidence_swept REAL,
-  invented_share REAL, truth TEXT, text TEXT, read_confidence REAL, character_error_rate REAL,
+  inpainted_share REAL, truth TEXT, text TEXT, read_confidence REAL, character_error_rate REAL,
   PRIMARY KEY (cell_id, model, target_id));
 CREATE TABLE IF NOT EXISTS pictures (image TEXT PRIMARY KEY, identity TEXT, content TEXT, width_px INTEGER,
   height_px INTEGER, look TEXT);
 CREATE TABLE IF NOT EXISTS skipped (image TEXT PRIMARY KEY, reason TEXT);
 """
+RENAMED = {"saturated": "saturated_share", "invented_share": "inpainted_share"}
+"""Columns of runs of earlier versions, and their names today."""
 VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
 """Of the tables: a number made of their columns."""

@@ -89,15 +89,29 @@ class Store:
             self._db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version not in (0, schema.VERSION):
-                raise StoreError(
-                    f"run = {str(folder)!r}: was made by another version of blurnoise; choose another folder"
-                )
             if version == 0:
                 self._db.executescript(
                     f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
                 )
+            elif version != schema.VERSION:
+                self._rename_columns()
             self._opened = opened.pop_all()
+
+    def _rename_columns(self) -> None:
+        """Give the columns of an earlier version their names of today. Raises :class:`StoreError` where this does not
+        make the tables those of today; the file then stays as it was."""
+        with closing(sqlite3.connect(":memory:")) as new, self._db as db:
+            new.executescript(schema.TABLES)
+            db.execute("BEGIN IMMEDIATE")
+            for table in schema.RUN_TABLES:
+                for name in _names(db, table):
+                    if name in schema.RENAMED:
+                        db.execute(f"ALTER TABLE {table} RENAME COLUMN {name} TO {schema.RENAMED[name]}")
+                if _names(db, table) != _names(new, table):
+                    raise StoreError(
+                        f"run = {str(self.folder)!r}: was made by another version of blurnoise; choose another folder"
+                    )
+            db.execute(f"PRAGMA user_version = {schema.VERSION}")
 
     def __enter__(self) -> Store:
         return self
@@ -265,6 +279,10 @@ class Store:
         except sqlite3.DatabaseError as error:
             why = f"{RUN_FILE} is damaged ({error})"
         raise StoreError(f"run = {str(self.folder)!r}: {why}") from None
+
+
+def _names(db: sqlite3.Connection, table: str) -> list[str]:
+    return [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

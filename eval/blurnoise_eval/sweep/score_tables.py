@@ -39,7 +39,7 @@ ENOUGH = "enough"
 """Under which a run's store keeps what its sweep was asked last: threshold, keep, score and cluster."""
 LEAST_AP50 = 0.05
 """Of the labelled original pictures: below, a detector has no answers."""
-_SCORES, _VERSION = "scores", 7  # under which the store keeps the scores; of how they are computed
+_SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of how they are computed
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 

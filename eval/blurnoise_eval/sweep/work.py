@@ -228,16 +228,16 @@ def cell_result(
         **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
     }
-    rows = [{**shared, **row, "invented_share": None} for row in sight.targets]
+    rows = [{**shared, **row, "inpainted_share": None} for row in sight.targets]
     if taken is not None and taken.drives and rows:
         height, width = frame.image.shape[:2]
         middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
         blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
         rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
     for row in rows if at is not None else ():
-        row["invented_share"] = frame.invented.get(row["target_id"], 0.0)
+        row["inpainted_share"] = frame.invented.get(row["target_id"], 0.0)
         row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
-    invented = [row["invented_share"] for row in rows]
+    invented = [row["inpainted_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {
         "seed": cell.seed,
@@ -245,12 +245,12 @@ def cell_result(
         "target_confidence": float(confidences.mean()) if rows else None,
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
         "n_detections": len(sight.detections.leading),
-        "saturated": frame.saturated,
+        "saturated_share": frame.saturated,
         "applied_exposure_s": taken and taken.exposure_s,
         "applied_gain_db": taken and taken.gain_db,
         "snr_db": frame.snr_db,
         "brightness": frame.brightness,
-        "invented_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        "inpainted_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
         "simulate_ms": frame.simulate_ms,
         "infer_ms": sight.infer_ms,
         "error": sight.error,
