@@ -325,6 +325,14 @@ class _OfModel:
                 ends.append(f"{side} {'ones' if ends else 'exposures fail'} because of {limit}")
         return ", ".join(ends) + "." if ends else ""
 
+    @property
+    def _suits_a_program(self) -> bool:
+        """Whether 'blurnoise program' takes such a run, and gains something over a single exposure."""
+        one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
+        automatic = all(row[GAIN.name] == AUTOMATIC for row in self.lights)
+        plain = one_direction and automatic and self.data.speed is not EGO_SPEED
+        return self.by_light and self.whole is not None and self.varied == ["light"] and plain
+
     def next_steps(self) -> str:
         """What to do for a surer answer, or with this one."""
         n = len(self.conditions)
@@ -340,7 +348,7 @@ class _OfModel:
             if chosen.intersection(end):
                 text = EXPOSURE.text(end[0])
                 parts.append(f"Test {side[:-3]}er exposures: {text} is the {side} tested.")
-        if self.by_light and self.varied == ["light"] and all(r[GAIN.name] == AUTOMATIC for r in self.lights):
+        if self._suits_a_program:
             parts.append("Make the camera's exposure program with 'blurnoise program RUN'.")
         return (
             " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."
