@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def print_opening(data: RunData) -> None:
-    """A run's answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
+    """A run's answers: sentences, the table of light x speed, what limits the model, what to do next; in ASCII."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
     found, wide = opening(data), width() or PROSE
@@ -34,12 +34,14 @@ def print_opening(data: RunData) -> None:
             lines = table_lines(heads, rows, plain, None if speeds else wide - 2, rule=False)
             if max(map(len, lines)) + 2 <= wide:
                 break
-        name = [f"{found.model}:"] if len(data.models) > 1 else []
-        say("", *name, *(f"  {_in_ascii(line)}" for line in lines))
-        more = f"; {hidden} more cells: recommendations.csv" if hidden else ""
+        name = f"{found.model}: " if len(data.models) > 1 else ""
+        say("")
+        say_wrapped(_in_ascii(f"{name}{found.caption}"))
+        say(*(f"  {_in_ascii(line)}" for line in lines))
+        more = f". {hidden} more entries: recommendations.csv" if hidden else ""
         say_wrapped(_in_ascii(found.legend + more), 2, 2)
     for title, text in found.notes:
-        say_wrapped(_in_ascii(f"{title}: {text}"), hanging=len(title) + 2)
+        say_wrapped(_in_ascii(f"{title}: {text}"), hanging=2)
 
 
 def _in_ascii(line: str) -> str:

@@ -108,9 +108,9 @@ def what_breaks(
         "the camera sets the exposure itself": high == AUTOMATIC,
         "there is one exposure": low == high != AUTOMATIC,
         "without light there is no lux x seconds": 0 in question.grid[LIGHT.name],
-        f"motion has {len(directions)} directions, and blurs differently in each": len(directions) > 1,
-        f"along {path} another exposure sees another part of the path": path is not None,
-        "before a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
+        f"the motion has {len(directions)} directions, with another blur in each": len(directions) > 1,
+        f"along {path} each exposure sees another part of the path": path is not None,
+        "with a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
         > 0,
     }
     for name in FURTHER:
@@ -134,7 +134,7 @@ def _of_time_alone(camera: Camera, question: Question) -> list[str]:
     found += [long for short, long in both if long.contribution_dn != short.contribution_dn]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
     kept = {each.name: each.contribution_dn for each in found if each.kept}
-    return [f"{name} goes with the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
+    return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
 
 
 def direction_of_all(lines: Sequence[Line]) -> tuple[float, float]:

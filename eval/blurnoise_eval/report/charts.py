@@ -1,4 +1,4 @@
-"""The charts of a run as plain numbers: the page's script draws them, and :mod:`.figures` for print.
+"""The charts of a run as plain numbers. The page's script draws them, and :mod:`.figures` draws them for print.
 
 Models, groups and measures are given by index, never by name. Domain: scores in their units, exposures in s and ms,
 speeds in px/s, blur in px; other axes in the units of figures.
@@ -25,10 +25,10 @@ _BLUR_TICKS = (0, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 OF_PICTURES = {
     "applied_gain_db": "Gain / dB",
     "snr_db": "SNR of the mean light / dB",
-    "brightness": "Mean of the picture, 0-1",
+    "brightness": "Mean brightness of the picture, 0-1",
     "saturated_share": "Share of saturated pixels",
 }
-"""Columns of scores that tell a dark picture from a noisy one."""
+"""Columns of scores that distinguish a dark picture from a noisy one."""
 Row = dict[str, Any]
 
 
@@ -60,20 +60,20 @@ def views(data: RunData) -> list[View]:
     found = [
         View(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
-            "Along a line the exposure grows: light, noise and blur all change together. Bars: the exposure window "
-            "at each speed, pale where the pictures cannot tell; thin: the intervals of its ends; tick: the exposure "
-            "to use.",
+            "Along a line the exposure grows, and with it light and blur. The bars below 0 show the exposure window "
+            "at each speed (pale: cannot tell), with the 95 % intervals of its ends as thin lines and the "
+            "recommended exposure as a tick.",
             "log" if exposures.logarithmic else "linear", bands=True,
         ),
         View(
             "blur", axis_label(BLUR), "confidence_blur.png", VELOCITIES, EXPOSURES, further,
-            "Along a line only the speed changes; from line to line the light per picture changes, too. "
-            "The axis is linear below 1 px, logarithmic above.", "symlog",
+            "Along a line only the speed changes. Each line has another exposure, and so another amount of light. "
+            "The axis is linear below 1 px and logarithmic above.", "symlog",
         ),
     ]  # fmt: skip
     speed = View(
         "speed", axis_label(speeds.axis), "confidence_speed.png", VELOCITIES, EXPOSURES, further,
-        "Along a line the light is the same; only the speed, and with it the blur, changes.",
+        "Along a line only the speed changes, and with it the blur.",
     )  # fmt: skip
     found += [speed] * (speeds.count > 1)
     for place in further:

@@ -68,4 +68,4 @@ def _answer_cell(answer: Row | None) -> Cell:
     if answer is None:
         return "", "not tested", []
     first, *others = answer_lines(answer)
-    return {WORKS: "sure", NONE_WORKS: "no"}.get(answer["verdict"], ""), first, others
+    return {WORKS: "works", NONE_WORKS: "fails"}.get(answer["verdict"], ""), first, others

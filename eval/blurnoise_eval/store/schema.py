@@ -7,7 +7,7 @@ import hashlib
 from blurnoise_eval.grid.axes import NAMES
 
 CONDITIONS = ("clean", *NAMES)
-"""Columns that tell one condition from another; the original pictures have None on every axis."""
+"""Columns that identify a condition; the original pictures have None on every axis."""
 LIGHT_FIRST = tuple(sorted(NAMES, key=lambda name: name != "illuminance_lux"))
 """The axes in the order by which rows are sorted: the light, then as in the table of axes."""
 SORTED = ", ".join(("clean DESC", *LIGHT_FIRST))

@@ -93,7 +93,7 @@ def text_of(name, folder):
     shown = opening(data)
     lines = [f"== {name}", *shown.sentences, *(f"{title}: {text}" for title, text in shown.notes)]
     heads, rows, _ = table_rows(shown, 9, 9) if shown.rows else ([], [], 0)
-    lines += [" | ".join(row) for row in (heads, *rows) if row] + [shown.legend]
+    lines += [" | ".join(row) for row in ([shown.caption], heads, *rows) if row] + [shown.legend]
     for title, _, cells in tables.model_rows(data) if shape.keys() & {"models", "kind"} else ():
         lines.append(
             f"{title}: {' | '.join(' '.join([kind, text, *more]).strip() for kind, text, more in cells)}"
