@@ -24,6 +24,7 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PictureTone
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
+from blurnoise.scene import hdr
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
 from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
@@ -34,11 +35,14 @@ from blurnoise_eval.datasets import (
     PictureSet,
     UnreadablePicture,
     check_cut,
+    check_labelled,
     cut_out,
     eight_bit,
+    target_mask,
 )
 from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
@@ -51,6 +55,7 @@ class Frame(NamedTuple):
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
     a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the original picture. By the place
     of a target: invented, see :meth:`CutScene.invented`, and own_px, its blur if it moves at a speed of its own.
+    missed_pulse: whether no row of the pulsed lamp receives light in any capture; None without lamp.
     """
 
     cell: Cell
@@ -64,13 +69,15 @@ class Frame(NamedTuple):
     brightness: float | None = None
     invented: Mapping[int, float] = {}
     own_px: Mapping[int, float] = {}
+    missed_pulse: bool | None = None
 
 
 class Scene:
     """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
     grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
-    that has no light. picture: with the targets that ``objects`` moves. picture_tone: its tone curve.
+    that has no light. picture: with the targets that ``objects`` moves, and which may be ``lamps``. picture_tone: its
+    tone curve.
     """
 
     def __init__(
@@ -80,6 +87,7 @@ class Scene:
         picture: Picture | None = None,
         objects: Objects = USUAL_OBJECTS,
         picture_tone: PictureTone = "srgb",
+        lamps: Lamps | None = None,
     ) -> None:
         self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
         self._tone = picture_tone
@@ -93,12 +101,19 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
+        self.lamps, mask = lamps, None
+        if lamps is not None and lamps.on_targets and picture is not None:
+            mask = torch.from_numpy(target_mask(picture, self.image8.shape[:2]))
+            if lamps.factor != 1:
+                self.light = replace(self.light, light=self.light.light * (1 + mask * (lamps.factor - 1)))
+        self.lamp_mask = mask if lamps is not None and lamps.pwm_mask else None
+        """Where the pulsed lamp is, (H, W); None: it lights everything."""
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
         for _, group in groupby(exposures, key=self._is_cut):
             of = [self._exposed(each) for each in group]
-            yield from of[0][0].frames([each for _, each in of])
+            yield from hdr.frames(of[0][0], [each for _, each in of], lamp_mask=self.lamp_mask)
 
     def plan(self, taken: Exposure) -> Plan:
         """What the simulator keeps and leaves out of an exposure, and why."""
@@ -147,7 +162,7 @@ class Scene:
                 if self._anchored is not None:
                     plain = ExposedScene.of_picture(self._image, encoding=self._tone)
                     scale = float(light.sum() / plain.light.sum())
-                found = cut_out(self._picture, light, self.objects, scale)
+                found = cut_out(self._picture, light, self.objects, scale, self.lamps and self.lamps.factor)
                 targets = [(self._picture.targets or ())[place] for place in found.targets]
                 beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
@@ -177,6 +192,8 @@ def frames(
         if path is not None:
             along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
+        if scene.lamps is not None:
+            exposure = replace(exposure, lamp=scene.lamps.pulses(cell.repeat, cell.seed))
         exposures.append(exposure)
     before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
@@ -188,11 +205,12 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(frame.picture, brightest(*exposure.amplified)),
+            saturated=_saturated(frame.picture, brightest(exposure)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
+            missed_pulse=scene.missed_pulse(exposure),
         )
 
 
