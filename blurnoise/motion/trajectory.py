@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -154,6 +154,10 @@ class Trajectory:
     def origin_px(self, exposure_s: float) -> tuple[float, float]:
         """The mean position over an exposure."""
         return _mean(*self.window(-exposure_s / 2, exposure_s / 2))
+
+    def later(self, by_s: float) -> Trajectory:
+        """The trajectory about a time ``by_s`` after mid-exposure."""
+        return replace(self, time_s=tuple(time_s - by_s for time_s in self.time_s)) if by_s else self
 
     def rates_px_s(self, at_s: Floats) -> Floats:
         """Velocity (2, ...), px/s, at times; at a knot the mean of both sides, at an end that of its one side."""

@@ -15,7 +15,7 @@ from torch import Tensor
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.optics import gain
-from blurnoise.optics.camera import Camera, longest_first_s
+from blurnoise.optics.camera import Camera, Capture, longest_first_s
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
 
@@ -136,9 +136,13 @@ class AutoExposure:
         Raises ``ValueError`` naming the argument.
         """
         light = in_range("mean_light", mean_light, 0.0, 1e6) * limited("illuminance_lux", illuminance_lux)
-        electrons = light * electrons_per_lux_s(camera, illuminant)
+        first = (
+            camera.captures[0] if camera.captures else Capture()
+        )  # by which a picture of several is metered
+        electrons = light * electrons_per_lux_s(camera, illuminant) * first.sensitivity
         electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
         rate = electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)
+        rate *= brightness(camera, first.gain_db) if first.gain_db else 1.0
         if exposure_s is None:
             longest_s = longest_first_s(camera.captures, self.limit_s)
             exposure_s = self.allowed_s(min(longest_s, self.target / rate if rate > 0 else math.inf))

@@ -56,16 +56,18 @@ def check_cut(pictures: PictureSet, objects: Objects) -> None:
             raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
 
 
-def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0) -> CutOut:
+def cut_out(
+    picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0, emitters: float = 1.0
+) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
-    scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
+    scale: by which a grey anchor made the light more than the picture's own; emitters: by which targets are brighter. Targets that cover all of a picture have
     the picture itself behind them, which is never seen.
     """
     every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:
         known, places = picture.cut(), [*range(len(every))]
-        layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
+        layers = tuple(replace(layer, light=layer.light * (scale * emitters)) for layer in known.layers)
         cut = Cut(known.background * scale, layers, known.invented)
     else:
         backmost = [place for place, target in enumerate(every) if not target.crowd]

@@ -167,8 +167,8 @@ class SweepPlan:
     grid: axis name -> values; further axes that are left out have the camera's own, velocities are 0.
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (``blurnoise.scene.metering``); None: its brightness is reflectance. picture_tone: the curve that codes pictures.
-    auto_exposure: sets gain and exposure where they are left to the camera. lamps: of every picture. objects: how objects move where not all
-    of a picture does, and the boxes that are the truth.
+    auto_exposure: sets gain and exposure where they are left to the camera. objects: how objects move where not all
+    of a picture does, and the boxes that are the truth. lamps: of every picture.
     trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
     own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
@@ -258,6 +258,11 @@ class SweepPlan:
     def cuts(self) -> bool:
         """Whether targets or background move alone."""
         return any(self.values(MOVES.name))
+
+    @property
+    def pulsed(self) -> bool:
+        """Whether there is a pulsed lamp."""
+        return self.lamps is not None and self.lamps.pwm is not None
 
     def conditions(self) -> list[Conditions]:
         """Each once; those that share a blur stand next to each other, in them those of one exposure."""

@@ -19,8 +19,10 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited_motion
+from blurnoise.light.conditions import Conditions as LightConditions
+from blurnoise.light.motion import readout_of
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture, windows
 from blurnoise.optics.colour import PictureTone
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
@@ -101,7 +103,7 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
-        self.lamps, mask = lamps, None
+        self.lamps, self._reflected, mask = lamps, self.light.light, None
         if lamps is not None and lamps.on_targets and picture is not None:
             mask = torch.from_numpy(target_mask(picture, self.image8.shape[:2]))
             if lamps.factor != 1:
@@ -143,6 +145,19 @@ class Scene:
             self._means[camera] = float(mean_luma(self.light.light, camera)[0])
         return self._means[camera]
 
+    def missed_pulse(self, taken: Exposure) -> bool | None:
+        """Whether no row of the pulsed lamp, where it is at rest, receives light in any capture; None without lamp."""
+        lit = np.ones(len(self.image8), bool) if self.lamp_mask is None else self.lamp_mask.numpy().any(1)
+        if taken.lamp is None or not lit.any():
+            return None
+        size = self.image8.shape[:2]
+        for start_s, taken_s in windows(taken.camera.captures or (Capture(),), taken.exposure_s):
+            rows = readout_of(LightConditions(taken.camera, taken_s, 0.0, 0.0), size)
+            begin, end = map(torch.from_numpy, rows.windows_s)
+            if taken.lamp.factor(end - begin, begin - begin.min() + start_s).numpy()[lit].any():
+                return False
+        return True
+
     def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
@@ -161,8 +176,9 @@ class Scene:
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     plain = ExposedScene.of_picture(self._image, encoding=self._tone)
-                    scale = float(light.sum() / plain.light.sum())
-                found = cut_out(self._picture, light, self.objects, scale, self.lamps and self.lamps.factor)
+                    scale = float(self._reflected.sum() / plain.light.sum())
+                emitters = 1.0 if self.lamps is None else self.lamps.factor
+                found = cut_out(self._picture, light, self.objects, scale, emitters)
                 targets = [(self._picture.targets or ())[place] for place in found.targets]
                 beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
@@ -236,10 +252,37 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
+def brightest(exposure: Exposure) -> int:
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`; of several
+    captures as their merged picture has it."""
+    if exposure.camera.captures:
+        return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None))
+    return _brightest(*exposure.amplified)
+
+
 @lru_cache(maxsize=64)
-def brightest(camera: Camera, digital_db: float) -> int:
-    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
+def _brightest(camera: Camera, digital_db: float) -> int:
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+
+
+@lru_cache(maxsize=256)
+def _brightest_merged(exposure: Exposure) -> int:
+    """What a pixel becomes that is at a limit in every capture."""
+    camera = exposure.camera
+    captures, digital_db = hdr.amplified(camera, exposure.gain_db)
+    planes = 3 if camera.cfa == "none" else 1
+    readers = [replace(camera, captures=()).at_gain(each.gain_db).camera for each in captures]
+    frames = [torch.full((1, planes, 4, 4), float(int(each.saturated_dn))) for each in readers]
+    white_e = _white_e(exposure)
+    seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
+    return int(seen.min())
+
+
+def _white_e(exposure: Exposure) -> float:
+    """Electrons of white in the first capture."""
+    first = exposure.camera.captures[0] if exposure.camera.captures else Capture()
+    lux_s = exposure.illuminance_lux * exposure.exposure_s
+    return lux_s * electrons_per_lux_s(exposure.camera) * first.sensitivity
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:
@@ -250,10 +293,14 @@ def _motion(taken: Exposure) -> tuple[object, ...]:
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
     """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
-    charge, read-out and rounding; None without light."""
+    charge, read-out and rounding; of several captures as merged. None without light."""
     camera = exposure.amplified.camera
-    white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
-    signal_e = light * white_e
+    if camera.captures:
+        captures, _ = hdr.amplified(exposure.camera, exposure.gain_db)
+        signal_e = light * _white_e(exposure)
+        dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
+        return hdr.snr_db(exposure.camera, captures, signal_e, dark_e=dark_e) if signal_e > 0 else None
+    signal_e = light * _white_e(exposure)
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     bend_e2 = (camera.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
     noise_e = math.sqrt(
@@ -269,6 +316,8 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
     size, path = camera.field.size, None
+    if plan.lamps is not None and plan.lamps.on_targets:
+        check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
     fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
