@@ -22,7 +22,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, windows
 from blurnoise.optics.spectra import Floats
 
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
@@ -235,8 +235,14 @@ def per_picture(
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
-    """Duration of a path about mid-exposure that covers every row, s: exposure plus read-out."""
-    return exposure_s + 2 * camera.row_time_s * camera.height_px
+    """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out."""
+    ends = (
+        [sum(window) for window in windows(camera.captures, exposure_s)] if camera.captures else [exposure_s]
+    )
+    return (
+        max(exposure_s, *(2 * end_s - exposure_s for end_s in ends))
+        + 2 * camera.row_time_s * camera.height_px
+    )
 
 
 @lru_cache(maxsize=256)

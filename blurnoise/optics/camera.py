@@ -420,7 +420,7 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
         taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
         follows_s = sum(times[-1]) if times else 0.0
         times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
-    if times[0][0] != 0:
+    if times and times[0][0] != 0:
         raise ValueError(
             f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
         )

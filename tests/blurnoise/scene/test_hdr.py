@@ -14,7 +14,7 @@ from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.optics.camera import Capture, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene import hdr
+from blurnoise.scene import fusion, hdr
 from blurnoise.scene.hdr import captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
@@ -131,7 +131,7 @@ def test_ghosts_of_a_bar(monkeypatch, captures, edges):
     """20 px wide, four times as bright as what saturates capture 1, moving 10 px during it; R = 16. Capture 1
     saturates to +-(w/2 + L(1/2 - 1/4)) = +-12.5; the bar of capture 2 begins at 5.31 - 10; between is a dark notch.
     """
-    monkeypatch.setattr(hdr, "BLEND", (0.999, 1.0))
+    monkeypatch.setattr(fusion, "BLEND", (0.999, 1.0))
     light = torch.where(X.abs() < 10, 4.0, 0.0)[None, None, None]
     seen = fused(light, IMX250, captures, **MOVED).flatten() / WELL_E
     found = X[:-1][(seen[:-1] > 0.5) != (seen[1:] > 0.5)].tolist()
