@@ -94,8 +94,9 @@ class AutoExposure:
     """A camera's metering and the limits of its settings.
 
     target: of the meter's reading. frame_rate_hz, readout_s: the exposure is at most 1 / frame_rate_hz - readout_s,
-    all captures of a camera with several together; longest_s: and at most this. mains_hz: 50 or 60: whole periods of the light, 1 / (2 mains_hz), from one on;
-    0: any. row_time_s: the exposure is whole rows; 0: any. gain_max_db: in place of the camera's own, if less.
+    all captures of a camera with several together; longest_s: and at most this. mains_hz: 50 or 60: whole periods of
+    the light, 1 / (2 mains_hz), from one on; 0: any. row_time_s: the exposure is whole rows; 0: any. gain_max_db: in
+    place of the camera's own, if less.
     Raises ``TypeError`` or ``ValueError`` naming the field.
     """
 

@@ -57,8 +57,9 @@ class Line:
         return bool(self.of.speeds_px_s.any())
 
     def lacks(self, place: int) -> Limit | None:
-        """What too little light means at an exposure: missed pulses of a lamp; darkness in a picture that is darker
-        than half of auto-exposure's aim, since gain has ended or was fixed; noise in one as bright as it should be."""
+        """What too little light means at an exposure: missed pulses where pictures miss a pulsed lamp; darkness in a
+        picture that is darker than half of auto-exposure's aim, since gain has ended or was fixed; noise in one as
+        bright as it should be."""
         if self.of.missed_pulses is not None and self.of.missed_pulses[place] > MATTERS:
             return "missed pulses"
         brightness = self.of.brightness[place]

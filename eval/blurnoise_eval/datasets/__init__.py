@@ -24,7 +24,7 @@ from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
     "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd", "check_cut",
-    "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder", "read_picture",
-    "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "target_mask",
-    "texts", "write_picture", "yolo",
+    "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder",
+    "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "target_mask", "texts",
+    "write_picture", "yolo",
 ]  # fmt: skip

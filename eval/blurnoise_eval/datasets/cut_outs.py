@@ -61,8 +61,8 @@ def cut_out(
 ) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
-    scale: by which a grey anchor made the light more than the picture's own; emitters: by which targets are brighter. Targets that cover all of a picture have
-    the picture itself behind them, which is never seen.
+    scale: by which a grey anchor made the light more than the picture's own; emitters: by which targets are
+    brighter. Targets that cover all of a picture have the picture itself behind them, which is never seen.
     """
     every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:

@@ -181,7 +181,9 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     limit: int | None = setting(None, "only the first N pictures", "N")
     objects: Objects | None = setting(None, "objects that move (moves: targets, background), and their boxes")
     emitters: str | None = setting(
-        None, "targets:FACTOR: targets are lamps, so many times brighter than in the picture", "targets:FACTOR"
+        None,
+        "targets:FACTOR: targets are lamps, so many times brighter than in the picture",
+        "targets:FACTOR",
     )
     pwm: str | None = setting(None, "a pulsed lamp: frequency, Hz, and duty cycle", "HZ,DUTY")
     pwm_mask: str | None = setting(

@@ -18,7 +18,7 @@ _SHARED = (
     f"{', '.join(f'{name} REAL' for name in NAMES)}, blur_px REAL"
 )
 OF_LAMPS = {"pwm_phase": "REAL", "missed_pulse": "INTEGER"}
-"""Columns of cells that runs with a pulsed lamp have besides: its phase, and whether the exposure fell between pulses."""
+"""Further columns of cells in runs with a pulsed lamp: its phase, and whether the exposure fell between pulses."""
 RUN_TABLES = ("cells", "targets", "pictures", "skipped")
 """All but ``about``."""
 TABLES = f"""

@@ -22,13 +22,13 @@ from blurnoise._core.checks import limited_motion
 from blurnoise.light.conditions import Conditions as LightConditions
 from blurnoise.light.motion import readout_of
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera, Capture, windows
+from blurnoise.optics.camera import Camera, Capture, longest_first_s, windows
 from blurnoise.optics.colour import PictureTone
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
 from blurnoise.scene import hdr
+from blurnoise.scene.fusion import readers_of
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
-from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import (
@@ -117,11 +117,6 @@ class Scene:
             of = [self._exposed(each) for each in group]
             yield from hdr.frames(of[0][0], [each for _, each in of], lamp_mask=self.lamp_mask)
 
-    def plan(self, taken: Exposure) -> Plan:
-        """What the simulator keeps and leaves out of an exposure, and why."""
-        scene, exposure = self._exposed(taken)
-        return scene.plan(exposure)
-
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
         if not self._is_cut(taken):
@@ -146,7 +141,7 @@ class Scene:
         return self._means[camera]
 
     def missed_pulse(self, taken: Exposure) -> bool | None:
-        """Whether no row of the pulsed lamp, where it is at rest, receives light in any capture; None without lamp."""
+        """Whether no row of the pulsed lamp receives light in any capture, at rest; None without lamp."""
         lit = np.ones(len(self.image8), bool) if self.lamp_mask is None else self.lamp_mask.numpy().any(1)
         if taken.lamp is None or not lit.any():
             return None
@@ -253,8 +248,10 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
 
 
 def brightest(exposure: Exposure) -> int:
-    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`; of several
-    captures as their merged picture has it."""
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`.
+
+    Of several captures it is that of a pixel which is at a limit in all of them.
+    """
     if exposure.camera.captures:
         return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None))
     return _brightest(*exposure.amplified)
@@ -271,8 +268,8 @@ def _brightest_merged(exposure: Exposure) -> int:
     camera = exposure.camera
     captures, digital_db = hdr.amplified(camera, exposure.gain_db)
     planes = 3 if camera.cfa == "none" else 1
-    readers = [replace(camera, captures=()).at_gain(each.gain_db).camera for each in captures]
-    frames = [torch.full((1, planes, 4, 4), float(int(each.saturated_dn))) for each in readers]
+    limits_dn = (float(int(each.saturated_dn)) for each in readers_of(camera, captures))
+    frames = [torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn]
     white_e = _white_e(exposure)
     seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
     return int(seen.min())
@@ -329,13 +326,16 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
                 )
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
-        half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
+        half_s = sum(windows(camera.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
+        half_s += readout_s if camera.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
         if "exposure_s" in at.automatic:
-            exposure = replace(exposure, exposure_s=plan.longest_s)
+            exposure = replace(exposure, exposure_s=longest_first_s(camera.captures, plan.longest_s))
+        if camera.captures:
+            windows(camera.captures, exposure.exposure_s)
         for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:

@@ -189,9 +189,7 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                result = cell_result(
-                    frame, each.model.name, work.camera, sight, example, png, prepared.facts
-                )
+                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
                 if work.lamps is not None and work.lamps.pwm is not None:
                     lamp = frame.exposure and frame.exposure.lamp
                     result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
