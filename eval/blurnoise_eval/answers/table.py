@@ -46,7 +46,8 @@ class ScoreTable:
     share of the pictures' values at a limit of the sensor, brightness: their mean, NaN where unknown. n_targets: how
     many there are, times noise fields. clean: mean score in the original pictures, None where unknown; reference: its
     sum over the targets, each once. prediction_cov: of a mean that is predicted and was not measured, its covariance
-    (n, n) at n of the conditions, by their places, beside what clusters differ by.
+    (n, n) at n of the conditions, by their places, beside what clusters differ by. missed_pulses: (N,) share of
+    pictures that miss the pulsed lamp, NaN where there is none.
     """
 
     model: str
@@ -62,6 +63,7 @@ class ScoreTable:
     reference: float = 0.0
     kept: bool = False
     prediction_cov: Callable[[Places], Array] | None = None
+    missed_pulses: Array | None = None
 
     def __len__(self) -> int:
         return int(self.sums.shape[1])
@@ -156,6 +158,7 @@ class ScoreTable:
             saturated=self.saturated[places],
             brightness=self.brightness[places],
             prediction_cov=None if cov is None else lambda those: cov(places[those]),
+            missed_pulses=None if self.missed_pulses is None else self.missed_pulses[places],
         )
 
     def split(self, axes: Sequence[str]) -> Iterator[ScoreTable]:
@@ -294,6 +297,7 @@ def table_of(
         clean=float(known.mean()) if len(known) else None,
         reference=float(known.sum()),
         kept=kept,
+        missed_pulses=mean(rows.missed_pulse),
     )
 
 

@@ -82,7 +82,7 @@ def decided(
     check_cluster(cluster, (picture.name for picture in pictures))
     question = Question({name: plan.values(name) for name in plan.grid})
     most, grid = MOST_NODES + CHECKED, question.grid_conditions
-    because = what_breaks(camera, question, plan.trajectory)
+    because = what_breaks(camera, question, plan.trajectory, pulsed=plan.pulsed)
     if not because:
         most = min(most, len(lattice(question.lines, question.exposures_s)))
         because = [f"the grid has {grid} conditions, and a search would need up to {most}"] * (grid < most)

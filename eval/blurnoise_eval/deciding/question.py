@@ -95,12 +95,13 @@ class Question:
 
 
 def what_breaks(
-    camera: Camera, question: Question, trajectory: str | TrajectorySpec | None = None
+    camera: Camera,
+    question: Question,
+    trajectory: str | TrajectorySpec | None = None,
+    *,
+    pulsed: bool = False,
 ) -> list[str]:
-    """Why the plane does not hold for a question, a reason each; empty where it holds.
-
-    Raises ``ValueError`` for a camera of several captures.
-    """
+    """Why the plane does not hold for a question, a reason each; empty where it holds. pulsed: whether a lamp is."""
     low, high = question.exposures_s
     directions = {direction_of(line.velocity_px_s) for line in question.lines} - {None}
     path = trajectory if isinstance(trajectory, str | None) else trajectory.text
@@ -112,6 +113,10 @@ def what_breaks(
         f"along {path} each exposure sees another part of the path": path is not None,
         "with a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
         > 0,
+        "a longer exposure misses fewer pulses of the lamp": pulsed,
+        "a capture begins at a time of its own, whatever the exposure": any(
+            each.start_s for each in camera.captures
+        ),
     }
     for name in FURTHER:
         reasons[f"{axis(name).title.lower()} has several values"] = len(question.grid.get(name, ())) > 1
@@ -123,6 +128,7 @@ def _of_time_alone(camera: Camera, question: Question) -> list[str]:
 
     At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
     """
+    camera = replace(camera, captures=())  # later ones are shorter
     (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:

@@ -36,6 +36,7 @@ from blurnoise_eval.grid.axes import (
     setting_of,
     velocity_of,
 )
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
@@ -167,7 +168,7 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (``blurnoise.scene.metering``); None: its brightness is reflectance. picture_tone: the curve that codes pictures.
     auto_exposure: sets gain and exposure where they are left to the camera. objects: how objects move where not all
-    of a picture does, and the boxes that are the truth.
+    of a picture does, and the boxes that are the truth. lamps: of every picture.
     trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
     own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
@@ -186,13 +187,15 @@ class SweepPlan:
     picture_tone: PictureTone = "srgb"
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
+    lamps: Lamps | None = None
     trajectory: str | TrajectorySpec | None = None
     ego: Vehicle | None = None
     only: tuple[Conditions, ...] = ()
     direction: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("ego", Vehicle), ("auto_exposure", AutoExposure), ("objects", Objects)):
+        kinds = {"ego": Vehicle, "auto_exposure": AutoExposure, "objects": Objects, "lamps": Lamps}
+        for name, kind in kinds.items():
             if isinstance(value := getattr(self, name), Mapping):  # as :meth:`to_dict` has it
                 object.__setattr__(self, name, kind(**value))
         if isinstance(self.trajectory, str):
@@ -210,6 +213,9 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, 1_000_000)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        if self.lamps and self.repeats % max(1, len(self.lamps.phases)):
+            n_phases = len(self.lamps.phases)
+            raise ValueError(f"repeats = {self.repeats}: must be a multiple of the {n_phases} of pwm_phase")
         if not self.cuts and (moving := self.objects.to_dict().keys() - {"boxes"}):
             raise ValueError(
                 f"{', '.join(sorted(moving))}: of objects; goes with moves targets or background"
@@ -253,6 +259,11 @@ class SweepPlan:
         """Whether targets or background move alone."""
         return any(self.values(MOVES.name))
 
+    @property
+    def pulsed(self) -> bool:
+        """Whether there is a pulsed lamp."""
+        return self.lamps is not None and self.lamps.pwm is not None
+
     def conditions(self) -> list[Conditions]:
         """Each once; those that share a blur stand next to each other, in them those of one exposure."""
         conditions = dict.fromkeys(self.only)
@@ -280,6 +291,8 @@ class SweepPlan:
             values["auto_exposure"] = asdict(self.auto_exposure)
         if objects := self.objects.to_dict():
             values["objects"] = objects
+        if self.lamps is not None:
+            values["lamps"] = asdict(self.lamps)
         if self.direction is not None:
             further = {name: self.values(name)[0] for name in self.grid}
             return values | {"further": further, "direction": self.direction}

@@ -29,6 +29,8 @@ TONE_CHOICES = (
     "srgb, linear, filmic, a camera's file with tone, or points light:value such as 0:0,0.2:0.5,1:1"
 )
 LISTS = "Conditions, each as 1,5,10 or low:high"
+LAMPS = ("emitters", "pwm", "pwm_mask", "pwm_phase")
+"""Settings of a plan that make its lamps."""
 
 
 class _Axes(Settings):
@@ -88,6 +90,13 @@ def tone_of(given: object) -> PictureTone:
         return picture_tone(value, "picture_tone")
     except TypeError as error:
         raise ValueError(str(error)) from None
+
+
+def phases(given: object) -> tuple[float, ...]:
+    """Phases of a pulsed lamp: "random", none, or numbers. Raises ``ValueError``."""
+    from blurnoise_eval.grid.lamps import phases_of
+
+    return phases_of(given)
 
 
 @dataclass(frozen=True)
@@ -171,6 +180,22 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     target: tuple[str, ...] = setting((), "only this class, and pictures with it", "CLASS")
     limit: int | None = setting(None, "only the first N pictures", "N")
     objects: Objects | None = setting(None, "objects that move (moves: targets, background), and their boxes")
+    emitters: str | None = setting(
+        None,
+        "targets:FACTOR: targets are lamps, so many times brighter than in the picture",
+        "targets:FACTOR",
+    )
+    pwm: str | None = setting(None, "a pulsed lamp: frequency, Hz, and duty cycle", "HZ,DUTY")
+    pwm_mask: str | None = setting(
+        None, "targets: the targets alone are pulsed lamps (default: pulses light the whole scene)", "targets"
+    )
+    pwm_phase: tuple[float, ...] | None = setting(
+        None,
+        "where in its period, 0 to 1, the lamp is when an exposure begins: random for each picture and repeat "
+        "(the default), or values, each for all pictures; scores are means over them",
+        "random|LIST",
+        read=phases,
+    )
     repeats: int | None = setting(None, "noise fields per picture (default: 1; of charts 2)")
     refine: bool = setting(True, "compute more exposures about ends of windows, but in parts")
     engine: str = setting("threads", "ray: on this machine, or a cluster at address", "threads|processes|ray")
@@ -181,10 +206,14 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
         """The plan of a sweep; usual: values, and repeats, where the file has none."""
         from blurnoise_eval.grid.conditions import SweepPlan
+        from blurnoise_eval.grid.lamps import Lamps
 
         names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
         held["repeats"] = repeats if self.repeats is None else self.repeats
+        if lamps := {name: value for name in LAMPS if (value := getattr(self, name)) is not None}:
+            held["lamps"] = Lamps(**lamps)
+            held["repeats"] *= max(1, len(held["lamps"].phases))
         return SweepPlan(
             self.grid(usual), **{name: value for name, value in held.items() if value is not None}
         )

@@ -82,7 +82,7 @@ def inputs_of(
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    if because := what_breaks(camera, question, run.trajectory):
+    if because := what_breaks(camera, question, run.trajectory, pulsed=run.plan.pulsed):
         raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
     light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
     if light is None:

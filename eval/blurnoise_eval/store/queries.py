@@ -22,6 +22,7 @@ from blurnoise_eval.system.tables import csv_text
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
+_MISSED = "missed_pulse"
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: original pictures have NULLs
 
 
@@ -48,9 +49,11 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, original pictures first: numbers of pictures, errors and targets, and means of
-    blur, gain, signal to noise, brightness, saturated and inpainted shares."""
+    blur, gain, signal to noise, brightness, saturated and inpainted shares; with a pulsed lamp, of missed pulses."""
     names = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
     means = ", ".join(f"AVG({name}) AS {name}" for name in names)
+    if _MISSED in store.columns("cells"):
+        means += f", AVG({_MISSED}) AS {_MISSED}_share"
     query = f"""
       SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_pictures, COUNT(error) AS errors, {means},
         NULLIF(SUM(n_targets), 0) AS n_targets
@@ -271,6 +274,7 @@ class TargetColumns(NamedTuple):
     character_error_rate: Array
     saturated: Array
     brightness: Array
+    missed_pulse: Array
 
     def rows(self, of: NDArray[Any]) -> TargetColumns:
         """Some of the rows, by places or flags."""
@@ -286,10 +290,12 @@ def target_columns(store: Store, model: str) -> TargetColumns:
 
 
 def _read(store: Store, model: str) -> TargetColumns:
-    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE)
+    missed = _MISSED if _MISSED in store.columns("cells") else f"NULL AS {_MISSED}"
+    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE, _MISSED)
+    of_picture = ", ".join((*_OF_PICTURE, missed))
     query = f"""
       SELECT {", ".join(f"targets.{name}" for name in CONDITIONS)}, {", ".join(names)}
-      FROM targets JOIN (SELECT cell_id, model, {", ".join(_OF_PICTURE)} FROM cells) USING (cell_id, model)
+      FROM targets JOIN (SELECT cell_id, model, {of_picture} FROM cells) USING (cell_id, model)
       WHERE model = ?
     """
     start = len(CONDITIONS)

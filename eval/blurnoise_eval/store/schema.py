@@ -17,6 +17,8 @@ _SHARED = (
     "cell_id TEXT, model TEXT, camera TEXT, image TEXT, repeat INTEGER, clean INTEGER, "
     f"{', '.join(f'{name} REAL' for name in NAMES)}, blur_px REAL"
 )
+OF_LAMPS = {"pwm_phase": "REAL", "missed_pulse": "INTEGER"}
+"""Further columns of cells in runs with a pulsed lamp: its phase, and whether the exposure fell between pulses."""
 RUN_TABLES = ("cells", "targets", "pictures", "skipped")
 """All but ``about``."""
 TABLES = f"""

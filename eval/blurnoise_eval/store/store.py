@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -149,6 +149,7 @@ class Store:
         self.memory.clear()
         by = {"computed_by": self._computed_by}
         cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
+        self._add_columns({name for cell in cells[:1] for name in cell} & schema.OF_LAMPS.keys())
         with self._transaction() as db:
             _insert(db, "cells", cells)
             _insert(db, "targets", [target for result in results for target in result.targets])
@@ -168,6 +169,7 @@ class Store:
     def take(self, other: Store) -> None:
         """Add the rows of another run, all or none; cells that exist already stay as they are."""
         self.memory.clear()
+        self._add_columns(other.columns("cells").keys() & schema.OF_LAMPS.keys())
         with self._transaction() as db:
             for table in schema.RUN_TABLES:
                 for rows in other.tuples(f"SELECT * FROM {table}"):
@@ -254,6 +256,12 @@ class Store:
         with self._explained():
             found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
         return {row["name"]: row["type"] for row in found if row["name"] not in _NOT_SHOWN}
+
+    def _add_columns(self, names: Set[str]) -> None:
+        """Add those columns of a pulsed lamp that the cells lack."""
+        for name in sorted(names - self.columns("cells").keys(), reverse=True) if names else ():
+            with self._transaction() as db:
+                db.execute(f"ALTER TABLE cells ADD COLUMN {name} {schema.OF_LAMPS[name]}")
 
     def _document(self, field: str, text: str) -> Any:
         try:

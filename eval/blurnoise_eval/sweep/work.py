@@ -25,6 +25,7 @@ from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, cont
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import FOUND_SCORE
@@ -118,6 +119,7 @@ class Work:
     objects: Objects = USUAL_OBJECTS
     path: tuple[TrajectorySpec, float] | None = None
     ego: Vehicle | None = None
+    lamps: Lamps | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -141,7 +143,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
             )
         try:
-            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone)
+            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone, work.lamps)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
@@ -187,7 +189,11 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
+                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
+                if work.lamps is not None and work.lamps.pwm is not None:
+                    lamp = frame.exposure and frame.exposure.lamp
+                    result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
+                yield result
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
