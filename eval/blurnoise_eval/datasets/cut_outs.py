@@ -38,16 +38,16 @@ class CutOut(NamedTuple):
 
 
 def check_cut(pictures: PictureSet, objects: Objects) -> None:
-    """Raise ``ValueError`` where it is not known what the targets are, or a class is none of theirs."""
+    """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
     if not pictures.labelled:
         raise ValueError(
-            "moves: targets or background: needs to know where targets are; use --coco, --yolo, --bdd or --text, or "
-            "rendered signs; without labels only all can move"
+            "moves = targets or background: needs labelled targets (labels) or rendered signs; pictures without "
+            "labels allow only all"
         )
     known = {target.label for picture in pictures for target in picture.targets or ()}
     for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
         if unknown := sorted({*stated} - known):
-            raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
+            raise ValueError(f"{name}: {', '.join(unknown)}: must be classes of the targets")
 
 
 def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0) -> CutOut:
