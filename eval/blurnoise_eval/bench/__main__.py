@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli import given, run_alone
+from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Contract, Json, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
@@ -63,7 +63,7 @@ def bench(
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what not in OF_MODELS:
             raise ValueError(f"{name}: goes with '{' and '.join(OF_MODELS)}'")
-    workers = given.threads(threads)
+    workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
@@ -76,7 +76,7 @@ def bench(
     if what in OF_MODELS:
         signs = 3 if what == "sweep" else 8 if quick else 20
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=signs)
-        detector = given.detector(model, contract)
+        detector = inputs.detector(model, contract)
         contests["sweep"] = partial(sweep.sweep, detector, pictures, workers)
         contests["decide"] = partial(decide.decide, detector, pictures, workers, folder)
     chosen: Contest = contests[what](quick=quick)

@@ -39,21 +39,18 @@ class CutOut(NamedTuple):
 
 
 def check_labelled(pictures: PictureSet, setting: str, otherwise: str) -> None:
-    """Raise ``ValueError`` where it is not known where the targets are, which a setting needs."""
+    """Raise ``ValueError`` if the pictures have no labels, which a setting needs."""
     if not pictures.labelled:
-        raise ValueError(
-            f"{setting}: needs to know where targets are; use --coco, --yolo, --bdd or --text, or rendered signs; "
-            f"{otherwise}"
-        )
+        raise ValueError(f"{setting}: needs labelled targets (labels) or rendered signs; {otherwise}")
 
 
 def check_cut(pictures: PictureSet, objects: Objects) -> None:
-    """Raise ``ValueError`` where it is not known what the targets are, or a class is none of theirs."""
-    check_labelled(pictures, "moves: targets or background", "without labels only all can move")
+    """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
+    check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
     for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
         if unknown := sorted({*stated} - known):
-            raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
+            raise ValueError(f"{name}: {', '.join(unknown)}: must be classes of the targets")
 
 
 def cut_out(

@@ -62,7 +62,7 @@ class Conditions(Mapping[str, float | None]):
         values = {name: CORE.get(name) if stated.get(name) is None else stated[name] for name in NAMES}
         missing = [name for name in CORE if values[name] is None]
         if missing:
-            raise ValueError(f"{missing[0]}: must be stated")
+            raise ValueError(f"{missing[0]}: must be specified")
         self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
 
     def __getitem__(self, name: str) -> float | None:
@@ -201,7 +201,7 @@ class SweepPlan:
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
         if self.trajectory is not None and self.objects.boxes == "half":
-            raise ValueError("boxes = 'half': of straight motion; along a trajectory must be object or swept")
+            raise ValueError("boxes = 'half': must be object or swept with a trajectory")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         object.__setattr__(self, "picture_tone", picture_tone(self.picture_tone, "picture_tone"))
@@ -218,25 +218,27 @@ class SweepPlan:
             raise ValueError(f"repeats = {self.repeats}: must be a multiple of the {n_phases} of pwm_phase")
         if not self.cuts and (moving := self.objects.to_dict().keys() - {"boxes"}):
             raise ValueError(
-                f"{', '.join(sorted(moving))}: of objects; goes with moves targets or background"
+                f"{', '.join(sorted(moving))}: settings of objects need moves = targets or background"
             )
         if AUTOMATIC in checked.get("exposure_s", ()):
             if len(checked["exposure_s"]) > 1:
-                raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
+                raise ValueError("exposure_s: must be auto or times, not both; use two sweeps")
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
-                raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
+                raise ValueError(
+                    "exposure_s = auto: the camera then sets the gain, too; gain_db must be auto or left out"
+                )
             checked["gain_db"] = (AUTOMATIC,)
         for name in VELOCITY if self.direction is None else ():  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
         if not self.values(EGO.name):
             if self.ego is not None:
-                raise ValueError(f"ego: goes with {EGO.name}, at which it drives")
+                raise ValueError(f"ego: needs {EGO.name}, the speed of the vehicle")
             return
         object.__setattr__(self, "ego", self.ego or USUAL_VEHICLE)
         if others := [name for name in (*VELOCITY, MOVES.name) if any(self.values(name))]:
             raise ValueError(
-                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(others)}"
+                f"{EGO.name}: ego-motion moves each part of the picture differently; it excludes {', '.join(others)}"
             )
 
     @property
@@ -303,7 +305,7 @@ class SweepPlan:
 
 @dataclass(frozen=True)
 class Cell:
-    """One picture under one condition; None is the clean picture, untouched."""
+    """One picture under one condition; None: the original picture."""
 
     image: str
     repeat: int
@@ -348,11 +350,11 @@ class Part:
 
 
 def reflectance_text(anchor: str | None) -> str:
-    """The meaning of light on a photograph's scene, by a plan's grey anchor, in half a line."""
+    """How a plan relates the brightness of photographs to reflectance, in half a line."""
     if anchor is None:
-        return "brightness is taken for reflectance, 1 EV darker for half of it; --grey-anchor ties it to 18 % grey"
+        return "brightness is used as reflectance; with --grey-anchor, a part of the picture reflects 18 %"
     of = GreyAnchor.parse(anchor)
     words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
     if of.region_px is not None:
         words = f"the mean of the region {of}"
-    return f"18 % reflectance is {words} of each picture (--grey-anchor {anchor})"
+    return f"{words} of each picture reflects 18 % (--grey-anchor {anchor})"
