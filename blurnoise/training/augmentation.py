@@ -209,15 +209,14 @@ def _flickers(
 ) -> list[Flicker | None]:
     """Each picture's lamp where it lights; None for a lamp of targets where there are none; [] without lamps."""
     one_of("lamp_lights", lights, ("all", "targets"))
+    each = [] if lamp is None else _for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
     found: list[Flicker | None] = []
-    for item, own in enumerate(
-        [] if lamp is None else _for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
-    ):
+    for item, own in enumerate(each):
         if own is not None:
             an_instance("lamp", own, Pwm)
-        hidden = lights == "targets" and (masks is None or not masks.shape[1])
+        dark = lights == "targets" and (masks is None or not masks.shape[1])
         mask = None if lights == "all" or masks is None else masks[item].amax(0).float()
-        found.append(None if own is None or hidden else Flicker(own, mask))
+        found.append(None if own is None or dark else Flicker(own, mask))
     return found
 
 
