@@ -280,6 +280,19 @@ def test_a_straight_path_is_the_velocity_along_it():
     assert len({round(float((each * X).sum() / each.sum()), 1) for each in expected}) == 3
 
 
+def test_a_path_goes_on_in_the_next_capture():
+    """At rest in the first, then 16 000 px/s for 0.625 ms: 5 px further in the middle, 10 px of blur."""
+    light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
+    path = Trajectory((-0.005, 0.005, 0.006), (0.0, 0.0, 16.0 * FINENESS), (0.0, 0.0, 0.0))
+    frames = captured(light, IMX250, staggered(16), trajectory=path, **lit(IMX250), **CLEAN)
+    for frame, middle_px, blur_px in zip(frames, (0.0, 5.0), (0.0, 10.0), strict=True):
+        weights = (frame - IMX250.black_level_dn).flatten()
+        weights = weights / weights.sum()
+        mean = float((weights * X).sum())
+        assert mean == pytest.approx(middle_px, abs=0.02)
+        assert float((weights * (X - mean) ** 2).sum()) == pytest.approx((20**2 + blur_px**2) / 12, rel=0.01)
+
+
 def test_a_lamp_goes_on_from_capture_to_capture():
     """Lit from 10 to 11 ms: dark in the first capture, in the second, 10 to 10.625 ms, 20 times its mean."""
     lamp = Flicker(Pwm(50.0, 0.05, 0.5))
