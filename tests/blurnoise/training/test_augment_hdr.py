@@ -82,7 +82,7 @@ def test_a_picture_depends_on_its_own_camera_lamp_and_seed_alone():
     lamps = [LED.with_phase_of(1), None, LED.with_phase_of(2), LED.with_phase_of(3)]
     given: dict[str, Any] = {
         "exposure_s": torch.tensor([0.002, 0.02, 0.004, 0.003]),
-        "illuminance_lux": torch.tensor([50.0, 90.0, 300.0, 20.0]),
+        "illuminance_lux": torch.tensor([50.0, 90.0, 300.0, 9000.0]),
         "speed_px_s": torch.tensor([400.0, 300.0, 500.0, 700.0]),
         "gain_db": torch.tensor([0.0, 6.0, 0.0, 6.0]),
     }
