@@ -336,7 +336,8 @@ class OverConditions:
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
     """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
 
-    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture.
+    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture. Cameras may be of several captures
+    (HDR), and lamps may pulse.
     encoding: the pictures' tone curve, as ``simulate`` takes it; they come back by the camera's, or "linear" as they
     were. fidelity: as ``simulate`` takes it.
     grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the
