@@ -10,6 +10,7 @@ from importlib.util import find_spec
 import documented
 import made_files
 import pytest
+import torchvision_ops
 from blurnoise_eval import cli, datasets
 from documented import PAGES, ROOT
 from typer.core import TyperCommand
@@ -98,6 +99,8 @@ def test_commands_run(page, prepared, capsys):
 @pytest.mark.parametrize("page", [page for page in PAGES if documented.blocks(page, "python")])
 def test_python_runs(page, prepared):
     for number, block in enumerate(documented.blocks(page, "python"), 1):
+        if "torchvision" in block:
+            torchvision_ops.detectors()  # skips where it is missing
         if "albumentations" in block:
             pytest.importorskip("albumentations", reason="albumentations is not installed")
         exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "documented"})
