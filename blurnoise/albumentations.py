@@ -58,12 +58,12 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         return {**self.given, **self.flags}
 
     def get_params_dependent_on_data(self, params: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
-        """The conditions and noise seed, (1,) each, and the masks, if parts are to move."""
+        """The conditions and noise seed, (1,) each, and the masks, if something is done with them."""
         numbers = self.random_generator.random((1, self.ranges.draws), dtype=np.float32)
         drawn = dict(self.ranges.conditions(torch.from_numpy(numbers)))
         drawn["noise_seed"] = torch.from_numpy(self.random_generator.integers(2**63 - 1, size=1))
         found = [*data.get("masks", ()), *([data["mask"]] if data.get("mask") is not None else [])]
-        if found and self.ranges.moves != ("all",):
+        if found and self.ranges.uses_masks:
             drawn["masks"] = torch.from_numpy(np.stack(found).astype(np.float32))[None]
         return {"drawn": drawn, "ranges": self.ranges}
 

@@ -49,5 +49,5 @@ for answer in answers:
     if answer["group"] == "all":
         light, speed = answer["illuminance_lux"], answer["velocity_x_px_s"]
         print(
-            f"{answer['model']}, {light:g} lux, {speed:g} px/s: keeps {answer['best_value']:.2f} of its AP50"
+            f"{answer['model']}, {light:g} lux, {speed:g} px/s: keeps {answer['best_score']:.2f} of its AP50"
         )

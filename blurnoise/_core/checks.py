@@ -89,7 +89,8 @@ _LIMITS = {
     "bootstrap": Limit(0, 100_000),
     # captures, lamps and spectra
     "exposure_ratio sensitivity": Limit(1e-6, 1e6),
-    "frequency_hz": Limit(1e-3, 1e9),
+    "frequency_hz lamp_hz": Limit(1e-3, 1e9),
+    "lamp_duty": Limit(0.0, 1.0, above=True),
     "phase_rad": Limit(-1e6, 1e6),
     "kelvin": Limit(300.0, 1e6),
     "wavelength_nm": Limit(1.0, 1e6),

@@ -134,6 +134,6 @@ def of_one_exposure(camera: Camera) -> None:
     an_instance("camera", camera, Camera)
     if camera.captures:
         raise ValueError(
-            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; blurnoise.scene.hdr takes "
-            "them, here there is one exposure (captures=())"
+            f"camera: {camera.name!r} makes a picture of {len(camera.captures)} captures; take it with "
+            "blurnoise.scene.hdr.pictures or frames, here there is one exposure (captures=())"
         )

@@ -16,7 +16,17 @@ from annotated_types import Ge, Gt, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import Figure, check_fields, integer, limited, real_tensor, within
+from blurnoise._core.checks import (
+    Figure,
+    check_fields,
+    integer,
+    limited,
+    limited_per_image,
+    real_tensor,
+    within,
+)
+
+_MOMENT = 1e-9  # of a period: a shorter exposure is at once
 
 
 @dataclass(frozen=True)
@@ -35,16 +45,22 @@ class Pwm:
         integer("seed", seed, 0, rng.LAST_SEED)
         return replace(self, phase=rng.derived(seed, "pwm phase") / 2.0**63)
 
-    def factor(self, exposure_s: float, start_s: Tensor | float = 0.0) -> Tensor:
-        """What its light is multiplied by in exposures that begin at ``start_s`` (any shape); float64, mean 1."""
-        exposure = limited("exposure_s", exposure_s)
-        first = self.phase + self.frequency_hz * real_tensor("start_s", start_s).double()
+    def factor(self, exposure_s: Tensor | float, start_s: Tensor | float = 0.0) -> Tensor:
+        """Factors on the lamp's light in exposures that begin at ``start_s``; float64, mean 1.
+
+        Both of any shapes that broadcast. Raises ``TypeError`` or ``ValueError`` naming the argument.
+        """
+        given = exposure_s if isinstance(exposure_s, Tensor) else limited("exposure_s", exposure_s)
+        starts, lasting = real_tensor("start_s", start_s), real_tensor("exposure_s", given)
+        like = starts.new_empty(0, dtype=torch.float64)
+        exposure = limited_per_image("exposure_s", lasting.flatten(), lasting.numel(), like)
+        first = self.phase + self.frequency_hz * starts.double()
+        periods = self.frequency_hz * exposure.view(lasting.shape)
         if self.duty == 1:
-            return torch.ones_like(first)
-        periods = self.frequency_hz * exposure
-        if periods < 1e-9:  # a moment
-            return (first % 1 < self.duty).double() / self.duty
-        return (self._on_periods(first + periods) - self._on_periods(first)) / periods / self.duty
+            return torch.ones_like(first + periods)
+        at_once = (first % 1 < self.duty).double() / self.duty
+        lit = self._on_periods(first + periods) - self._on_periods(first)
+        return torch.where(periods < _MOMENT, at_once, lit / periods.clamp_min(_MOMENT) / self.duty)
 
     def extremes(self, exposure_s: float) -> tuple[float, float]:
         """The least and the largest light factor that an exposure can have: it begins as a pulse ends, or begins."""
@@ -64,30 +80,28 @@ class Pwm:
 
 @dataclass(frozen=True)
 class Flicker:
-    """A lamp that lights the scene, or is in it, where ``mask`` (H, W) says: 0 not at all, 1 alone; None: everywhere.
+    """A lamp that lights the scene, or is in it, where ``mask`` (H, W) says.
 
-    row_time_s: by which each row begins after the one above it.
+    mask: 0 where it gives no light, 1 where there is no other; None: it gives all light.
     """
 
     pwm: Pwm
     mask: Tensor | None = None
-    row_time_s: float = 0.0
 
-    def on(self, light: Tensor, exposure_s: float, start_s: float = 0.0) -> Tensor:
-        """Light (B, C, H, W) of an exposure, whose start is counted from where the lamp's phase is.
+    def factors(
+        self, size: tuple[int, int], exposure_s: Tensor | float, start_s: Tensor | float = 0.0
+    ) -> Tensor:
+        """Factors (H, W) or (H, 1) on the light of a picture (H, W), whose exposure starts ``start_s`` after phase.
 
-        A lamp that is always on returns ``light`` itself. Raises ``TypeError`` or ``ValueError`` naming the argument.
+        exposure_s, start_s: one for all or one for each row, (H,). Raises ``TypeError`` or ``ValueError`` naming the
+        argument.
         """
-        if self.pwm.duty == 1:
-            return light
-        height, width = light.shape[-2:]
-        row_s = limited("row_time_s", self.row_time_s) * torch.arange(height).double()
-        factors = self.pwm.factor(exposure_s, limited("start_s", start_s) + row_s)[:, None].to(light)
+        rows = self.pwm.factor(exposure_s, start_s).expand(size[0])[:, None]
         if self.mask is None:
-            return light * factors
+            return rows
         mask = real_tensor("mask", self.mask)
-        if mask.shape != (height, width):
-            raise ValueError(f"mask: shape is {tuple(mask.shape)}; must be the picture's, {(height, width)}")
+        if mask.shape != size:
+            raise ValueError(f"mask: shape is {tuple(mask.shape)}; must be the picture's, {size}")
         if not bool(((mask >= 0) & (mask <= 1)).all()):
             raise ValueError("mask: must lie within [0, 1]")
-        return light * (1 + mask.to(light) * (factors - 1))
+        return 1 + mask * (rows.to(mask) - 1)

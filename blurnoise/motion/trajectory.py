@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -22,7 +22,7 @@ from torch import Tensor
 
 from blurnoise._core import rng
 from blurnoise._core.checks import LIMITS, check_fields, in_range, integer, limited, shown
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, windows
 from blurnoise.optics.spectra import Floats
 
 SIMPLIFIED_PX = 0.02  # from a path to its simplified one; at most 2 pi f times it in the transfer function
@@ -155,6 +155,10 @@ class Trajectory:
         """The mean position over an exposure."""
         return _mean(*self.window(-exposure_s / 2, exposure_s / 2))
 
+    def later(self, by_s: float) -> Trajectory:
+        """The trajectory about a time ``by_s`` after mid-exposure."""
+        return replace(self, time_s=tuple(time_s - by_s for time_s in self.time_s)) if by_s else self
+
     def rates_px_s(self, at_s: Floats) -> Floats:
         """Velocity (2, ...), px/s, at times; at a knot the mean of both sides, at an end that of its one side."""
         time, *places = self._arrays
@@ -231,8 +235,14 @@ def per_picture(
 
 
 def path_duration_s(camera: Camera, exposure_s: float) -> float:
-    """Duration of a path about mid-exposure that covers every row, s: exposure plus read-out."""
-    return exposure_s + 2 * camera.row_time_s * camera.height_px
+    """Duration of a path about mid-exposure that covers every row and capture, s: exposure plus read-out."""
+    ends = (
+        [sum(window) for window in windows(camera.captures, exposure_s)] if camera.captures else [exposure_s]
+    )
+    return (
+        max(exposure_s, *(2 * end_s - exposure_s for end_s in ends))
+        + 2 * camera.row_time_s * camera.height_px
+    )
 
 
 @lru_cache(maxsize=256)

@@ -402,6 +402,17 @@ def factors(captures: Sequence[Capture]) -> list[float]:
     return [each.exposure_ratio / each.sensitivity / first for each in captures]
 
 
+def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
+    """The longest first capture, s, with which all captures end within a time; that time itself without captures."""
+    longest_s, start_s, lasts = within_s, 0.0, 0.0
+    for capture in captures:
+        if capture.start_s is not None:
+            start_s, lasts = capture.start_s, 0.0
+        lasts += captures[0].exposure_ratio / capture.exposure_ratio
+        longest_s = min(longest_s, (within_s - start_s) / lasts)
+    return longest_s
+
+
 def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
     """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap."""
     times: list[tuple[float, float]] = []
@@ -409,7 +420,7 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
         taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
         follows_s = sum(times[-1]) if times else 0.0
         times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
-    if times[0][0] != 0:
+    if times and times[0][0] != 0:
         raise ValueError(
             f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
         )

@@ -15,7 +15,8 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.checks import an_instance, boxes, integer, limited, one_of, picture_size, shown
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions, of_one_exposure
+from blurnoise.light.conditions import Conditions
+from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Amplified, Camera
@@ -33,7 +34,9 @@ class Exposure:
     gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
     :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
     has the velocity, see :mod:`.cutting`. ego_speed_m_s: of the camera's vehicle, in place of velocity
-    and parts that move. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    and parts that move. lamp: whose pulses light the scene. Exposures by cameras of several captures or under a lamp
+    are taken by :func:`blurnoise.scene.hdr.frames`; exposure_s is the first capture's, whose boxes these are.
+    Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -47,9 +50,10 @@ class Exposure:
     moves: str = "all"
     ego_speed_m_s: float = 0.0
     vehicle: Vehicle = USUAL_VEHICLE
+    lamp: Pwm | None = None
 
     def __post_init__(self) -> None:
-        of_one_exposure(self.camera)
+        an_instance("camera", self.camera, Camera)
         for name in ("exposure_s", "illuminance_lux", "temperature_c", "gain_db"):
             limited(name, getattr(self, name))
         _ = self.amplified  # whose gain has limits of its own
@@ -61,6 +65,8 @@ class Exposure:
         integer("seed", self.seed, 0, rng.LAST_SEED)
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
+        if self.lamp is not None:
+            an_instance("lamp", self.lamp, Pwm)
         one_of("moves", self.moves, MOVES)
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")
         an_instance("vehicle", self.vehicle, Vehicle)

@@ -15,7 +15,7 @@ from torch import Tensor
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.optics import gain
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture, longest_first_s
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
 
@@ -93,9 +93,10 @@ class Setting(NamedTuple):
 class AutoExposure:
     """A camera's metering and the limits of its settings.
 
-    target: of the meter's reading. frame_rate_hz, readout_s: the exposure is at most 1 / frame_rate_hz - readout_s;
-    longest_s: and at most this. mains_hz: 50 or 60: whole periods of the light, 1 / (2 mains_hz), from one on;
-    0: any. row_time_s: the exposure is whole rows; 0: any. gain_max_db: in place of the camera's own, if less.
+    target: of the meter's reading. frame_rate_hz, readout_s: the exposure is at most 1 / frame_rate_hz - readout_s,
+    all captures of a camera with several together; longest_s: and at most this. mains_hz: 50 or 60: whole periods of
+    the light, 1 / (2 mains_hz), from one on; 0: any. row_time_s: the exposure is whole rows; 0: any. gain_max_db: in
+    place of the camera's own, if less.
     Raises ``TypeError`` or ``ValueError`` naming the field.
     """
 
@@ -136,11 +137,16 @@ class AutoExposure:
         Raises ``ValueError`` naming the argument.
         """
         light = in_range("mean_light", mean_light, 0.0, 1e6) * limited("illuminance_lux", illuminance_lux)
-        electrons = light * electrons_per_lux_s(camera, illuminant)
+        first = (
+            camera.captures[0] if camera.captures else Capture()
+        )  # by which a picture of several is metered
+        electrons = light * electrons_per_lux_s(camera, illuminant) * first.sensitivity
         electrons += dark_electrons(camera, 1.0, limited("temperature_c", temperature_c))
         rate = electrons * camera.system_gain_dn_per_e / (camera.full_scale_dn - camera.black_level_dn)
+        rate *= brightness(camera, first.gain_db) if first.gain_db else 1.0
         if exposure_s is None:
-            exposure_s = self.allowed_s(self.target / rate if rate > 0 else math.inf)
+            longest_s = longest_first_s(camera.captures, self.limit_s)
+            exposure_s = self.allowed_s(min(longest_s, self.target / rate if rate > 0 else math.inf))
         exposure_s, gain_db = limited("exposure_s", exposure_s), min(self.gain_max_db, camera.gain_max_db)
         if (reading := exposure_s * rate) * brightness(camera, gain_db) > self.target:
             gain_db = _gain_db(camera, max(1.0, self.target / reading), gain_db)

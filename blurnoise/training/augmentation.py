@@ -31,17 +31,28 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.threads import no_torch_compile
 from blurnoise.light import effects
+from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Amplified, Camera
-from blurnoise.optics.colour import Encoding, PictureTone, picture_tone
-from blurnoise.picture.develop import develop, in_channels
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.picture.develop import in_channels
+from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut, checked_masks, in_motion, matte_of
 from blurnoise.scene.exposure import MOVES, Exposure
 from blurnoise.scene.metering import AutoExposure, mean_luma
-from blurnoise.scene.scene import extremes, scene_reflectance, simulate
+from blurnoise.scene.scene import ExposedScene, extremes, scene_reflectance
 from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.ranges import Cameras, Draws, ExposureRanges, Params, Range, cameras_of, check_vehicle
+from blurnoise.training.ranges import (
+    Cameras,
+    Draws,
+    ExposureRanges,
+    Lights,
+    Params,
+    Range,
+    cameras_of,
+    check_vehicle,
+)
 from blurnoise.training.table import ExposureTable
 
 T = TypeVar("T")
@@ -69,6 +80,8 @@ def expose_pictures(
     trajectory: Trajectory | Sequence[Trajectory | None] | None = None,
     ego_kmh: Numbers | None = None,
     vehicle: Vehicle = USUAL_VEHICLE,
+    lamp: Pwm | Sequence[Pwm | None] | None = None,
+    lamp_lights: Lights = "all",
     generator: rng.Randomness = None,
     encoding: PictureTone = "srgb",
     fidelity: Fidelity = "auto",
@@ -87,6 +100,10 @@ def expose_pictures(
     ego_kmh: a number or one per picture, in place of a speed in px/s: the camera drives over a flat road on
     ``vehicle``, and each place moves by the camera's focal length and the picture's size. With masks and
     moves = "background" the targets drive along. Where one blur for all of a picture is enough, there is one.
+
+    The captures of a camera file are taken one after the other and fused (:func:`blurnoise.scene.hdr.pictures`);
+    exposure_s is the first one's. lamp: pulses, for all or one, or None, for each picture. lamp_lights: their light
+    falls on "all", or on the "targets" of pictures with masks.
 
     trajectory, generator, encoding, fidelity: as ``simulate`` takes them; picture i depends on its own conditions
     and seed alone. Returns image's shape and dtype, in [0, 1], by the camera's tone curve, or linear where image is.
@@ -123,36 +140,37 @@ def expose_pictures(
                 own = velocity[item] * (names[item] == "targets")
                 cuts[item] = in_motion(light, matte, own, float(exposure[item].detach()))
 
-    def pictures(taker: Amplified, items: list[int]) -> Tensor:  # all with objects, or none
+    lamps = _flickers(lamp, lamp_lights, masks, batch)
+
+    def pictures(camera: Camera, gain: float, items: list[int]) -> Tensor:  # all with objects, or none
         own = [cuts[item] for item in items if item in cuts]
         of: Any = slice(None) if len(items) == batch else items  # without a copy of all
         moved = velocity[of]
         if ego is not None:
-            moved = vehicle.flow_px_s(taker.camera, size, ego[of] / 3.6)
+            moved = vehicle.flow_px_s(camera, size, ego[of] / 3.6)
         elif own:
             moved = moved * moved.new_tensor([[names[item] == "background"] for item in items])
-        dn = simulate(
-            torch.cat([cut.background for cut in own]) if own else scene[of],
-            taker.camera,
+        light = torch.cat([cut.background for cut in own]) if own else scene_reflectance(scene[of], encoding)
+        developed = hdr.pictures(
+            ExposedScene(light, fidelity=fidelity, layers=[cut.layers for cut in own]),
+            camera,
             exposure_s=exposure[of],
             illuminance_lux=lux[of],
+            gain_db=gain,
             velocity_px_s=moved,
             trajectory=[paths[item] for item in items] if paths else None,
             temperature_c=temperature[of],
-            encoding="linear" if own else encoding,
             generator=[seeds[item] for item in items],
-            fidelity=fidelity,
-            layers=[cut.layers for cut in own],
+            flicker=[lamps[item] for item in items] if lamps else None,
+            encoding="linear" if encoding == "linear" else "srgb",
         )
-        coded: Encoding = "linear" if encoding == "linear" else "srgb"
-        developed = develop(dn, taker.camera, encoding=coded, gain_db=taker.digital_db)
         return in_channels(developed, scene.shape[1]).to(image.dtype)
 
-    taken_by: dict[tuple[Amplified, bool], list[int]] = {}
+    taken_by: dict[tuple[Camera, float, bool], list[int]] = {}
     for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure, lux, temperature))):
-        taken_by.setdefault((cameras[item].at_gain(gain), item in cuts), []).append(item)
+        taken_by.setdefault((cameras[item], gain, item in cuts), []).append(item)
     with torch.autocast(scene.device.type, enabled=False):
-        parts = [pictures(taker, items) for (taker, _), items in taken_by.items()]
+        parts = [pictures(taker, gain, items) for (taker, gain, _), items in taken_by.items()]
     if len(parts) == 1:
         return parts[0]
     out = torch.empty_like(image)
@@ -183,6 +201,23 @@ def _gains_db(
                 temperature_c=celsius,
             ).gain_db
         found.append(limited("gain_db", own))
+    return found
+
+
+def _flickers(
+    lamp: Pwm | Sequence[Pwm | None] | None, lights: Lights, masks: Tensor | None, batch: int
+) -> list[Flicker | None]:
+    """Each picture's lamp where it lights; None for a lamp of targets where there are none; [] without lamps."""
+    one_of("lamp_lights", lights, ("all", "targets"))
+    found: list[Flicker | None] = []
+    for item, own in enumerate(
+        [] if lamp is None else _for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
+    ):
+        if own is not None:
+            an_instance("lamp", own, Pwm)
+        hidden = lights == "targets" and (masks is None or not masks.shape[1])
+        mask = None if lights == "all" or masks is None else masks[item].amax(0).float()
+        found.append(None if own is None or hidden else Flicker(own, mask))
     return found
 
 

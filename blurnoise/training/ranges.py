@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from numbers import Real
 from typing import Any, Literal
 
@@ -20,11 +21,13 @@ import torch
 from torch import Tensor
 
 from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, limited, one_of, shown
+from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, windows
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene.exposure import MOVES, Moves
+from blurnoise.scene.hdr import amplified, saturations_e
 from blurnoise.scene.metering import AutoExposure
 
 Range = float | Sequence[float]
@@ -33,10 +36,12 @@ Cameras = Camera | str | Sequence[Camera | str]
 Params = dict[str, Tensor]
 Gain = Range | Literal["auto"] | AutoExposure
 """dB, or what auto-exposure sets."""
+Lights = Literal["all", "targets"]
 _LONGEST_USUAL_S = 1.0  # a longer exposure was probably meant in milliseconds: there is a warning
 DRAWN = ("exposure_s", "illuminance_lux", "speed_px_s", "direction_deg", "temperature_c")
 """Conditions of every picture."""
-_ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks")
+_ARGUMENTS = (*DRAWN, "camera_index", "gain_db", "gain_auto", "moves_index", "ego_kmh", "masks",
+              *(LAMP := ("lamp_hz", "lamp_duty", "lamp_phase")))  # fmt: skip
 _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "speed_px_s"}
 """Ranges that replace one of them."""
 
@@ -44,13 +49,20 @@ _INSTEAD = {"white_e": "illuminance_lux", "blur_px": "speed_px_s", "ego_kmh": "s
 class Draws(ABC):
     """A source of conditions for training pictures: :class:`ExposureRanges`, or a table of conditions.
 
-    gain_db: for pictures whose conditions have none. vehicle: drives at ``ego_kmh``.
+    gain_db: for pictures whose conditions have none. vehicle: drives at ``ego_kmh``. lamp_lights: what the light of
+    a pulsed lamp falls on.
     """
 
     vehicle: Vehicle = USUAL_VEHICLE
     camera: Cameras
     gain_db: Gain
     moves: Moves | Sequence[Moves]
+    lamp_lights: Lights = "all"
+
+    @property
+    def uses_masks(self) -> bool:
+        """Whether pictures are taken otherwise where there are masks."""
+        return self.moves != ("all",) or self.lamp_lights == "targets"
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
@@ -66,8 +78,9 @@ class Draws(ABC):
     def conditions(self, uniform: Tensor) -> Params:
         """The conditions at ``uniform`` (B, ``draws``), values in [0, 1): (B,) each.
 
-        ``DRAWN``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px`` and ``ego_kmh``; int64 indices of
-        the cameras, ``camera_index``, and of moves, ``moves_index``.
+        ``DRAWN``, and where they are drawn ``gain_db``, ``gain_auto``, ``shake_px``, ``ego_kmh``, ``lamp_hz``,
+        ``lamp_duty`` and ``lamp_phase``; int64 indices of the cameras, ``camera_index``, and of moves,
+        ``moves_index``.
         """
 
     def arguments(self, params: Params, of: slice | list[int] = slice(None)) -> dict[str, Any]:
@@ -90,7 +103,15 @@ class Draws(ABC):
             "moves": moves,
             "trajectory": shakes(params, cameras, of),
             "vehicle": self.vehicle,
+            "lamp": self._lamps(drawn),
+            "lamp_lights": self.lamp_lights,
         }
+
+    @staticmethod
+    def _lamps(drawn: Params) -> list[Pwm] | None:
+        if "lamp_hz" not in drawn:
+            return None
+        return [Pwm(*figures) for figures in zip(*(drawn[name].tolist() for name in LAMP), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -109,6 +130,10 @@ class ExposureRanges(Draws):
     road, on ``vehicle``, whose flow follows from its focal length and the picture's size; the picture is all that the
     camera sees. Masks are of what drives along: "all" or "background".
 
+    lamp_hz, lamp_duty, uniform: frequency and duty of a pulsed lamp (:class:`blurnoise.light.flicker.Pwm`), as LEDs
+    are; each picture begins anywhere in its period. None: no lamp. lamp_lights: "all", or the "targets" of pictures
+    with masks: they are the lamps then, and dark in exposures that fall between pulses.
+
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
     """
@@ -126,6 +151,9 @@ class ExposureRanges(Draws):
     blur_px: Range | None = None
     ego_kmh: Range | None = None
     vehicle: Vehicle = USUAL_VEHICLE
+    lamp_hz: Range | None = None
+    lamp_duty: Range = (0.1, 0.5)
+    lamp_lights: Lights = "all"
 
     def __post_init__(self) -> None:
         moves = (self.moves,) if isinstance(self.moves, str) else tuple(self.moves) or ("",)
@@ -134,11 +162,14 @@ class ExposureRanges(Draws):
             "gain_db": _gain(self.gain_db, cameras),
             "moves": tuple(one_of("moves", each, MOVES) for each in moves),
         }
-        for name in (*DRAWN, "shake_px", *_INSTEAD):
-            if name not in _INSTEAD or getattr(self, name) is not None:
+        for name in (*DRAWN, "shake_px", "lamp_duty", *_INSTEAD, "lamp_hz"):
+            if getattr(self, name) is not None or name not in (*_INSTEAD, "lamp_hz"):
                 checked[name] = bounds(name, getattr(self, name))
         vars(self).update(checked)
         check_vehicle(self.vehicle, drives=self.ego_kmh is not None)
+        one_of("lamp_lights", self.lamp_lights, ("all", "targets"))
+        for camera, exposure_s in product(cameras, checked["exposure_s"]):
+            windows(camera.captures, exposure_s)
         warn_of_milliseconds(*checked["exposure_s"])
         if self.ego_kmh is not None and self.blur_px is not None:
             raise ValueError(f"blur_px = {self.blur_px!r}: must be None with ego_kmh, by which places differ")
@@ -184,6 +215,7 @@ class ExposureRanges(Draws):
             "gain_db": isinstance(self.gain_db, tuple),
             "shake_px": vars(self)["shake_px"][1] > 0,
             "moves_index": len(self.moves) > 1,
+            **dict.fromkeys(LAMP, self.lamp_hz is not None),
         }
         beside = (name for name, varies in further.items() if varies)
         return (*(instead.get(name, name) for name in DRAWN), *beside)
@@ -200,7 +232,7 @@ class ExposureRanges(Draws):
             if name in ("camera_index", "moves_index"):
                 drawn[name] = chosen(share, len(self.cameras if name == "camera_index" else self.moves))
                 continue
-            low, high = vars(self)[name]
+            low, high = vars(self).get(name, (0.0, 1.0))  # a phase is anywhere
             value = low * (high / low) ** share if name in DRAWN_FROM else low + (high - low) * share
             drawn[name] = value.clamp(low, high)
         exposure_s, index = drawn["exposure_s"], drawn["camera_index"]
@@ -222,6 +254,7 @@ class ExposureRanges(Draws):
             "shake_px": "shake_px" in self._drawn,
             "moves": self.moves != ("all",),
             "vehicle": self.ego_kmh is not None,
+            **dict.fromkeys(("lamp_hz", "lamp_duty", "lamp_lights"), self.lamp_hz is not None),
         }
         shown_too = (name for name, used in further.items() if used)
         named = (*self._drawn[: len(DRAWN)], "gain_db", *shown_too)
@@ -288,9 +321,15 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
         must = "must be a number, (low, high), 'auto' or an AutoExposure"
         raise TypeError(f"gain_db = {shown(gain_db)}: {must}")
     low, high = bounds("gain_db", gain_db)
-    for camera in cameras:
-        camera.at_gain(low), camera.at_gain(high)
+    for camera, each in product(cameras, (low, high)):
+        check_captures(camera, each)
     return low if low == high else (low, high)
+
+
+def check_captures(camera: Camera, gain_db: float) -> None:
+    """Raise ``ValueError`` for a gain that the camera lacks, or at which a capture reaches less far than the last."""
+    captures, _ = amplified(camera, gain_db)
+    saturations_e(camera, captures)
 
 
 def check_vehicle(vehicle: Vehicle, *, drives: bool) -> None:

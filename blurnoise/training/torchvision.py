@@ -56,10 +56,10 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         return f"{self.ranges}, {super().extra_repr()}"
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        """Conditions and noise seed, (1,) each, whether they apply, and the masks, if parts are to move."""
+        """Conditions and noise seed, (1,) each, whether they apply, and the masks, if something is done with them."""
         drawn = {**self._drawn(1, torch.float32), "applies": bool(torch.rand(()) < self.p)}
         found = [each for each in flat_inputs if isinstance(each, tv_tensors.Mask)]
-        if found and self.ranges.moves != ("all",):
+        if found and self.ranges.uses_masks:
             masks = [each.as_subclass(Tensor).reshape(-1, *each.shape[-2:]) for each in found]
             drawn["masks"] = torch.cat(masks)[None]
         return drawn

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.conditions import SweepPlan
@@ -89,7 +89,7 @@ def test_grey_is_grey_in_spite_of_an_overlay_and_of_rounding():
 
 
 def test_the_terminal_names_a_default_and_three_sensors():
-    for camera in (Camera.preset("imx250"), given.camera(None, cfa="none")):
+    for camera in (Camera.preset("imx250"), inputs.camera(None, cfa="none")):
         assert "a sensor for each colour" in str(camera_text(camera, colour=True))
     assert camera_text(Camera.preset("imx250"), colour=False) is None
     assert camera_text(Camera.preset("imx250c"), colour=True) is None

@@ -69,7 +69,7 @@ def made_run(
         ]
         for table in tables:
             found["answers"] += [
-                row | {"clean_value": best_of[table.group]} for row in answers(table, CRITERION)
+                row | {"clean_score": best_of[table.group]} for row in answers(table, CRITERION)
             ]
         if tables:
             of = averages([each for table in tables for each in table.split(SETTING)], THRESHOLD)
@@ -107,10 +107,14 @@ def _score(model, kind, at, best_of):
     if mean is not None:
         row |= {name: mean * (1 - place / 20) for place, name in enumerate(SCORES[kind])}
     rate = None if mean is None else float(mean > 0.25)
-    shown: Row = {"applied_gain_db": 6.0, "snr_db": 25.0, "brightness": 0.4, "saturated": 0.01}
+    shown: Row = {"applied_gain_db": 6.0, "snr_db": 25.0, "brightness": 0.4, "saturated_share": 0.01}
     means = {"target_confidence": mean, "detection_rate": rate, "detection_rate_swept": rate}
     return (
-        {"model": model, "n_images": 3} | (dict.fromkeys(shown) if at["clean"] else shown) | means | at | row
+        {"model": model, "n_pictures": 3}
+        | (dict.fromkeys(shown) if at["clean"] else shown)
+        | means
+        | at
+        | row
     )
 
 

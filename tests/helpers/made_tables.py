@@ -34,7 +34,10 @@ def tables(
         names = list(dict.fromkeys(row["image"] for row in rows))
         numbers = [names.index(row["image"]) for row in rows], [row["repeat"] for row in rows]
         value, clean = (np.array(list(map(of, rows)), float) for of in (value_of, clean_of))
-        shown = [np.array([row.get(name) for row in rows], float) for name in ("saturated", "brightness")]
+        shown = [
+            np.array([row.get(name) for row in rows], float)
+            for name in ("saturated_share", "brightness", "missed_pulse")
+        ]
         columns = TargetColumns(
             [], names, [], np.arange(len(rows)), np.array(numbers[0]), np.zeros(len(rows)), np.array(numbers[1]),
             np.array([row["target_id"] for row in rows]), *[value] * 5, *shown,

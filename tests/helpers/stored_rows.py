@@ -33,19 +33,19 @@ def result(index, *, detections=NOTHING, targets=1, **changes):
     cell = {"seed": 2**63 - 1 - index, "n_targets": targets, "target_confidence": 0.5, "detection_rate": 1.0}
     cell |= {
         "n_detections": len(detections),
-        "saturated": 0.25,
+        "saturated_share": 0.25,
         "applied_exposure_s": 0.01,
         "applied_gain_db": 6.0,
         "snr_db": 20.0,
         "brightness": 0.4,
-        "invented_share": None,
+        "inpainted_share": None,
         "simulate_ms": 1.5,
         "infer_ms": 2.5,
         "error": None,
     }
     target = {"group": "g", "label": "stop sign", "x0": 0.0, "y0": 1.0, "x1": 2.0, "y1": 3.0}
     target |= {"width_px": 2.0, "height_px": 2.0, "confidence": 0.1 * (index + 1), "truth": None}
-    target |= {"confidence_swept": 0.05, "invented_share": None}
+    target |= {"confidence_swept": 0.05, "inpainted_share": None}
     target |= dict.fromkeys(("text", "read_confidence", "character_error_rate"))
     rows = tuple({**shared, **target, "target_id": number} for number in range(targets))
     return CellResult({**shared, **cell, "example": None}, rows, detections)

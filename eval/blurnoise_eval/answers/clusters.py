@@ -1,4 +1,4 @@
-"""Clusters of pictures: those that were taken together and so count as one in every interval.
+"""Clusters of pictures: pictures that are not independent, such as the frames of one drive, count as one.
 
 Domain: pictures' names as the store has them. Without a pattern each picture is a cluster.
 """
@@ -19,8 +19,8 @@ _FEWER = 0.9  # of the pictures: so few scenes make intervals a twentieth too na
 def cluster_of(picture: str, pattern: str | None = None) -> str:
     """The cluster of a picture's name.
 
-    pattern: a regular expression, found anywhere in the name; what its first group, or else all of it, matches
-    names the cluster. A name that it does not match, or in which its group took no part, is a cluster.
+    pattern: a regular expression that is searched in the name. The text of its first group, or of the whole match
+    without a group, names the cluster. A picture whose name does not match is a cluster by itself.
     Raises ``ValueError`` for a pattern that is not a regular expression.
     """
     if pattern is None:
@@ -63,6 +63,6 @@ def repeated(looks: Mapping[str, str], pattern: str | None = None) -> str | None
         return None
     pictures = f"{count} pictures" if pattern is None else f"the {count} clusters of pictures"
     return (
-        f"{pictures} show about {apart} scene{'' if apart == 1 else 's'} but count as independent, so intervals are "
-        "too narrow: give --cluster a pattern that finds the same in the file names of one scene"
+        f"{pictures} show about {apart} scene{'' if apart == 1 else 's'} but count as independent, so the intervals "
+        "are too narrow. Give --cluster a pattern that finds the same text in the file names of one scene"
     )

@@ -1,4 +1,4 @@
-"""A criterion: what of a detector's performance is enough.
+"""The criterion: the score from which on an exposure works.
 
 Domain: levels are shares, 0 to 1. Scores: :func:`names` by kind of model; "recall@0.1" is the recall at the
 confidence at which the original pictures give 0.1 false alarms each, the same under every condition.
@@ -16,7 +16,7 @@ from blurnoise_eval.scoring.scores import BOTH, Score, criteria
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"
 RECALL = "recall@"
 PRECISIONS = tuple(score.name for score in criteria("detector") if score.by_size)
-"""Of all targets of a size together, never of one target: they have groups by size."""
+"""Scores of all targets of a size together; their groups are sizes."""
 KEPT, ENOUGH = 0.9, 0.6
 """The default: the share kept on the user's pictures, confidence in rendered signs and texts."""
 _MOST_ALARMS = 1e3
@@ -111,5 +111,5 @@ def criterion_for(
         kind = "text recognisers" if reads else "detectors"
         raise ValueError(f"score = {score!r}: must be one of {', '.join(known)} for {kind}")
     if found.alarms_per_picture is not None and not labelled:
-        raise ValueError(f"score = {score!r}: needs pictures with labels, which tell false alarms")
+        raise ValueError(f"score = {score!r}: needs pictures with labels, to count false alarms")
     return found

@@ -28,7 +28,7 @@ from blurnoise_eval.system.tables import finite
 WORKS, NONE_WORKS, CANNOT_TELL = "works", "no exposure works", "cannot tell"
 Array = NDArray[np.float64]
 _MOST_PICTURES = 9999  # that are asked for
-_OF_LINES = ("exposures_s", "confidence", "low", "high", "saturated")
+_OF_LINES = ("exposures_s", "confidence", "low", "high", "saturated_share")
 _ENDS = tuple(f"window_{end}{bound}_s" for end in ("from", "to") for bound in ("", "_low", "_high"))
 
 
@@ -70,23 +70,23 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     exposures_s: tested, increasing; confidence: of the ``n_targets`` targets (times repeats) at each, in the
     criterion's unit; low, high: its 95 % interval over ``n_pictures`` clusters, which count as ``effective_pictures``
     (:func:`~blurnoise_eval.scoring.uncertainty.effective`): None below 8 such; few_pictures: fewer than 20.
-    saturated: mean share of the pictures' values at a limit of the sensor, None where unknown.
+    saturated_share: mean share of the pictures' values at a limit of the sensor, None where unknown.
 
     verdict: "works": at some tested exposure ``low`` is at or above the level; "no exposure works": ``high`` is at
-    none in the range; else "cannot tell", as always below 8 pictures. Then ``pictures_to_tell`` is how many should be
+    none in the range; else "cannot tell", as always below 8 pictures. Then ``pictures_needed`` is how many should be
     enough in half of such cases (None: more than 9999).
 
     windows_s: stretches of exposure in which the mean is at or above the level; windows_low_s, windows_high_s: the
     95 % intervals of their ends, None where these lie outside the tested range or are not known. sure_windows_s:
-    where it is surely so. open_low, open_high: a window reaches the shortest or longest exposure tested.
+    where it is surely so. window_from_open, window_to_open: a window reaches the shortest or longest exposure tested.
 
     recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
     is only the best guess. regret_95: what it loses at most, at 95 %, against the best tested exposure. best_s: the
     tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
-    limited_low, limited_high: what ends the window that holds the recommended exposure, or else the first;
-    limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them. clean_value: mean
-    score in the original pictures, None where unknown.
+    window_from_limited_by, window_to_limited_by: what ends the window of the recommended exposure, or else the first;
+    best_limited_by: where there is no window, what holds ``best_s`` back: as :mod:`.limits` has them.
+    clean_score: mean score in the original pictures, None where unknown.
     """
     table, level = curve.line, criterion.level
     mean, windows, sure = table.mean.tolist(), curve.windows(level), curve.sure(level)
@@ -109,7 +109,12 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     else:
         limits = of_best(line, best)
     axes = {name: value for name, value in table.at(0).items() if name != "exposure_s"}
-    to_recommended = "recommended_s", "confidence_at_recommended", "recommended_low", "recommended_high"
+    to_recommended = (
+        "recommended_s",
+        "score_at_recommended",
+        "score_at_recommended_low",
+        "score_at_recommended_high",
+    )
     return {
         "model": table.model,
         "group": table.group,
@@ -123,20 +128,20 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
         "windows_low_s": [list(curve.around(end, level)) for end, _ in windows],
         "windows_high_s": [list(curve.around(end, level)) for _, end in windows],
         "sure_windows_s": [list(window) for window in sure],
-        "open_low": mean[0] >= level,
-        "open_high": mean[-1] >= level,
+        "window_from_open": mean[0] >= level,
+        "window_to_open": mean[-1] >= level,
         **table.sizes,
         "verdict": verdict,
-        "pictures_to_tell": _pictures_to_tell(table, level) if verdict == CANNOT_TELL else None,
-        **at(chosen, *to_recommended, "saturated_at_recommended"),
+        "pictures_needed": _pictures_needed(table, level) if verdict == CANNOT_TELL else None,
+        **at(chosen, *to_recommended, "saturated_share_at_recommended"),
         "regret_95": None if chosen is None else _regret(curve, chosen),
-        "saturated": saturated,
+        "saturated_share": saturated,
         "criterion": criterion.text,
-        **at(best, "best_s", "best_value", "best_low", "best_high"),
-        "limited_low": limits.low,
-        "limited_high": limits.high,
-        "limited_by": limits.by,
-        "clean_value": table.clean,
+        **at(best, "best_s", "best_score", "best_score_low", "best_score_high"),
+        "window_from_limited_by": limits.low,
+        "window_to_limited_by": limits.high,
+        "best_limited_by": limits.by,
+        "clean_score": table.clean,
     }
 
 
@@ -175,7 +180,7 @@ def chosen_window(windows_s: Sequence[Stretch], recommended_s: float | None) -> 
     return held.index(True) if any(held) else 0
 
 
-def _pictures_to_tell(line: ScoreTable, level: float) -> int | None:
+def _pictures_needed(line: ScoreTable, level: float) -> int | None:
     """How many would be enough in half of such cases: for one exposure to be above, or all below."""
     n = np.isfinite(line.influence).sum(axis=0)
     known = n > 1

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.answers.table import ScoreTable
 
-Limit = Literal["noise", "darkness", "blur", "saturation"]
+Limit = Literal["missed pulses", "noise", "darkness", "blur", "saturation"]
 Array = NDArray[np.float64]
 MATTERS = 0.02
 """So much better, in the criterion's unit, must it be without a limit that this counts as one."""
@@ -57,8 +57,11 @@ class Line:
         return bool(self.of.speeds_px_s.any())
 
     def lacks(self, place: int) -> Limit | None:
-        """What too little light means at an exposure: darkness in a picture that is darker than half of
-        auto-exposure's aim, since gain has ended or was fixed; noise in one as bright as it should be."""
+        """What too little light means at an exposure: missed pulses where pictures miss a pulsed lamp; darkness in a
+        picture that is darker than half of auto-exposure's aim, since gain has ended or was fixed; noise in one as
+        bright as it should be."""
+        if self.of.missed_pulses is not None and self.of.missed_pulses[place] > MATTERS:
+            return "missed pulses"
         brightness = self.of.brightness[place]
         return None if np.isnan(brightness) else "darkness" if brightness < self.dark_below else "noise"
 

@@ -25,7 +25,7 @@ def model_rows(
 ) -> list[dict[str, Any]]:
     """The rows of the table of models, by the conditions of the grid where there is one.
 
-    With what each lacks in mPC compared with the best: ``mpc_behind``.
+    With what each lacks in mPC compared with the best: ``mpc_deficit``.
     Its interval is of the difference paired by picture, and holds at 95 % for all pairs of models together.
     """
     known: dict[str, list[tuple[dict[str, Any], Estimate]]] = {model["name"]: [] for model in models}
@@ -37,7 +37,7 @@ def model_rows(
     behind = _behind(mpc)
     return [
         _summary(model, scores, known[model["name"]], mpc[model["name"]], curves, labelled)
-        | {f"mpc_behind{end}": value for end, value in zip(_ENDS, behind[model["name"]], strict=True)}
+        | {f"mpc_deficit{end}": value for end, value in zip(_ENDS, behind[model["name"]], strict=True)}
         for model in models
     ]
 

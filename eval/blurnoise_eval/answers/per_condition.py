@@ -20,9 +20,11 @@ from blurnoise_eval.store.queries import TargetColumns, target_columns
 from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store
 
-COUNTS = ("n_images", "n_targets", "errors")
-PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
+COUNTS = ("n_pictures", "n_targets", "errors")
+PICTURES = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
 """Means over the pictures of a condition; None of the original ones."""
+OF_LAMPS = ("missed_pulse_share",)
+"""Another, of runs with a pulsed lamp: how many pictures miss it."""
 
 Moves = Callable[[Mapping[str, Any]], tuple[MoveBoxes | None, MoveBoxes | None]]
 """Where the conditions of a row have moved the truth's boxes, and what these sweep."""
@@ -83,6 +85,7 @@ def scored(
             answers = NO_ANSWERS if truth is None else queries.answers_at(store, model, row)
             evaluated = Evaluated(sums, truth or NO_TRUTH, answers, *boxes, clusters)
             found = {name: as_set[name] for name in ("model", *CONDITIONS, "blur_px", *COUNTS, *PICTURES)}
+            found |= {name: as_set[name] for name in OF_LAMPS if name in as_set}
             for score in of_conditions():
                 found |= columns(score.estimate(evaluated), score.name, score.most)
             performance = evaluated.mean("exact_match") if truth is None else evaluated.average()

@@ -114,11 +114,11 @@ class Averages:
     def choose(self, places: Iterable[int] | None = None) -> Row | None:
         """The exposure to use under these conditions (all by default); None where no exposure was tested in all.
 
-        Of several gains that were tested at a light, the one that keeps most is used. value: what it keeps on average
-        over the ``conditions``; low, high: the 95 % interval, errors of prediction as if they were all alike, None
-        from too few pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". loss: how much less
-        this is than the best exposure of each condition would keep. saturated: the largest share of saturated
-        values, None where unknown. sure, fails: in how many conditions the level is surely reached, surely missed.
+        Of several gains that were tested at a light, the one that keeps most is used. score: the mean over the
+        ``n_conditions``; score_low, score_high: its 95 % interval, errors of prediction as if they were all alike,
+        None from too few pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". regret: how
+        much more the best exposure of each condition would keep. saturated_share: the largest of the conditions, None
+        where unknown. n_works, n_fails: in how many conditions the level is surely reached, surely missed.
         gain_db: where it is one.
         """
         every, counted = self._line(range(len(self.settings)) if places is None else places)
@@ -139,15 +139,15 @@ class Averages:
         return {
             GAIN.name: gains.pop() if len(gains) == 1 else None,
             "exposure_s": self.exposures_s[e],
-            "value": float(value.mean()),
-            "low": finite(float(together.low)),
-            "high": finite(float(together.high)),
+            "score": float(value.mean()),
+            "score_low": finite(float(together.low)),
+            "score_high": finite(float(together.high)),
             "verdict": self._verdict(*map(float, together)),
-            "loss": float(np.maximum(best - value, 0.0).mean()),
-            "saturated": finite(float(np.fmax.reduce(share))),
-            "sure": verdicts.count(SURE),
-            "fails": verdicts.count(FAILS),
-            "conditions": len(own),
+            "regret": float(np.maximum(best - value, 0.0).mean()),
+            "saturated_share": finite(float(np.fmax.reduce(share))),
+            "n_works": verdicts.count(SURE),
+            "n_fails": verdicts.count(FAILS),
+            "n_conditions": len(own),
             "places": own,
         }
 
@@ -251,8 +251,8 @@ def averages(tables: Sequence[ScoreTable], level: float, *, monotone: bool = Fal
 
 def recommendations(of: Averages) -> list[Row]:
     """Rows: one for all conditions, one for each light (and what else varies) over all speeds, one for each speed
-    there. Axes and speed are None where a row is an average over them; a chosen gain is given. at_common: what the
-    exposure for all conditions keeps there, None where it was not tested there."""
+    there. Axes and speed are None where a row is an average over them; a chosen gain is given.
+    score_at_overall_exposure: what the one for all conditions keeps there, None where it was not tested there."""
     lights = [_without(setting, _GAIN, _EGO) for setting in of.settings]
     speeds = of.speeds
     whole = of.choose()
@@ -263,10 +263,11 @@ def recommendations(of: Averages) -> list[Row]:
         if choice is None:
             return []
         held = choice.pop("places")
-        at_common = None if common is None else finite(float(of.value[held, common].mean()))
+        at_overall = None if common is None else finite(float(of.value[held, common].mean()))
         axes = dict(zip(SETTING, light or [None] * len(SETTING), strict=True))
         axes |= {GAIN.name: choice.pop(GAIN.name), EGO.name: None}
-        return [{"model": of.model, "scope": scope, **axes, "speed": speed, **choice, "at_common": at_common}]
+        row = {"model": of.model, "scope": scope, **axes, "speed": speed, **choice}
+        return [{**row, "score_at_overall_exposure": at_overall}]
 
     every = rows("all", None, None, range(len(lights)))
     for light in sorted(set(lights)):
@@ -286,9 +287,9 @@ def _nest(by_speed: list[Row]) -> None:
     """What is sure at one speed is at all slower ones, and what surely fails does at all faster ones."""
     for fast, slow in ((fast, slow) for fast in reversed(by_speed) for slow in by_speed):
         if slow["speed"] < fast["speed"] and fast["verdict"] == SURE:
-            slow |= {"verdict": SURE, "sure": slow["conditions"], "fails": 0}
+            slow |= {"verdict": SURE, "n_works": slow["n_conditions"], "n_fails": 0}
         if slow["speed"] < fast["speed"] and slow["verdict"] == FAILS:
-            fast |= {"verdict": FAILS, "sure": 0, "fails": fast["conditions"]}
+            fast |= {"verdict": FAILS, "n_works": 0, "n_fails": fast["n_conditions"]}
 
 
 def average_curve(of: Averages) -> Row:

@@ -46,7 +46,8 @@ class ScoreTable:
     share of the pictures' values at a limit of the sensor, brightness: their mean, NaN where unknown. n_targets: how
     many there are, times noise fields. clean: mean score in the original pictures, None where unknown; reference: its
     sum over the targets, each once. prediction_cov: of a mean that is predicted and was not measured, its covariance
-    (n, n) at n of the conditions, by their places, beside what clusters differ by.
+    (n, n) at n of the conditions, by their places, beside what clusters differ by. missed_pulses: (N,) share of
+    pictures that miss the pulsed lamp, NaN where there is none.
     """
 
     model: str
@@ -62,6 +63,7 @@ class ScoreTable:
     reference: float = 0.0
     kept: bool = False
     prediction_cov: Callable[[Places], Array] | None = None
+    missed_pulses: Array | None = None
 
     def __len__(self) -> int:
         return int(self.sums.shape[1])
@@ -156,6 +158,7 @@ class ScoreTable:
             saturated=self.saturated[places],
             brightness=self.brightness[places],
             prediction_cov=None if cov is None else lambda those: cov(places[those]),
+            missed_pulses=None if self.missed_pulses is None else self.missed_pulses[places],
         )
 
     def split(self, axes: Sequence[str]) -> Iterator[ScoreTable]:
@@ -294,6 +297,7 @@ def table_of(
         clean=float(known.mean()) if len(known) else None,
         reference=float(known.sum()),
         kept=kept,
+        missed_pulses=mean(rows.missed_pulse),
     )
 
 
@@ -309,7 +313,7 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
         known = [(row, each) for row, each in found if each.influence is not None]
         if clean.value is None or not n_targets or not known:
             continue
-        axes = (*ORDER, "saturated", "brightness")
+        axes = (*ORDER, "saturated_share", "brightness")
         columns = {name: np.array([row[name] for row, _ in known], float) for name in axes}
         values = np.array([each.pseudo_values for _, each in known]).T
         table = ScoreTable(
@@ -319,7 +323,7 @@ def tables_by_size(scored: Sequence[Scored], kept: bool) -> Iterator[ScoreTable]
             columns,
             np.nan_to_num(values),
             np.isfinite(values).astype(float),
-            columns.pop("saturated"),
+            columns.pop("saturated_share"),
             columns.pop("brightness"),
             n_targets,
             clean.value,

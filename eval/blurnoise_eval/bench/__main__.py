@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli import given, run_alone
+from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Contract, Json, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_json
 
 if TYPE_CHECKING:
-    from blurnoise_eval.bench.contest import Case, Contest
+    from blurnoise_eval.bench.contest import Contest
 
 What = Literal["blur", "motion", "noise", "edges", "decide", "sweep", "augment"]
 OF_MODELS = ("decide", "sweep")
@@ -53,7 +53,7 @@ def bench(
       edges    ways to measure MTF50 of a slanted edge
       decide   the search of 'blurnoise decide' beside grids: conditions asked, and how far off the windows are
       sweep    a sweep beside bare onnxruntime
-      augment  the augmentation beside a training step
+      augment  the augmentation beside a training step, and beside Kornia's, albumentations' and nrtk's
 
       python -m blurnoise_eval.bench motion --quick          in half a minute
       python -m blurnoise_eval.bench sweep --model m.onnx    what your network costs in a sweep
@@ -63,20 +63,20 @@ def bench(
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what not in OF_MODELS:
             raise ValueError(f"{name}: goes with '{' and '.join(OF_MODELS)}'")
-    workers = given.threads(threads)
+    workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
     from blurnoise_eval import datasets
-    from blurnoise_eval.bench import contest, decide, edges, motion, noise, sweep
+    from blurnoise_eval.bench import augment, contest, decide, edges, motion, noise, sweep
 
     contests: dict[str, Any] = {
         "blur": motion.blur, "motion": motion.motion, "noise": noise.noise, "edges": edges.edges,
-        "augment": _augment,
+        "augment": augment.augment,
     }  # fmt: skip
     if what in OF_MODELS:
         signs = 3 if what == "sweep" else 8 if quick else 20
         pictures = datasets.image_folder(images) if images else datasets.rendered_signs(count=signs)
-        detector = given.detector(model, contract)
+        detector = inputs.detector(model, contract)
         contests["sweep"] = partial(sweep.sweep, detector, pictures, workers)
         contests["decide"] = partial(decide.decide, detector, pictures, workers, folder)
     chosen: Contest = contests[what](quick=quick)
@@ -89,37 +89,6 @@ def bench(
         return
     say(*result.table())
     say(f"open {folder / f'{what}.png'}")
-
-
-def _augment(*, quick: bool) -> Contest:
-    """Augmentations of shares of a batch beside training steps of the small detector."""
-    import kornia.augmentation as kornia
-    from blurnoise_models import training
-    from torch import nn
-
-    from blurnoise import RandomExposure
-    from blurnoise_eval.bench.contest import Case, Contender, Contest
-
-    def blur_and_noise(p: float) -> nn.Module:
-        blur = kornia.RandomMotionBlur((3, 61), (-180.0, 180.0), 0.0, border_type="reflect", p=p)
-        return nn.Sequential(blur, kornia.RandomGaussianNoise(std=0.05, p=p), nn.Hardtanh(0.0, 1.0))
-
-    pictures, boxes = training.batch(0, 8 if quick else training.BATCH)
-    step = partial(training.Training(1, {}, None).learn, pictures, boxes)
-
-    def case() -> Case:
-        ways = [Contender("training step", step)]
-        ours: Any = RandomExposure  # of Kornia's classes, which mypy does not follow
-        for p in (0.5, 1.0):
-            ways.append(Contender(f"RandomExposure, p = {p:g}", partial(ours(p=p), pictures), True))
-            theirs = partial(blur_and_noise(p), pictures)
-            ways.append(Contender(f"Kornia's blur and noise, p = {p:g}", theirs))
-        return Case(f"batch of {len(pictures)}", ways, units=len(pictures))
-
-    return Contest(
-        "augment", "Augmentations beside a training step, 320x320 in colour", [case],
-        cost_unit="ms per picture", seconds=20.0,
-    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module, metadata
 from inspect import cleandoc
 from typing import Annotated, Any
@@ -17,33 +18,33 @@ from blurnoise_eval.grid.axes import AXES
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
 
 COMMANDS: dict[str, str] = {
-    "sweep": "detector x exposures x lights x speeds -> curves and report",
-    "decide": "the same answers from a fraction of the conditions, by a search",
-    "program": "a finished run -> exposure and gain for every light",
-    "merge": "join runs of parts: other pictures, repeats or conditions",
-    "report": "write a run's figures, tables and page again; its boxes as COCO",
-    "inspect": "what a model takes and gives, and how it would be read",
-    "simulate": "one picture as a camera would take it",
-    "explore": "sliders: what conditions do to a picture and a detector",
-    "quality": "charts -> every image-quality metric, over exposure and blur",
-    "measure": "slanted edges of a picture -> sharpness, noise, information",
-    "compare": "a simulated picture beside a real one of the same chart",
-    "validate": "simulated frames beside your camera's: what agrees, what differs",
-    "chart": "render a test target",
-    "motion": "road speed -> px/s and blur",
-    "cameras": "the cameras there are, their figures and where these come from",
-    "cameras fit": "your own camera, from dark and flat frames or a DNG",
-    "train": "train the stop-sign detector, and write it as ONNX",
+    "sweep": "evaluate detectors over exposures, lights and speeds",
+    "decide": "find the exposure that works, with fewer pictures than a sweep",
+    "program": "compute exposure and gain for each light level, from a run",
+    "merge": "join the runs of parts into one run",
+    "report": "write the report of a run again, or its detections as COCO",
+    "inspect": "show the inputs, outputs and contract of a model",
+    "simulate": "simulate how a camera takes a picture",
+    "explore": "change the conditions with sliders, see picture and detections",
+    "quality": "measure the image quality of simulated charts",
+    "measure": "measure sharpness, noise and information at slanted edges",
+    "compare": "compare a simulated picture of a chart with a real one",
+    "validate": "compare simulated frames with the frames of a camera",
+    "chart": "render a test chart",
+    "motion": "convert a road speed to px/s and blur length",
+    "cameras": "list the camera presets, or show the values of one camera",
+    "cameras fit": "make a camera file from dark and flat frames, or from a DNG",
+    "train": "train the stop-sign detector and write it as ONNX",
 }
-"""Every command, and what it does; its function has its name, in a module of that name."""
+"""The commands, each with a line about it. The function of a command has its name, in a module of that name."""
 _ABOUT = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
 
-  blurnoise sweep -o run                     the whole job on built-in signs
-  blurnoise sweep --model M.onnx --images DIR -o run           ... on your own
+  blurnoise sweep -o run                              built-in model and signs
+  blurnoise sweep --model M.onnx --images DIR -o run  your model and pictures
   blurnoise simulate IMAGE -o out.png --exposure-ms 30 --lux 50 --dx 1000
-  blurnoise COMMAND --help                   its options, and examples
+  blurnoise COMMAND --help                            options and examples
 
 Commands:
 """
@@ -52,19 +53,19 @@ Commands:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
 
-    Raises ``SystemExit`` of code 2 for what no command understands.
+    Raises ``SystemExit`` with code 2 for an unknown command or option.
     """
     words = [*(sys.argv[1:] if arguments is None else arguments)]
     words = words[words[:1] == ["--"] :]
     name = next((each for each in (" ".join(words[:2]), *words[:1]) if each in COMMANDS), "")
     if name:
         return run_alone(function(name), f"blurnoise {name}", words[len(name.split()) :])
-    asked = words[:1] in (["-h"], ["--help"])
-    return run_alone(_overview, "blurnoise", words[asked:]) or 2 * (not words)
+    help_only = words[:1] in (["-h"], ["--help"])
+    return run_alone(_overview, "blurnoise", words[help_only:]) or 2 * (not words)
 
 
 def _overview(
-    version: Annotated[bool, Option("--version", help="print the version, no help")] = False,
+    version: Annotated[bool, Option("--version", help="print the version")] = False,
 ) -> None:
     if version:
         say(f"blurnoise {metadata.version('blurnoise')}")
@@ -73,19 +74,19 @@ def _overview(
 
 
 def function(name: str) -> Callable[..., None]:
-    """That of a command."""
+    """The function of a command."""
     path = name.replace(" ", "_")
     found: Callable[..., None] = getattr(import_module(f"blurnoise_eval.cli.{path}"), path)
     return found
 
 
 def run_alone(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
-    """Run a command that is no part of a program: ``blurnoise sweep``, ``python -m blurnoise_eval.bench``."""
+    """Run the command of one function, such as ``blurnoise sweep`` or ``python -m blurnoise_eval.bench``."""
     return _run(command(run), name, words)
 
 
 def command(run: Callable[..., None]) -> Any:
-    """Typer's command of a function."""
+    """The Typer command of a function. Its help has no column of types where the name of the value says enough."""
     app = typer.Typer(
         rich_markup_mode="rich",
         pretty_exceptions_enable=False,
@@ -93,11 +94,16 @@ def command(run: Callable[..., None]) -> Any:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.command(help=described(run.__doc__ or ""))(run)
-    return get_command(app)
+    made: Any = get_command(app)
+    for each in made.params:
+        named = each.param_type_name == "argument" and not each.type_descriptor.is_choice
+        if named or getattr(each, "is_flag", False):
+            each.display_type_rich = lambda ctx: None
+    return made
 
 
 def described(text: str) -> str:
-    """A docstring for help: prose in lines of any length, examples (indented) line by line, brackets no markup."""
+    """The help text of a docstring: paragraphs become one line each, indented examples keep their lines."""
     parts = cleandoc(text).replace("[", r"\[").split("\n\n")
     return "\n\n".join(
         "\n".join(map(str.strip, part.splitlines())) if part.startswith(" ") else " ".join(part.split())
@@ -107,8 +113,8 @@ def described(text: str) -> str:
 
 def _run(program: Any, name: str, words: Sequence[str]) -> int:
     accept_all_text()
-    options = [option for each in program.params for option in each.opts]
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are told below
+    options = option_names(program.params, words)
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are reported below
     try:
         with plain_warnings():
             code = program.main(args=[*words], prog_name=name, standalone_mode=False)
@@ -132,39 +138,53 @@ def _run(program: Any, name: str, words: Sequence[str]) -> int:
 
         if not is_out_of_memory(error):
             raise
-        _say("out of memory: smaller pictures, or fewer of --threads, need less")
+        _say("out of memory; use smaller pictures or fewer --threads")
         return 2
     if code == 130:
-        say("blurnoise: interrupted; what was finished is kept", error=True)
+        say("blurnoise: interrupted; finished work is kept", error=True)
     return int(code or 0)
 
 
 def _say(text: str) -> None:
-    """An error, in a line."""
+    """Print an error as one line."""
     from blurnoise_eval.system.urls import without_secrets
 
     say(f"blurnoise: error: {shortened(without_secrets(' '.join(text.split())))}", error=True)
 
 
-def in_options(text: str, options: Collection[str]) -> str:
-    """An error "name = value: ..." or "name, name: ..." with the options of those names."""
-    limit = "--model-timeout-s" if "--model-timeout-s" in options else "model_timeout_s in --plan FILE.yaml"
+def option_names(params: Sequence[Any], words: Sequence[str]) -> dict[str, str]:
+    """The option of each parameter and axis; with a file of settings, the setting unless its option is used."""
+    used = {word.partition("=")[0] for word in words if word.startswith("--")}
+    has_file = bool(used & {"--plan", "--scene"})
+    found: dict[str, str] = {}
+    for each in params:
+        names = [option.lstrip("-").replace("-", "_") for option in each.opts]
+        longest = max(names if has_file else each.opts, key=len)
+        found |= dict.fromkeys(names, next((option for option in each.opts if option in used), longest))
+    return found | {axis.name: found[axis.key] for axis in AXES if axis.key in found}
+
+
+def in_options(text: str, options: Mapping[str, str]) -> str:
+    """An error "name = value: ..." or "name, name: ..." with the options of these names."""
+    limit = options.get("model_timeout_s", "model_timeout_s in --plan FILE.yaml")
     text = text.replace("; timeout_s allows", f"; {limit} allows")
-    known = {each.lstrip("-").replace("-", "_"): each for each in options}
-    known |= {axis.name: axis.option for axis in AXES if axis.option in options}
     subject = text.partition(":")[0].partition(" = ")[0]
-    named = [known.get(each, "") for each in subject.split(", ")]
-    return ", ".join(named) + text[len(subject) :] if all(named) else text
+    named = [options.get(each, "") for each in subject.split(", ")]
+    if not all(named):
+        return text
+    axes = "|".join(axis.name for axis in AXES)
+    rest = re.sub(rf"\b({axes})\b", lambda found: options.get(found[0], found[0]), text[len(subject) :])
+    return ", ".join(named) + rest
 
 
 def _usage(error: typer.TyperException) -> str:
-    """What is wrong with the options themselves, and where to look; of a setting that is no option, its file."""
+    """The message for a wrong option, and where to look; for a setting without an option, the file that takes it."""
     path = getattr(getattr(error, "ctx", None), "command_path", "")
     option = str(getattr(error, "option_name", ""))
     command_name = path.removeprefix("blurnoise ")
     file, kind = getattr(COMMANDS.get(command_name) and function(command_name), "settings", ("", None))
     if kind and (name := option.lstrip("-").replace("-", "_")) in kind.names():
-        return f"no such option: {option}; it is the setting '{name}: ...' in --{file} FILE.yaml"
+        return f"no such option: {option}; set '{name}: ...' in a file and pass it as --{file} FILE.yaml"
     text = error.format_message().rstrip(".").replace("Value error, ", "")
     for fault in getattr(error.__cause__, "errors", list)():
         text += f", got {fault['input']!r}" if repr(fault["input"]) not in text else ""
@@ -172,7 +192,7 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _forget_output() -> None:
-    """Drop what cannot be written to standard output, which Python would try again when it ends."""
+    """Discard output that cannot be written; otherwise Python tries again when it ends."""
     try:
         sys.stdout.flush()
     except OSError:

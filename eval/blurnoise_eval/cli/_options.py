@@ -32,14 +32,14 @@ def place(text: str) -> Location:
 
 
 def _local(text: str) -> Path:
-    """A file, fetched where it is a URL. Raises ``ValueError`` and ``OSError``."""
+    """A local file; the file of a URL is downloaded. Raises ``ValueError`` and ``OSError``."""
     from blurnoise_eval.system.urls import local_file, location
 
     return local_file(location(text))
 
 
 def new_file(text: str) -> Path:
-    """A file to write. Raises ``OSError`` where that is not possible."""
+    """A file to write. Raises ``OSError`` if it cannot be written."""
     from blurnoise_eval.system.files import check_writable
 
     check_writable(Path(text))
@@ -47,7 +47,7 @@ def new_file(text: str) -> Path:
 
 
 def new_folder(text: str) -> Path:
-    """A folder to write to. Raises ``OSError`` where that is not possible."""
+    """A folder to write to. Raises ``OSError`` if it cannot be written to."""
     from blurnoise_eval.system.files import check_writable_folder
 
     check_writable_folder(Path(text))
@@ -65,7 +65,7 @@ def region(text: str) -> Region:
     try:
         left, top, width, height = map(int, text.split(","))
     except ValueError:
-        raise ValueError(f"{text!r}: must be x,y,w,h, four whole numbers of px") from None
+        raise ValueError(f"{text!r}: must be x,y,w,h, four integers in px") from None
     return left, top, width, height
 
 
@@ -89,7 +89,7 @@ def option_of(kind: type[Settings], name: str) -> Any:
 def settings(
     kind: type[Settings], *names: str, file: str = "plan", template: bool = True
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command options for settings of ``kind`` in place of its parameter ``given``, an instance.
+    """Give a command options for settings of ``kind`` in place of its parameter ``config``, an instance.
 
     names: of the settings; "*": one for each axis. file: --plan FILE has all settings, which the options override.
     template: whether --save-plan writes such a file.
@@ -109,11 +109,11 @@ def settings(
         f"--{file}",
         parser=_local,
         metavar="FILE.yaml",
-        help="all settings; options override those of the file",
+        help="file with all settings; options override it",
     )
     written = Option(
         f"--save-{file}", parser=new_file, metavar="OUT.yaml", callback=save, is_eager=True,
-        help="write such a file, with every setting's default, and end",
+        help="write a file with the default of every setting, and exit",
     )  # fmt: skip
     added = {name: option_of(kind, name) for name in chosen} | {"settings_file": Annotated[Path | None, read]}
     added |= {"saved_to": Annotated[Path | None, written]} if template else {}
@@ -121,14 +121,14 @@ def settings(
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def run(settings_file: Path | None = None, saved_to: None = None, **options: Any) -> None:
-            given = kind() if settings_file is None else kind.read(settings_file)
-            stated = {name: options.pop(name) for name in chosen}
-            stated = {name: value for name, value in stated.items() if value not in (None, [])}
-            command(given=given.stating(stated), **options)
+            config = kind() if settings_file is None else kind.read(settings_file)
+            values = {name: options.pop(name) for name in chosen}
+            values = {name: value for name, value in values.items() if value not in (None, [])}
+            command(config=config.stating(values), **options)
 
         own = signature(command, eval_str=True)
         parameters = list(own.parameters.values())
-        place = list(own.parameters).index("given")
+        place = list(own.parameters).index("config")
         parameters[place : place + 1] = [
             Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=of) for name, of in added.items()
         ]
@@ -148,33 +148,35 @@ Contract = Annotated[
     str | None,
     Option(
         metavar="FILE|PRESET[,FIELD=VALUE...]",
-        help="how to read the model: a JSON or YAML file, or a preset, and what differs",
+        help="how to read the model: a contract file (JSON, YAML) or a preset, and the fields that differ",
     ),
 ]
 ModelTimeout = Annotated[
-    float, Option(metavar="S", help="how long loading a model, and its first answer, may take")
+    float, Option(metavar="S", help="time limit for loading a model and for its first inference, s")
 ]
 PictureWritten = Annotated[
-    Path, Option("-o", "--output", parser=new_file, metavar="OUT.png", help="the picture")
+    Path, Option("-o", "--output", parser=new_file, metavar="OUT.png", help="picture to write")
 ]
-RunRead = Annotated[
-    Location, Argument(parser=place, metavar="RUN", help="the folder or URL of a sweep or a decision")
-]
+RunRead = Annotated[Location, Argument(parser=place, metavar="RUN", help="folder or URL of a run")]
 Folder = Annotated[
-    Location, Option("-o", "--output", parser=new_place, metavar="DIR", help="folder or URL for everything")
+    Location, Option("-o", "--output", parser=new_place, metavar="DIR", help="folder or URL for the results")
 ]
-NewFolder = Annotated[Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for everything")]
-Linear = Annotated[bool, Option("--linear", help="the numbers are linear in light (default for 16 bits)")]
-Srgb = Annotated[bool, Option("--srgb", help="the numbers are sRGB-coded (default for 8 bits)")]
-BlackLevel = Annotated[float | None, Option(metavar="DN", help="of no light (default: 0)")]
+NewFolder = Annotated[
+    Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for the results")
+]
+Linear = Annotated[bool, Option("--linear", help="pixel values are linear in light (default for 16 bits)")]
+Srgb = Annotated[bool, Option("--srgb", help="pixel values are sRGB-coded (default for 8 bits)")]
+BlackLevel = Annotated[float | None, Option(metavar="DN", help="digital number without light (default: 0)")]
 FullScale = Annotated[
-    float | None, Option(metavar="DN", help="the most a pixel can hold (default: all bits set)")
+    float | None, Option(metavar="DN", help="largest digital number (default: all bits set)")
 ]
-Json = Annotated[bool, Option("--json", help="print JSON for programs")]
+Json = Annotated[bool, Option("--json", help="print JSON instead of text")]
 FramesLayout = Annotated[
     str | None,
-    Option(metavar="PACKING,WxH[,STRIDE]", help="of .raw and .bin files, as mipi10,4056x3040,5072"),
+    Option(
+        metavar="PACKING,WxH[,STRIDE]", help="layout of .raw and .bin files, such as mipi10,4056x3040,5072"
+    ),
 ]
 FramesCfa = Annotated[
-    str | None, Option(metavar="CFA", help="mosaic, as RGGB, or none (default: by the files)")
+    str | None, Option(metavar="CFA", help="colour filters, such as RGGB, or none (default: from the files)")
 ]

@@ -1,4 +1,4 @@
-"""``blurnoise cameras``: the presets, or one camera's figures and where they come from."""
+"""``blurnoise cameras``: the presets, or the values of one camera and their sources."""
 
 from __future__ import annotations
 
@@ -13,28 +13,32 @@ from blurnoise_eval.system.terminal import say, show
 
 def cameras(
     camera: Annotated[
-        str | None, Argument(metavar="NAME|FILE", help="one camera (default: all presets)")
+        str | None,
+        Argument(metavar="NAME|FILE", help="a preset or a camera file (default: list all presets)"),
     ] = None,
     *,
     save: Annotated[
-        Path | None, Option(parser=new_file, metavar="OUT.yaml", help="write it, to edit; or OUT.json")
+        Path | None,
+        Option(parser=new_file, metavar="OUT.yaml", help="write the camera to a file (YAML or JSON)"),
     ] = None,
 ) -> None:
-    """List the camera presets, or show every figure of one camera and its source.
+    """List the camera presets, or show the values of one camera with their sources.
 
-      blurnoise cameras                              the presets, a line each
-      blurnoise cameras imx250 --save mine.yaml      a starting point for your own
-      blurnoise cameras fit frames/ -o mine.yaml     your own, from dark and flat frames
-      blurnoise sweep --camera mine.yaml -o run      the answer for it
+      blurnoise cameras                            all presets
+      blurnoise cameras imx250 --save mine.yaml    a file to edit
+      blurnoise cameras fit frames/ -o mine.yaml   from dark and flat frames
+      blurnoise sweep --camera mine.yaml -o run    a sweep with your camera
 
-    A file may hold 'base: imx250' and only the fields that differ.
+    A camera file may consist of 'base: imx250' and the fields that differ.
     """
     from blurnoise.optics.camera import PRESETS
     from blurnoise_eval import cameras as tables
 
     if camera is None:
         if save:
-            raise ValueError("save: needs a camera, as in 'blurnoise cameras imx250 --save mine.yaml'")
+            raise ValueError(
+                "save: needs the name of a camera, as in 'blurnoise cameras imx250 --save mine.yaml'"
+            )
         show(tables.overview(list(PRESETS.values())))
         return
     found = tables.find(camera)

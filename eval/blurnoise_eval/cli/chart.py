@@ -1,4 +1,4 @@
-"""``blurnoise chart``: a rendered test target."""
+"""``blurnoise chart``: render a test chart."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ CHARTS: tuple[str, ...] = get_args(Kind)
 
 
 def chart(
-    kind: Annotated[Kind, Argument(metavar="KIND", help="which")],
+    kind: Annotated[Kind, Argument(metavar="KIND", help="kind of chart")],
     *,
     output: PictureWritten,
-    size: Annotated[float, Option(metavar="PX", help="of star and sign, px")] = 100.0,
-    width: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
-    height: Annotated[int, Option(metavar="PX", help="of the picture, px")] = 320,
+    size: Annotated[float, Option(metavar="PX", help="size of the star or the sign, px")] = 100.0,
+    width: Annotated[int, Option(metavar="PX", help="width of the picture, px")] = 320,
+    height: Annotated[int, Option(metavar="PX", help="height of the picture, px")] = 320,
     angle: Annotated[
-        float | None, Option(metavar="DEG", help="degrees, counter-clockwise (default: edge 5, others 0)")
+        float | None,
+        Option(metavar="DEG", help="rotation, degrees, counter-clockwise (default: 5 for the edge, else 0)"),
     ] = None,
-    bit_depth: Annotated[Literal["8", "16"], Option(help="of the sRGB PNG")] = "8",
+    bit_depth: Annotated[Literal["8", "16"], Option(help="bit depth of the sRGB PNG")] = "8",
 ) -> None:
-    """Render a test target from its geometry.
+    """Render a test chart from its geometry.
 
       blurnoise chart stop-sign --size 50 -o sign.png
       blurnoise chart slanted-edge --bit-depth 16 -o edge.png
 
-    In Python, blurnoise.charts gives them as linear reflectance.
+    In Python, the functions of blurnoise.charts return the charts as linear reflectance.
     """
     from blurnoise import charts
     from blurnoise._core.checks import limited

@@ -1,4 +1,4 @@
-"""``blurnoise compare``: does the simulator describe my camera?"""
+"""``blurnoise compare``: compare a simulated picture of a chart with a real one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from blurnoise_eval.system.terminal import say, say_json, table_lines
 
 def compare(
     simulated: Annotated[
-        Path, Argument(metavar="SIMULATED", help="what 'blurnoise simulate' made of the chart")
+        Path, Argument(metavar="SIMULATED", help="picture of the chart, simulated with 'blurnoise simulate'")
     ],
-    real: Annotated[Path, Argument(metavar="REAL", help="your camera's picture of it, of the same size")],
+    real: Annotated[
+        Path, Argument(metavar="REAL", help="picture of the chart, taken by your camera, of the same size")
+    ],
     *,
     linear: Linear = False,
     srgb: Srgb = False,
@@ -23,19 +25,19 @@ def compare(
     full_scale: FullScale = None,
     as_json: Json = False,
 ) -> None:
-    """Compare a simulated picture with a real one of the same chart: mean, noise at each level and sharpness of
-    slanted edges. Each quantity agrees, or differs by more than chance allows.
+    """Compare a simulated picture of a chart with a real one: mean, noise at each level, and sharpness of edges.
 
       blurnoise compare simulated.png real.png --black-level 64 --full-scale 4095
 
-    Noise is looked for where both pictures are even. Align them to a few pixels. Simulate with --bit-depth native,
-    and take the real one raw, so that both are linear.
+    For each quantity the table says whether the pictures agree, or differ by more than chance allows. Noise is
+    measured in areas that are uniform in both pictures. Align the pictures to a few pixels. Both should be linear:
+    simulate with --bit-depth native, and use a raw picture of the camera.
     """
     if linear and srgb:
-        raise ValueError("linear, srgb: must be one of them")
-    for picture in (simulated, real):
+        raise ValueError("linear, srgb: only one of them is allowed")
+    for name, picture in (("simulated", simulated), ("real", real)):
         if picture.is_dir():
-            raise ValueError(f"compare = {str(picture)!r}: is a folder; must be a picture of a chart")
+            raise ValueError(f"{name} = {str(picture)!r}: is a folder; must be a picture of a chart")
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import comparison
 

@@ -1,4 +1,4 @@
-"""What the commands print: facts, tables, assumptions and progress, on a terminal or as JSON."""
+"""Output of the commands: facts and tables, on a terminal or as JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def print_opening(data: RunData) -> None:
-    """A run's answers: the sentence, the table of light x speed, what limits, and how to be surer; in ASCII."""
+    """Print the answers of a run in ASCII: sentences, the table of lights and speeds, limits, what to do next."""
     from blurnoise_eval.report.opening import MAX_ROWS, MAX_SPEEDS, opening, table_rows
 
     found, wide = opening(data), width() or PROSE
@@ -34,12 +34,14 @@ def print_opening(data: RunData) -> None:
             lines = table_lines(heads, rows, plain, None if speeds else wide - 2, rule=False)
             if max(map(len, lines)) + 2 <= wide:
                 break
-        name = [f"{found.model}:"] if len(data.models) > 1 else []
-        say("", *name, *(f"  {_in_ascii(line)}" for line in lines))
-        more = f"; {hidden} more cells: recommendations.csv" if hidden else ""
+        name = f"{found.model}: " if len(data.models) > 1 else ""
+        say("")
+        say_wrapped(_in_ascii(f"{name}{found.caption}"))
+        say(*(f"  {_in_ascii(line)}" for line in lines))
+        more = f". {hidden} more entries: recommendations.csv" if hidden else ""
         say_wrapped(_in_ascii(found.legend + more), 2, 2)
     for title, text in found.notes:
-        say_wrapped(_in_ascii(f"{title}: {text}"), hanging=len(title) + 2)
+        say_wrapped(_in_ascii(f"{title}: {text}"), hanging=2)
 
 
 def _in_ascii(line: str) -> str:
@@ -47,22 +49,22 @@ def _in_ascii(line: str) -> str:
 
 
 def print_stages(needs: Plan, fidelity: str) -> None:
-    """A scene's plan: a row per stage."""
+    """Print a row for each stage of the simulation."""
     from rich.table import Table
 
-    table = Table("stage", "DN RMS", "modelled", "how", title_justify="left")
-    table.title = "What each stage contributes where the picture is white, in the order of the physics"
+    table = Table("stage", "DN RMS", "simulated", "how", title_justify="left")
+    table.title = "Contribution of each stage at a white pixel, in causal order"
     for stage in needs.stages:
         kept = stage.kept or (fidelity == "full" and stage.contribution_dn > 0)
-        how = stage.how if stage.kept or not kept else "asked for by --fidelity full"
+        how = stage.how if stage.kept or not kept else "fidelity: full"
         table.add_row(stage.name, f"{stage.contribution_dn:.3g}", "yes" if kept else "no", how)
     show(table)
     if fidelity == "auto":
-        say(f"left out: {needs.left_out_dn:.2g} of at most {needs.tolerance_dn:g} DN RMS")
+        say(f"left out: {needs.left_out_dn:.2g} DN RMS in total; {needs.tolerance_dn:g} DN RMS is allowed")
 
 
 def print_facts(facts: dict[str, Any], as_json: bool) -> None:
-    """Names and values, a line each, or one line of JSON."""
+    """Print names and values, one per line, or one line of JSON."""
     if as_json:
         say_json(facts)
         return

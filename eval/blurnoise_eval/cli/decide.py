@@ -1,4 +1,4 @@
-"""``blurnoise decide``: the same answers as a sweep's from a fraction of its pictures, by a search."""
+"""``blurnoise decide``: the answers of a sweep from fewer pictures, by a search."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from blurnoise_eval.grid.plan_file import PlanFile
 @settings(
     PlanFile, "model", "images", "labels", "camera", "*", "picture_tone", "keep", "threads", template=False
 )
-def decide(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
-    """Say which exposure works, and how sure that is, under every light and at every speed, from few conditions.
+def decide(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
+    """Find the exposures that work under each light and at each speed, with fewer pictures than a sweep.
 
       blurnoise decide --model a.onnx --coco instances.json -o run
       blurnoise decide --images DIR --lux 5:200 --dx 0,150,400 -o run
 
-    Conditions with the same lux x seconds and the same motion in px are one experiment. So a search asks on that
-    plane, at most about 80 conditions for all lights and speeds, where 'blurnoise sweep' computes a grid over
-    exposure, light and speed. Where the plane does not hold (dark current, several directions or gains, a trajectory,
-    a camera that drives), or where the grid has fewer conditions, it is that grid, and the answer says why.
-    Stopped, it goes on when the same command is given again; a wider question in the same folder begins with what is
-    there. A plan is that of 'blurnoise sweep --save-plan'.
+    Conditions with the same lux x seconds and the same blur in px give the same picture. The search uses this: it
+    computes at most about 80 conditions for all lights and speeds. 'blurnoise sweep' computes the whole grid of
+    exposures, lights and speeds.
+
+    The whole grid is computed if conditions cannot be shared in this way: with dark current, several directions or
+    gains, a trajectory, or ego-motion. It is also computed if it has fewer conditions. The output gives the reason.
+
+    An interrupted search continues when you run the same command again. A search with more lights or speeds in the
+    same folder starts from the conditions that are already there. 'blurnoise sweep --save-plan' writes a file for
+    --plan.
     """
     from blurnoise_eval.deciding.decision import decided
 
-    computed(decided, given, output, as_json)
+    computed(decided, config, output, as_json)

@@ -1,4 +1,4 @@
-"""``blurnoise explore``: a picture, or a run, in a page of sliders."""
+"""``blurnoise explore``: a page with sliders for a picture or a run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from blurnoise_eval.explorer.catalogue import Catalogue
     from blurnoise_eval.explorer.state import State
 
-_EXTRA = 'explore: needs NiceGUI: pip install "blurnoise[explore]"; with -o it writes the picture without'
+_EXTRA = 'explore: the page needs NiceGUI: pip install "blurnoise[explore]"; -o OUT.png works without it'
 
 
 def explore(
@@ -24,58 +24,71 @@ def explore(
     where: Annotated[
         Path | None,
         Argument(
-            metavar="IMAGE|RUN", help="a picture, or the folder of a sweep (default: rendered stop signs)"
+            metavar="IMAGE|RUN", help="a picture, or the folder of a run (default: rendered stop signs)"
         ),
     ] = None,
     at: Annotated[
         str | None,
         Option(
             metavar="QUERY",
-            help="where to begin, as in the page's address: exposure-ms=20&lux=5&dx=800, read_noise_e=12, "
-            "picture=sign-3, seed=1",
+            help="initial settings, as in the address of the page, joined by &: exposure-ms=20, lux=5, "
+            "read_noise_e=12, picture=sign-3, seed=1",
         ),
     ] = None,
     cell: Annotated[
-        str | None, Option(metavar="ID", help="of a run: a cell of results.csv, computed anew")
+        str | None, Option(metavar="ID", help="cell_id of a run's results.csv; the cell is computed again")
     ] = None,
-    images: Annotated[
-        Path | None, Option(metavar="DIR", help="of a run over a folder: where its pictures are")
-    ] = None,
+    images: Annotated[Path | None, Option(metavar="DIR", help="folder of the pictures of a run")] = None,
     trust: Annotated[
-        bool, Option("--trust", help="of a run of your own: open pictures and models where it says they are")
+        bool,
+        Option(
+            "--trust",
+            help="open the pictures and models at the paths in the run; use it for your own runs only",
+        ),
     ] = False,
     model: Annotated[
         str | None,
         Option(
             metavar="M.onnx|built-in|none",
-            help="a detector (default: the built-in detector, or the run's first)",
+            help="detector (default: the first of the run, or the built-in detector)",
         ),
     ] = None,
     model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     camera: Annotated[
-        str | None, Option(metavar="NAME|FILE", help="a preset, or a camera's file (default: as a sweep)")
+        str | None, Option(metavar="NAME|FILE", help="a preset or a camera file (default: as for a sweep)")
     ] = None,
     output: Annotated[
         Path | None,
-        Option("-o", "--output", parser=new_file, metavar="OUT.png", help="write the picture; no page"),
+        Option(
+            "-o",
+            "--output",
+            parser=new_file,
+            metavar="OUT.png",
+            help="write the picture instead of serving the page",
+        ),
     ] = None,
     host: Annotated[
-        str, Option(metavar="ADDRESS", help="where the page is served; 0.0.0.0 for everybody")
+        str,
+        Option(
+            metavar="ADDRESS", help="address of the server; 0.0.0.0 makes the page visible on the network"
+        ),
     ] = "127.0.0.1",
-    port: Annotated[int, Option(metavar="N", help="0: any that is free", min=0, max=65535)] = 0,
+    port: Annotated[
+        int, Option(metavar="N", help="port of the server; 0: any free port", min=0, max=65535)
+    ] = 0,
     browser: Annotated[bool, Option("--browser/--no-browser", help="open the page in the browser")] = True,
     as_json: Json = False,
 ) -> None:
-    """Explore what exposure, light, motion, gain and camera do to a picture, and to
-    what a detector finds in it, in a page of sliders on this machine.
+    """Open a page with sliders for exposure, light, motion, gain and camera. The page shows the simulated picture
+    and the detections in it.
 
       blurnoise explore
       blurnoise explore photo.jpg --model detector.onnx
       blurnoise explore run
-      blurnoise explore photo.jpg --at 'exposure-ms=20&lux=5&dx=800' -o seen.png
+      blurnoise explore photo.jpg --at 'exposure-ms=20&lux=5' -o out.png
 
-    "Copy as command" on the page gives a line like the last, which writes the same
-    picture bit for bit.
+    The page is served on this machine. "Copy as command" on the page copies a command like the last example, which
+    writes the same picture bit for bit.
     """
     from importlib.util import find_spec
 

@@ -1,4 +1,4 @@
-"""``blurnoise inspect``: what a model takes and gives, how it would be read and why, and a look at its answers."""
+"""``blurnoise inspect``: the inputs, outputs and contract of a model, and its detections in a picture."""
 
 from __future__ import annotations
 
@@ -28,9 +28,7 @@ _LONGEST = 60  # characters of a name or a value of the metadata
 
 
 def inspect(
-    model: Annotated[
-        Location, Argument(parser=place, metavar="M.onnx", help="a detector or a text recogniser")
-    ],
+    model: Annotated[Location, Argument(parser=place, metavar="M.onnx", help="detector or text recogniser")],
     *,
     contract: Contract = None,
     probe: Annotated[
@@ -38,40 +36,42 @@ def inspect(
         Option(
             parser=place,
             metavar="IMAGE|DIR",
-            help="list what it finds in this picture, or in the first of a folder, and draw it as "
-            "MODEL-IMAGE-probe.png; compare how pictures may enter the model, on up to 32",
+            help="picture, or folder of which up to 32 are used; list the detections in the first, draw them as "
+            "MODEL-IMAGE-probe.png, and compare contracts",
         ),
     ] = None,
     save_contract: Annotated[
         bool,
         Option(
             "--save-contract",
-            help="write the contract as MODEL.contract.json beside the model, where every command finds it",
+            help="write the contract beside the model as MODEL.contract.json; all commands read this file",
         ),
     ] = False,
     model_timeout_s: ModelTimeout = MODEL_TIMEOUT_S,
     as_json: Json = False,
 ) -> None:
-    """Show a model's inputs, outputs and metadata, the family it belongs to and why, every
-    field of its contract and where that came from, and what nothing in the file tells.
+    """Show the inputs, outputs and metadata of a model, and its contract: how pictures enter the model and how its
+    outputs are read.
 
-      blurnoise inspect M.onnx                                     from the file alone
-      blurnoise inspect M.onnx --probe photo.jpg                   its detections drawn on a photograph of yours
-      blurnoise inspect M.onnx --probe photos/ --save-contract     the contract chosen by 32 of them, kept
-      blurnoise inspect M.onnx --contract yolox,colour=rgb,range=0-1 --probe photos/
+      blurnoise inspect M.onnx
+      blurnoise inspect M.onnx --probe photo.jpg
+      blurnoise inspect M.onnx --probe photos/ --save-contract
+      blurnoise inspect M.onnx --contract yolox,colour=rgb,range=0-1
 
-    Red and blue swapped, or values 0-1 instead of 0-255, often still find something. With --probe
-    colours, values and resize are varied: what is found again in the mirrored, cropped picture
-    decides what nothing states, and doubts what is stated. It takes 100 to 600 inferences; what the
-    pictures leave open is a warning, which more pictures settle.
+    For each field of the contract, the table names its source: the graph, the metadata, a file, or an assumption.
 
-    FIELD: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr), value_range (or
-    range: 0-1, 0-255), mean and std (1/2/3, in that range and the colours' order), resize
-    (letterbox, letterbox-top-left, stretch, none), pad_value (or pad), input_size_px (or size:
-    416x640, height first), nms_iou (or iou). A file may hold "base: yolox" and what differs.
+    A detector with a wrong contract often still finds something, for example with red and blue swapped, or with
+    values 0-1 instead of 0-255. --probe therefore compares contracts with other colour orders, values and resizing.
+    It prefers the contract with which the same objects are found in the mirrored and cropped picture. This takes 100
+    to 600 inferences. If the pictures do not decide, a warning says so; use more pictures.
 
-    PRESET: a family's name, such as yolox, yolov8, rtdetr or tfod, for text recognisers ppocr;
-    the error of any other word lists all of them.
+    FIELD is one of: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr), value_range (or range:
+    0-1, 0-255), mean and std (1/2/3, in that range and colour order), resize (letterbox, letterbox-top-left, stretch,
+    none), pad_value (or pad), input_size_px (or size: 416x640, height first), nms_iou (or iou). A contract file may
+    consist of "base: yolox" and the fields that differ.
+
+    PRESET is the name of a family, such as yolox, yolov8, rtdetr or tfod, or ppocr for text recognisers. The error
+    for an unknown name lists all presets.
     """
     from blurnoise_eval.detectors.contract_files import contract_document
     from blurnoise_eval.detectors.model import OnnxModel
@@ -82,19 +82,19 @@ def inspect(
     opened = OnnxModel(model, timeout_s=model_timeout_s)
     reads = (contract or "").split(",")[0] == "ppocr" or is_recogniser(opened)
     if reads and save_contract:
-        raise ValueError("save-contract: none is written for a text recogniser")
+        raise ValueError("save-contract: a text recogniser has no contract file")
     output = new_file(f"{model.stem}-{probed[0][0].stem}-probe.png") if probed else Path()
     kept = None
     if save_contract:
         kept = (model.parent if isinstance(model, Path) else Path()) / f"{model.stem}.contract.json"
         if kept.exists():
-            raise ValueError(f"save-contract = {str(kept)!r}: exists; must be a new file")
+            raise ValueError(f"save-contract = {str(kept)!r}: exists already; remove it first")
         new_file(str(kept))
     network: Any
     if reads:
         network, why = (
             Recogniser(opened, contract=contract),
-            "one picture in, a row of class probabilities per step out",
+            "input: one picture; output: class probabilities for each step",
         )
         facts: dict[str, Any] = {"recognised": f"graph: {why}", "unknown": [], "warnings": []}
     else:
@@ -122,7 +122,7 @@ def inspect(
 
 
 def _pictures(probe: Location) -> Pictures:
-    """The picture, or up to 32 of a folder. Raises ``ValueError`` for a folder without any."""
+    """The picture, or up to 32 pictures of a folder. Raises ``ValueError`` for a folder without pictures."""
     from blurnoise_eval.datasets import eight_bit, image_folder, read_picture, sample
     from blurnoise_eval.sweep.contract_checks import MOST_PICTURES
 
@@ -130,12 +130,12 @@ def _pictures(probe: Location) -> Pictures:
         return [(probe, eight_bit(read_picture(probe)))]
     found = sample(image_folder(probe), MOST_PICTURES)
     if not found:
-        raise ValueError(f"probe = {str(probe)!r}: none of its pictures can be read")
+        raise ValueError(f"probe = {str(probe)!r}: no picture of this folder can be read")
     return [(probe / picture.name, image) for picture, image in found]
 
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:
-    """The detector, and what is known of how it is read."""
+    """The detector, and facts about its contract."""
     from blurnoise_eval.detectors.contract_files import contract_option
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.recognition import drawn_picture
@@ -144,7 +144,7 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
     detector = Detector(model, contract=contract)
     source = detector.contract.sources["family"]
     if not source.startswith(("graph: ", "assumed: ")):
-        source = f"stated ({source}); the graph agrees: {detector.why}"
+        source = f"{source}; the graph agrees: {detector.why}"
     facts: dict[str, Any] = {"recognised": source}
     facts["unknown"] = [detector.family.unknown] if detector.family.unknown else []
     if probed:
@@ -162,7 +162,7 @@ def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple
 def _found(
     network: Detector | Recogniser, path: Location, picture: NDArray[np.uint8], output: Path
 ) -> dict[str, Any]:
-    """What it finds in a picture, drawn to ``output``; what it reads there, taken as one line of text."""
+    """The detections in a picture, drawn to ``output``; of a text recogniser, the text of the whole picture."""
     from blurnoise_eval.datasets import write_picture
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.plots.annotate import drawn_example
@@ -186,12 +186,12 @@ def _found(
 
 
 def _print(facts: dict[str, Any], contract: Any, found: dict[str, Any]) -> None:
-    """Every fact, every field of the contract with its source, and what was found."""
+    """Print the facts, the contract with the source of each field, and the detections."""
     shown = {
         **facts,
         "metadata": {_short(key): _short(value) for key, value in facts["metadata"].items()} or "none",
-        "unknown": facts["unknown"] or "nothing beyond what is assumed",
-        "warnings": facts["warnings"] or f"none on {found.get('image', 'a drawn picture')}",
+        "unknown": facts["unknown"] or "none beyond the assumed fields",
+        "warnings": facts["warnings"] or f"none with {found.get('image', 'a test picture')}",
     }
     print_facts(shown, False)
     values = contract.to_dict()
@@ -202,11 +202,11 @@ def _print(facts: dict[str, Any], contract: Any, found: dict[str, Any]) -> None:
         for name, source in contract.sources.items()
         if name != "family"  # above
     ]
-    say(*table_lines(("contract", "value", "from"), rows, (False,) * 3, width()))
+    say(*table_lines(("contract", "value", "source"), rows, (False,) * 3, width()))
     if "text" in found:
-        say(f"read in {found['image']}", f"  {found['text']!r} {found['score']:.3f}")
+        say(f"text in {found['image']}", f"  {found['text']!r} {found['score']:.3f}")
     elif found:
-        say(f"detections in {found['image']}, and {found['weaker']} below {DRAWN_SCORE}")
+        say(f"detections in {found['image']}; {found['weaker']} more with scores below {DRAWN_SCORE}")
         for row in found["detections"]:
             box = ", ".join(f"{side:.1f}" for side in row["box_xyxy"])
             say(f"  {row['score']:.3f} at {box} px: {_short(row['class'])}")

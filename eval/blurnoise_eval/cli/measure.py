@@ -1,4 +1,4 @@
-"""``blurnoise measure``: the slanted edges of a picture, as a table, CSV, JSON or drawn."""
+"""``blurnoise measure``: measure the slanted edges of a picture; table, CSV, JSON or plot."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _LABEL_WIDTH, _REGION_WIDTH, _PIPE_WIDTH = 24, 28, 80  # of the table's columns,
 
 
 def measure(
-    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit, grey or colour")],
+    image: Annotated[Path, Argument(metavar="IMAGE", help="8- or 16-bit picture, grey or colour")],
     *,
     roi: Annotated[
         list[Region] | None,
         Option(
             parser=region,
             metavar="X,Y,W,H",
-            help="a region, px, instead of those found; may be given several times",
+            help="region with one edge: left, top, width, height, px; repeatable (default: edges are detected)",
         ),
     ] = None,
     mode: Annotated[
         Literal["exact", "iso"],
         Option(
-            help="exact: a spline through every pixel; iso: the steps of ISO 12233:2023, with their errors"
+            help="exact: a spline fit of all pixels; iso: the algorithm of ISO 12233:2023, with its known errors"
         ),
     ] = "exact",
     linear: Linear = False,
@@ -41,43 +41,52 @@ def measure(
         Path | None,
         Option(
             metavar="FILE.csv",
-            help="the camera's curve from a grey scale, a line per field: digital number, light",
+            help="response curve of the camera from a grey scale; each line: digital number, light",
         ),
     ] = None,
-    target_size: Annotated[int, Option(metavar="PX", help="side of SNRI's square, 1 to 64")] = 10,
+    target_size: Annotated[
+        int, Option(metavar="PX", help="side of the target square for SNRI, 1 to 64 px")
+    ] = 10,
     target_contrast: Annotated[
-        float, Option(metavar="C", help="of SNRI's square to the region's mean level")
+        float,
+        Option(metavar="C", help="contrast of the target square for SNRI to the mean level of the region"),
     ] = 0.1,
     plot: Annotated[
         Path | None,
         Option(
             parser=new_file,
             metavar="OUT.png",
-            help="draw the regions, and of the first four edge, ESF, LSF and SFR; or .pdf, .svg",
+            help="plot the regions, and ESF, LSF and SFR of the first four edges (.png, .pdf or .svg)",
         ),
     ] = None,
     table: Annotated[
-        Path | None, Option("--csv", parser=new_file, metavar="OUT.csv", help="a row per region, for pandas")
+        Path | None,
+        Option("--csv", parser=new_file, metavar="OUT.csv", help="write a table with one row per region"),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure the slanted edges of a picture: MTF50 and its kin, CNR and edge SNR, contrast, information capacity
-    (SIC), noise-equivalent quanta (NEQ) and an ideal observer's SNR (SNRI), each with a 95 % interval.
+    """Measure the slanted edges of a picture: MTF50 and related metrics, CNR and edge SNR, contrast, information
+    capacity (SIC), noise-equivalent quanta (NEQ) and the SNR of an ideal observer (SNRI). Each value has a 95 %
+    interval.
 
-      blurnoise measure chart.png                             finds the edges by itself
-      blurnoise measure raw.png --black-level 40 --full-scale 4095 --plot edges.png --csv edges.csv
-      blurnoise measure photo.jpg --roi 410,96,80,120         this region: left, top, width, height, px
+      blurnoise measure chart.png                          detects the edges
+      blurnoise measure photo.jpg --roi 410,96,80,120      measures one region
+      blurnoise measure raw.png --black-level 40 --full-scale 4095 \\
+          --plot edges.png --csv edges.csv
 
-    Where a number cannot be told (clipped, blurred beyond the region, two edges) there is a dash and the reason; a
-    number that may be wrong has a question mark, and its reason below. A tone curve that is symmetric about the
-    middle of an edge shows in no single edge; --oecf, or edges of another contrast, resolve it. Nor do mild
-    sharpening (amount up to 0.3) of an edge of sigma 1 px and more, and median or bilateral filters.
-    SIC radial takes the blur for the same in all directions. SIC square and the NEQ sum cover the square of all
-    frequencies: with the nearest edge across the other axis, or without one as if the blur were the same both ways.
-    NEQ is that of the bright side; it needs no gain, which cancels, but the black level.
+    A dash with a reason replaces a value that cannot be measured: the edge is clipped, blurred beyond its region, or
+    one of two edges in the region. A question mark marks a value that may be wrong; the reason is below the table.
+
+    Some processing cannot be detected from a single edge: a tone curve that is symmetric about the middle of the
+    edge, mild sharpening (amount up to 0.3) of an edge with sigma 1 px or more, and median or bilateral filters. For
+    the tone curve, use --oecf or edges with another contrast.
+
+    SIC radial assumes the same blur in all directions. SIC square and the NEQ sum integrate over the square of all
+    frequencies. They use the nearest edge of the other orientation; if there is none, they assume the same blur in
+    both directions. NEQ refers to the bright side of the edge. It does not need the gain, but the black level.
     """
     if linear and srgb:
-        raise ValueError("linear, srgb: must be one of them")
+        raise ValueError("linear, srgb: only one of them is allowed")
     from blurnoise.metrics.edge.response import ISO_EDITION
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.quality import linear as linearising
@@ -114,7 +123,7 @@ def measure(
 
 
 def _print(measured: list[Measured], target: str) -> None:
-    """A column per region, as many side by side as fit, and below them what speaks against the numbers."""
+    """Print a column per region, as many side by side as fit, and the warnings below."""
     from rich.table import Table
 
     from blurnoise_eval.quality.picture import EDGE_METRICS, angle_text, reading_text, second_text
@@ -128,7 +137,7 @@ def _print(measured: list[Measured], target: str) -> None:
         for metric in EDGE_METRICS:
             label = f"{metric.title} {target}" if metric.name == "snri" else metric.label.replace(" / ", ", ")
             table.add_row(label, *(reading_text(region.estimates[metric.name]) for region in shown))
-        table.add_row("square, SNRI with", *(second_text(region) for region in shown))
+        table.add_row("used for square, SNRI", *(second_text(region) for region in shown))
         show(table)
     for each in measured:
         if each.doubts:

@@ -1,4 +1,4 @@
-"""``blurnoise merge``: runs of parts joined to one run."""
+"""``blurnoise merge``: join the runs of parts into one run."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from blurnoise_eval.system.terminal import say
 
 def merge(
     runs: Annotated[
-        list[Location], Argument(parser=place, metavar="RUN...", help="folders or URLs of parts")
+        list[Location], Argument(parser=place, metavar="RUN...", help="folders or URLs of the runs to join")
     ],
     *,
     output: Folder,
 ) -> None:
-    """Join the runs of a sweep's parts to the run of the whole, every cell once.
+    """Join the runs of the parts of a sweep into one run. The result is the same as from one machine.
 
-      blurnoise sweep --coco FILE --part 1/4 -o part1        on one machine; 2/4, 3/4 and 4/4 on others
-      blurnoise merge part1 part2 part3 part4 -o run         their run, as if one machine had computed it
+      blurnoise sweep --coco FILE --part 1/2 -o part1    on one machine
+      blurnoise sweep --coco FILE --part 2/2 -o part2    on another machine
+      blurnoise merge part1 part2 -o run
       blurnoise report run
 
-    Parts of another sweep are refused, with what differs.
+    The parts must belong to the same sweep. If they do not, the error names the difference.
     """
     from blurnoise_eval.sweep.merging import merge as joined
     from blurnoise_eval.system.urls import listing
@@ -35,14 +36,12 @@ def merge(
     if not isinstance(output, Path):
         with suppress(FileNotFoundError):
             if listing(output):
-                raise ValueError(f"output = {str(output)!r}: is not empty; choose another folder")
+                raise ValueError(f"output = {str(output)!r}: must be an empty or a new folder")
     with ExitStack() as opened:
         folders = [opened.enter_context(read_run(run)).path for run in runs]
         whole = opened.enter_context(written_run(output))
         command = " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
         advance = opened.enter_context(ProgressBar("merge", len(set(folders))))
         done = joined(folders, whole.path, command, advance)
-    say(f"{done.cells} rows of cells of {done.pictures} pictures", f"blurnoise report {output}")
-    say(
-        "the sweep's command without --part, with -o this folder, refines ends of windows, where its plan does"
-    )
+    say(f"{done.cells} cells of {done.pictures} pictures", f"next: blurnoise report {output}")
+    say("for refinement, run the sweep's command again without --part and with this folder as -o")

@@ -1,4 +1,4 @@
-"""``blurnoise program``: from a finished run to exposure and gain for every light."""
+"""``blurnoise program``: compute exposure and gain for each light level, from a finished run."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from blurnoise_eval.system.terminal import say, width
 @settings(
     ProgramFile, "model", "lux", "speeds", "objective", "keep", "score", "fps", "readout_ms", "anti_flicker"
 )
-def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
-    """Make an exposure program from a finished run, without new calls: for every light the exposure and gain that
-    keep most of a detector's performance over a mix of speeds, in few stages, as cameras hold them.
+def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
+    """Compute an exposure program from a finished run: the exposure time and gain for each light level at which a
+    detector performs best over a mix of speeds. No model is evaluated again.
 
-      blurnoise program run -o program                 its lights and speeds
+      blurnoise program run -o program     lights and speeds of the run
       blurnoise program run -o program --lux 1:1450 --speeds 0:0.3,200:0.7
       blurnoise program run -o program --anti-flicker 50 --objective worst
-      blurnoise program run --save-plan program.yaml   gains, lines, targets
+      blurnoise program run --save-plan program.yaml     all settings, to edit
 
-    Gains are those of the camera's own metering, for the mean light of the run's pictures; exposures never become
-    longer in more light. Beside it stands what the best fixed time and libcamera's programs would keep. Lights and
-    speeds that the run has not tested are refused; exposures shorter than tested, for more light, are marked as
-    extrapolated.
+    The gain is the gain that the camera's metering chooses for the mean brightness of the run's pictures. The
+    exposure time never increases with light. For comparison, the table also lists the best fixed exposure time and
+    the programs of libcamera.
 
-    Writes DIR/program.csv (a row per light), program.json, libcamera.json (an exposure mode for a Raspberry Pi tuning
-    file) and program.png.
+    The lights and speeds must lie within those of the run. Exposures that are shorter than any of the run, in more
+    light, are marked as extrapolated.
+
+    The command writes DIR/program.csv (one row per light), program.json, program.png, and libcamera.json, an exposure
+    mode for the tuning file of a Raspberry Pi camera.
     """
     from blurnoise_eval.program import report
     from blurnoise_eval.program import scenario as of
@@ -37,25 +39,27 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
-        question = question_of(store, given.threshold, given.keep, given.score, given.cluster)
-        inputs = inputs_of(store, *question, given.model)
+        question = question_of(store, config.threshold, config.keep, config.score, config.cluster)
+        inputs = inputs_of(store, *question, config.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
         limits = of.Limits(
-            frame_rate_hz=given.fps,
-            readout_s=given.readout_ms / 1e3,
-            mains_hz=float(given.anti_flicker or 0),
-            led=given.led,
-            gain_max_db=given.most_gain_db,
-            row_time_s=given.line_time_us / 1e6,
-            least_exposure_s=shortest_s if given.least_exposure_us is None else given.least_exposure_us / 1e6,
+            frame_rate_hz=config.fps,
+            readout_s=config.readout_ms / 1e3,
+            mains_hz=float(config.anti_flicker or 0),
+            led=config.led,
+            gain_max_db=config.most_gain_db,
+            row_time_s=config.line_time_us / 1e6,
+            least_exposure_s=shortest_s
+            if config.least_exposure_us is None
+            else config.least_exposure_us / 1e6,
         )
         scenario = of.Scenario(
-            lights_lux=own.lights_lux if given.lux is None else of.half_stops(*given.lux),
-            speeds_px_s=own.speeds_px_s if given.speeds is None else of.speed_shares(given.speeds),
-            targets=of.target_shares(given.targets, [*inputs.planes]) if given.targets else own.targets,
-            objective=given.objective,
-            tail=given.tail,
+            lights_lux=own.lights_lux if config.lux is None else of.half_stops(*config.lux),
+            speeds_px_s=own.speeds_px_s if config.speeds is None else of.speed_shares(config.speeds),
+            targets=of.target_shares(config.targets, [*inputs.planes]) if config.targets else own.targets,
+            objective=config.objective,
+            tail=config.tail,
         )
         advance(1)
         found = optimise(Problem(inputs, scenario, limits))

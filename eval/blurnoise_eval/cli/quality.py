@@ -1,10 +1,10 @@
-"""``blurnoise quality``: every metric of simulated charts against exposure, light and motion."""
+"""``blurnoise quality``: measure simulated charts over exposure, light and motion."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from blurnoise_eval.cli import given as given_by
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, NewFolder, settings
 from blurnoise_eval.grid.axes import AXES, EGO, MOVES
 from blurnoise_eval.grid.plan_file import LISTS, PlanFile, with_axes
@@ -19,16 +19,16 @@ USUAL = {
     "dy": "0",
     "gain": "0",
 }
-_AXES = tuple(  # charts have no one mean that a camera would meter
+_AXES = tuple(  # a camera has no single mean of all charts to meter
     replace(each, automatic=False, about=each.about.partition("; auto")[0]) for each in AXES
 )
 
 
 @dataclass(frozen=True)
 class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: ignore[misc]  # its fields are the table's
-    """A plan with this command's defaults for camera and axes."""
+    """A plan with the defaults of this command for camera and axes."""
 
-    camera: str | None = setting(None, "a preset or a file (default: imx250m)", "NAME|FILE")
+    camera: str | None = setting(None, "a preset or a camera file (default: imx250m)", "NAME|FILE")
 
 
 @settings(
@@ -37,23 +37,24 @@ class ChartPlan(with_axes(LISTS, "LIST", USUAL, _AXES), PlanFile):  # type: igno
     *(each.key for each in _AXES if each.name not in (MOVES.name, EGO.name)),
     template=False,
 )
-def quality(*, given: ChartPlan, output: NewFolder, as_json: Json = False) -> None:
-    """What exposure, light and motion do to a camera's picture, in numbers: on simulated charts MTF50, edge SNR,
+def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> None:
+    """Measure image quality of simulated charts over exposure, light and motion. The metrics are MTF50, edge SNR,
     CNR, patch SNR, information capacity, NEQ, SNRI, Michelson contrast, CDP, PSNR and SSIM, with intervals.
 
-      blurnoise quality -o quality                     5, 50 and 500 lux
+      blurnoise quality -o quality             5, 50 and 500 lux
       blurnoise quality -o quality --camera mine.yaml --lux 20 --dx 0,100
 
-    Each chart has two noise fields unless the plan states repeats. Writes DIR/quality.csv (a row per condition and
-    metric), DIR/quality.json, and per light a picture in DIR/figures: every metric against exposure, a line per
-    speed. Where a number is not available (saturated, lost in noise, blurred beyond its chart) the flags say why.
+    Each chart is simulated with two noise fields, or with as many as 'repeats' of the plan says. The command writes
+    DIR/quality.csv (one row per condition and metric) and DIR/quality.json. For each light it draws a figure in
+    DIR/figures: the metrics against exposure, one line per speed. Where a value is not available (saturated, lost in
+    noise, blurred beyond the chart), its flags give the reason.
     """
-    camera = given_by.camera(given.camera, given.cfa, colour=False)
-    workers = given_by.threads(given.threads)
+    camera = inputs.camera(config.camera, config.cfa, colour=False)
+    workers = inputs.threads(config.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
 
-    plan = given.sweep_plan(repeats=2)
+    plan = config.sweep_plan(repeats=2)
     quality.check(camera, plan)
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
@@ -65,4 +66,4 @@ def quality(*, given: ChartPlan, output: NewFolder, as_json: Json = False) -> No
     if as_json:
         say_json({"output": str(output), "rows": len(rows), "figures": [str(path) for path in figures]})
         return
-    say(f"open {', '.join(map(str, figures))}")
+    say(f"figures: {', '.join(map(str, figures))}")

@@ -1,4 +1,4 @@
-"""``blurnoise report``: a run's figures, tables and page again; and the end of every sweep."""
+"""``blurnoise report``: write the figures, tables and page of a run again; every sweep ends with this, too."""
 
 from __future__ import annotations
 
@@ -27,26 +27,32 @@ def report(
     cluster: Cluster = None,
     output: Annotated[
         Location | None,
-        Option("-o", "--output", parser=new_place, metavar="DIR", help="where to write them (default: RUN)"),
+        Option(
+            "-o",
+            "--output",
+            parser=new_place,
+            metavar="DIR",
+            help="folder or URL for the report (default: RUN)",
+        ),
     ] = None,
     coco: Annotated[
         bool,
         Option(
             "--coco",
-            help="what the models found as COCO's results, too: coco/MODEL.json, by the cell_id of results.csv, and "
-            "coco/MODEL-instances.json",
+            help="also write the detections as COCO results, coco/MODEL.json with the cell_id of results.csv, and "
+            "the targets as coco/MODEL-instances.json",
         ),
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Write a run's figures, tables and page again.
+    """Write the figures, tables and page of a run again. No model is evaluated again.
 
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
-      blurnoise report run --coco                  what was found, as COCO
-      blurnoise report run -o here                 into another folder
+      blurnoise report run --coco      also the detections, as COCO
+      blurnoise report run -o other    into another folder
 
-    The sweep itself is not repeated. What no option states is as the sweep was asked.
+    Settings that no option changes are those of the sweep.
     """
     from blurnoise_eval.deciding.decision import Decision
     from blurnoise_eval.system.files import path_within
@@ -65,7 +71,7 @@ def report(
             place = path_within(done.output, "coco")
             with Store(done.folder, shared=True) as store:
                 files = write_detections(store, place)
-            say(f"{', '.join(map(str, files))}: each beside its -instances.json", error=True)
+            say(f"{', '.join(map(str, files))}: each with its -instances.json", error=True)
         print_run(done, as_json=as_json)
 
 
@@ -86,14 +92,14 @@ def print_run(done: Evaluation, *, as_json: bool, about_camera: str | None = Non
     for name, labels in done.summary["targets_found"].items():
         classes = [f"{label} {count}" for label, count in labels.items()]
         more = [f"{len(classes) - _MOST_LABELS} more classes"] if len(classes) > _MOST_LABELS else []
-        found = f"{counted(sum(labels.values()), 'target')}, as found in the original pictures"
+        found = f"{counted(sum(labels.values()), 'target')}, detected in the original pictures"
         say_wrapped(f"{name}: {found}: {', '.join(classes[:_MOST_LABELS] + more)}", hanging=2)
     print_opening(done.data)
     for line in done.how() if isinstance(done, Decision) else ():
         say_wrapped(line)
     for each in done.summary["withheld"]:
         say_wrapped(
-            f"No answer for {each['model']}, {each['group']}: almost nothing of it is found in the originals"
+            f"No answer for {each['model']}, {each['group']}: almost no target is found in the original pictures"
         )
     if about_camera:
         say_wrapped(about_camera, hanging=2)

@@ -1,11 +1,11 @@
-"""``blurnoise sweep``: models x conditions x pictures, then the report."""
+"""``blurnoise sweep``: evaluate models on pictures under all conditions, and write the report."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from blurnoise_eval.cli import given as given_by
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Folder, Json, Location, settings
 from blurnoise_eval.cli.report import print_run
 from blurnoise_eval.grid.plan_file import Enough, PlanFile
@@ -18,36 +18,38 @@ if TYPE_CHECKING:
     PlanFile, "model", "contract", "images", "labels", "target", "limit", "camera", "*", "keep",
     "score", "engine", "threads", "part",
 )  # fmt: skip
-def sweep(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
-    """Run detectors or text recognisers over exposures x lights x speeds x pictures; write curves, pictures,
-    tables and a page that answers with the exposure to use.
+def sweep(*, config: PlanFile, output: Folder, as_json: Json = False) -> None:
+    """Evaluate detectors or text recognisers on simulated pictures, over a grid of exposures, lights and speeds.
 
-      blurnoise sweep -o run                           rendered stop signs
+      blurnoise sweep -o run                   built-in model and signs
       blurnoise sweep --model a.onnx --coco instances.json -o run
       blurnoise sweep --model a.onnx --model b.onnx --images DIR -o run
       blurnoise sweep --moves all,targets,background -o run
-      blurnoise sweep --save-plan plan.yaml            every setting, to edit
+      blurnoise sweep --save-plan plan.yaml    all settings, to edit
       blurnoise sweep --plan plan.yaml --lux 1,10 -o run
 
-    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds, and the built-in detector. A
-    sweep that was stopped goes on where it was when the same command is given again.
+    The folder of the run holds a page, report.html, that names the exposure to use, with tables and figures.
+
+    Without --images and --labels, the pictures are rendered stop signs of 100, 50 and 32 px in front of 20
+    backgrounds. Without --model, the built-in stop-sign detector is evaluated. An interrupted sweep continues when
+    you run the same command again.
     """
     from blurnoise_eval.evaluation import evaluate
 
-    computed(evaluate, given, output, as_json, part=given.part, refine=given.refine)
+    computed(evaluate, config, output, as_json, part=config.part, refine=config.refine)
 
 
 def computed(
-    compute: Callable[..., Evaluation], given: PlanFile, output: Location, as_json: bool, **further: Any
+    compute: Callable[..., Evaluation], config: PlanFile, output: Location, as_json: bool, **further: Any
 ) -> None:
-    """Compute a plan into a run, and print its answers."""
+    """Compute a plan, write the run and print its answers."""
     from blurnoise_eval.sweep.engines import engine_of
     from blurnoise_eval.system.working_folder import written_run
 
-    workers = given.threads if given.address else given_by.threads(given.threads)
-    models, pictures = given_by.subject(given)  # before a folder is made
-    plan = given.sweep_plan()
-    camera, about_camera = given_by.camera_of_run(given, pictures)
+    workers = config.threads if config.address else inputs.threads(config.threads)
+    models, pictures = inputs.subject(config)  # before a folder is made
+    plan = config.sweep_plan()
+    camera, about_camera = inputs.camera_of_run(config, pictures)
     with written_run(output) as folder:
         done = compute(
             models,
@@ -55,11 +57,11 @@ def computed(
             camera,
             plan,
             folder,
-            **{name: getattr(given, name) for name in Enough.names()},
-            engine=engine_of(given.engine, workers, given.address) if given.address else given.engine,
+            **{name: getattr(config, name) for name in Enough.names()},
+            engine=engine_of(config.engine, workers, config.address) if config.address else config.engine,
             threads=workers,
             progress=True,
-            command=given_by.command(),
+            command=inputs.command(),
             **further,
         )
         print_run(done, as_json=as_json, about_camera=about_camera)

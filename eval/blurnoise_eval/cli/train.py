@@ -1,4 +1,4 @@
-"""``blurnoise train``: the stop-sign detector, trained and written as ONNX."""
+"""``blurnoise train``: train the stop-sign detector and write it as ONNX."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Json, NewFolder, Threads
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.system.progress import ProgressBar
@@ -15,19 +15,22 @@ from blurnoise_eval.system.progress import ProgressBar
 def train(
     *,
     output: NewFolder,
-    pictures: Annotated[int, Option(metavar="N", help="seen")] = 80_000,
-    size: Annotated[int, Option(metavar="PX", help="of scenes and input, a multiple of 32")] = 320,
-    seed: Annotated[int, Option(metavar="N", help="of weights, order and augmentation")] = 0,
+    pictures: Annotated[int, Option(metavar="N", help="number of training pictures")] = 80_000,
+    size: Annotated[
+        int, Option(metavar="PX", help="side of scenes and network input, px; a multiple of 32")
+    ] = 320,
+    seed: Annotated[int, Option(metavar="N", help="seed of weights, order and augmentation")] = 0,
     threads: Threads = None,
     as_json: Json = False,
 ) -> None:
-    """Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside.
+    """Train the stop-sign detector on rendered scenes and write it as ONNX, with its contract inside the file.
 
-      blurnoise train -o trained                       the built-in detector again: twenty minutes on two cores
-      blurnoise sweep --model trained/stop_sign.onnx -o run       what it is worth
+      blurnoise train -o trained
+      blurnoise sweep --model trained/stop_sign.onnx -o run
 
-    A training that was stopped goes on where it was when the same command is given again, to the same weights:
-    DIR/training.checkpoint. Losses: DIR/training.csv.
+    The defaults reproduce the built-in detector in about twenty minutes on two cores. An interrupted training
+    continues from DIR/training.checkpoint when you run the same command again, and ends with the same weights. The
+    losses are written to DIR/training.csv.
     """
     from blurnoise_models import training
     from blurnoise_models.augmentation import MIX, exposures
@@ -35,7 +38,7 @@ def train(
 
     from blurnoise_eval.system.files import write_whole
 
-    workers = given.threads(threads)
+    workers = inputs.threads(threads)
     checkpoint = output / "training.checkpoint"
     steps: list[tuple[int, float]] = []
     with ProgressBar("train", pictures) as advance:

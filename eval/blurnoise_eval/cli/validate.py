@@ -1,4 +1,4 @@
-"""``blurnoise validate``: do simulated frames behave like mine?"""
+"""``blurnoise validate``: compare simulated frames with the frames of a camera."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ from blurnoise_eval.system.terminal import say, say_json, say_wrapped, table_lin
 
 
 def validate(
-    frames: Annotated[Path, Argument(metavar="FRAMES", help="a folder of dark and flat frames")],
+    frames: Annotated[Path, Argument(metavar="FRAMES", help="folder of dark and flat frames")],
     *,
     output: NewFolder,
     camera: Annotated[
         str | None,
-        Option(metavar="NAME|FILE", help="to compare them with (default: fitted on every other level)"),
+        Option(metavar="NAME|FILE", help="camera to simulate (default: fitted to every other level)"),
     ] = None,
     raw_layout: FramesLayout = None,
     cfa: FramesCfa = None,
-    seed: Annotated[int, Option(metavar="N", help="of the simulated noise")] = 0,
+    seed: Annotated[int, Option(metavar="N", help="seed of the simulated noise")] = 0,
     as_json: Json = False,
 ) -> None:
-    """Simulate the dark and flat frames of a camera and compare them with the real ones: mean, variance, kurtosis,
-    correlation, rows, columns and spectrum of noise and of the fixed pattern, level by level; and how well a
-    classifier tells them apart.
+    """Simulate the dark and flat frames of a camera and compare them with the real frames, level by level.
 
-      blurnoise validate frames/ -o validation                      a camera fitted on half of the levels
-      blurnoise validate frames/ --camera mine.yaml -o validation   the camera of a file
+      blurnoise validate frames/ -o check
+      blurnoise validate frames/ --camera mine.yaml -o check
 
-    FRAMES is what 'blurnoise cameras fit' takes. Writes DIR/validation.html, .csv and .json, and without --camera the
-    camera that was fitted, DIR/camera.yaml.
+    Compared are mean, variance, kurtosis, correlation, rows, columns and spectrum of the noise and of the fixed
+    pattern. A classifier also tries to tell real frames from simulated ones.
+
+    Without --camera, a camera is fitted to half of the levels and compared with the other half. FRAMES is a folder as
+    for 'blurnoise cameras fit'. The command writes DIR/validation.html, .csv and .json, and the fitted camera as
+    DIR/camera.yaml.
     """
     from blurnoise_eval import cameras
     from blurnoise_eval.calibration.formats import RawLayout
@@ -71,4 +73,4 @@ def validate(
         heads = (f"{kind} frames", *page.HEADS[1:])
         rows_shown = [cells for cells, _ in page.summary(found, kind)]
         say("", *table_lines(heads, rows_shown, [place > 1 for place in range(len(heads))]))
-    say("", *found.notes, f"open {written}")
+    say("", *found.notes, f"page: {written}")

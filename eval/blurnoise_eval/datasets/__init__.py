@@ -4,7 +4,7 @@ A picture is read when it is needed and not before, so a set of any size streams
 strictly: what cannot be meant is a ``ValueError`` of one line that names the file and the place in it.
 """
 
-from blurnoise_eval.datasets.cut_outs import check_cut, cut_out
+from blurnoise_eval.datasets.cut_outs import check_cut, check_labelled, cut_out, target_mask
 from blurnoise_eval.datasets.folder import image_folder
 from blurnoise_eval.datasets.images import (
     content,
@@ -23,7 +23,8 @@ from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, r
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd", "check_cut", "coco",
-    "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder", "read_picture",
-    "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "texts", "write_picture", "yolo",
+    "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd", "check_cut",
+    "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder",
+    "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group", "size_px", "target_mask", "texts",
+    "write_picture", "yolo",
 ]  # fmt: skip

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from blurnoise._core.borders import Window, placed
 from blurnoise.blur.layers import Layer, flattened, meeting, seen_behind
 from blurnoise.scene import cutting
 from blurnoise.scene.cutting import Cut, Matte
@@ -37,29 +38,33 @@ class CutOut(NamedTuple):
     speeds: tuple[float, ...]
 
 
-def check_cut(pictures: PictureSet, objects: Objects) -> None:
-    """Raise ``ValueError`` where it is not known what the targets are, or a class is none of theirs."""
+def check_labelled(pictures: PictureSet, setting: str, otherwise: str) -> None:
+    """Raise ``ValueError`` if the pictures have no labels, which a setting needs."""
     if not pictures.labelled:
-        raise ValueError(
-            "moves: targets or background: needs to know where targets are; use --coco, --yolo, --bdd or --text, or "
-            "rendered signs; without labels only all can move"
-        )
+        raise ValueError(f"{setting}: needs labelled targets (labels) or rendered signs; {otherwise}")
+
+
+def check_cut(pictures: PictureSet, objects: Objects) -> None:
+    """Raise ``ValueError`` if the pictures have no labels, or if no target has a class that ``objects`` names."""
+    check_labelled(pictures, "moves = targets or background", "pictures without labels allow only all")
     known = {target.label for picture in pictures for target in picture.targets or ()}
     for name, stated in (("speeds", dict(objects.speeds)), ("crossings", dict(objects.crossings))):
         if unknown := sorted({*stated} - known):
-            raise ValueError(f"{name}: {', '.join(unknown)}: no target is one")
+            raise ValueError(f"{name}: {', '.join(unknown)}: must be classes of the targets")
 
 
-def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0) -> CutOut:
+def cut_out(
+    picture: Picture, light: Tensor, objects: Objects, scale: float = 1.0, emitters: float = 1.0
+) -> CutOut:
     """The targets of a picture cut out of its light (1, C, H, W), those that show, back to front.
 
-    scale: by which a grey anchor made the light more than the picture's own. Targets that cover all of a picture have
-    the picture itself behind them, which is never seen.
+    scale: by which a grey anchor made the light more than the picture's own; emitters: by which targets are
+    brighter. Targets that cover all of a picture have the picture itself behind them, which is never seen.
     """
     every, size = picture.targets or (), (light.shape[-2], light.shape[-1])
     if picture.cut is not None:
         known, places = picture.cut(), [*range(len(every))]
-        layers = tuple(replace(layer, light=layer.light * scale) for layer in known.layers)
+        layers = tuple(replace(layer, light=layer.light * (scale * emitters)) for layer in known.layers)
         cut = Cut(known.background * scale, layers, known.invented)
     else:
         backmost = [place for place, target in enumerate(every) if not target.crowd]
@@ -75,6 +80,18 @@ def cut_out(picture: Picture, light: Tensor, objects: Objects, scale: float = 1.
         layers = tuple(_of_picture(layer, light, by) for layer, by in zip(cut.layers, hidden, strict=True))
         cut = cut._replace(layers=layers, invented=cut.invented if behind is None else covered)
     return CutOut(cut, tuple(places), tuple(objects.speed_of(every[place].label) for place in places))
+
+
+def target_mask(picture: Picture, size: tuple[int, int]) -> Matte:
+    """Where the targets of a picture (H, W) are: the share of each pixel that one of them covers, (H, W)."""
+    if picture.cut is not None:
+        whole = Window(0, 0, *size)
+        layers = picture.cut().layers
+        found = [placed(each.alpha[None, None], each.place_px, whole, size, "replicate") for each in layers]
+        mattes = [each[0, 0].numpy() for each in found]
+    else:
+        mattes = [_matte(target, size) for target in picture.targets or () if not target.crowd]
+    return np.asarray(np.max(mattes, axis=0), np.float32) if mattes else np.zeros(size, np.float32)
 
 
 def _apart(backmost: Sequence[int], every: Sequence[Target], objects: Objects) -> list[int]:

@@ -27,7 +27,7 @@ class Listed(NamedTuple):
 
 
 def image_folder(folder: str | Location) -> PictureSet:
-    """Every picture in ``folder`` and below, by name; no boxes, so the clean picture's detections count.
+    """The pictures in ``folder`` and below, by name. The targets are the detections in the original pictures.
 
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
@@ -43,7 +43,7 @@ def pictures_below(folder: Location) -> dict[str, str]:
     ``folder`` itself its own examples and figures. Raises ``ValueError`` as :func:`image_folder`.
     """
     if isinstance(folder, Path) and not folder.is_dir():
-        raise ValueError(f"images = {str(folder)!r}: no such folder")
+        raise ValueError(f"images = {str(folder)!r}: must be a folder")
     try:
         found = listing(folder)
     except OSError as error:
@@ -54,7 +54,7 @@ def pictures_below(folder: Location) -> dict[str, str]:
     names = [name for name in sorted(found) if name.lower().endswith(SUFFIXES)]
     taken = {name: found[name] for name in names if not name.startswith(left_out)}
     if not taken:
-        raise ValueError(f"images = {str(folder)!r}: holds no picture ({' '.join(SUFFIXES)})")
+        raise ValueError(f"images = {str(folder)!r}: contains no pictures ({' '.join(SUFFIXES)})")
     return taken
 
 
@@ -85,6 +85,6 @@ def _load(folder: Location, name: str, size_px: tuple[float, float] | None, know
     if size_px and size_px != (width, height):
         wanted = f"{size_px[0]:g} x {size_px[1]:g}"
         raise UnreadablePicture(
-            f"{path}: {width} x {height} px as EXIF turns it, but its labels are for {wanted}"
+            f"{path}: {width} x {height} px in its EXIF orientation, but its labels are for {wanted}"
         )
     return picture

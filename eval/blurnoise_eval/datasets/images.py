@@ -45,7 +45,7 @@ def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str |
     """
     decoded = _stored(path, max_megapixels, known)
     if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
-        raise UnreadablePicture(f"{path}: not an 8- or 16-bit picture that OpenCV can decode")
+        raise UnreadablePicture(f"{path}: must be an 8- or 16-bit picture that OpenCV can decode")
     return decoded
 
 
@@ -57,11 +57,13 @@ def decode_linear(path: Path) -> NDArray[np.float32]:
     """
     found = _openexr(path) if path.suffix.lower() == ".exr" else _stored(path, MOST_MEGAPIXELS)
     if found is None or (found.dtype not in (np.uint8, np.uint16) and found.dtype.kind != "f"):
-        raise UnreadablePicture(f"{path}: not a picture of floats, 8 or 16 bits that OpenCV can decode")
+        raise UnreadablePicture(
+            f"{path}: must be a picture with float, 8-bit or 16-bit values that OpenCV can decode"
+        )
     most = float(np.iinfo(found.dtype).max) if found.dtype.kind == "u" else 1.0
     light = found.astype(np.float32) / np.float32(most)
     if not np.isfinite(light).all() or light.min() < 0:
-        raise UnreadablePicture(f"{path}: holds light that is negative or not finite")
+        raise UnreadablePicture(f"{path}: contains negative or infinite light; must be finite and >= 0")
     return light
 
 
@@ -87,9 +89,9 @@ def _openexr(path: Path) -> NDArray[np.float32]:
         planes = [np.asarray(channels[name], np.float32) for name in ("RGB" if "R" in channels else "Y")]
         return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
     except ImportError:
-        why = "needs the package OpenEXR (pip install OpenEXR), or convert it to .hdr or 32-bit .tiff"
+        why = "needs the package OpenEXR (pip install OpenEXR); or convert it to .hdr or 32-bit .tiff"
     except KeyError:
-        why = f"has channels {', '.join(channels)}: must have R, G, B or Y"
+        why = f"has the channels {', '.join(channels)}; must have R, G, B or Y"
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or str(error)
     raise UnreadablePicture(f"{path}: {why}")
@@ -137,7 +139,7 @@ def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | N
                 size = (height, width) if turned else (width, height)
                 return source, _Header(size, header.format, multiplied)
     except PIL.Image.DecompressionBombError:
-        raise UnreadablePicture(f"{path}: more than {MOST_MEGAPIXELS:g} megapixels") from None
+        raise UnreadablePicture(f"{path}: must have at most {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
         return source, None
 
@@ -194,7 +196,7 @@ def write_picture(path: Path, picture: Image) -> None:
     cannot be written.
     """
     if picture.dtype == np.uint16 and path.suffix.lower() not in (".png", ".tif", ".tiff"):
-        raise ValueError(f"output = {str(path)!r}: 16 bits need .png or .tiff")
+        raise ValueError(f"output = {str(path)!r}: must end in .png or .tiff for 16 bits")
     try:
         data = encode(picture, path.suffix)
     except cv2.error:

@@ -50,15 +50,15 @@ FileName = Annotated[Characters, AfterValidator(inside)]
 
 
 @contextmanager
-def faults_of(kind: str, file: Location) -> Iterator[None]:
-    """What is wrong inside becomes one ``ValueError`` that begins with the kind and the file."""
+def faults_of(name: str, file: Location) -> Iterator[None]:
+    """Turn errors inside into one ``ValueError`` that begins with "name = file"."""
     try:
         yield
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or " ".join(str(error).split())
         other = getattr(error, "filename", None) or str(file)
         named = "" if str(other) == str(file) else f"{other}: "
-        raise ValueError(f"{kind} = {str(file)!r}: {named}{why}") from None
+        raise ValueError(f"{name} = {str(file)!r}: {named}{why}") from None
 
 
 def read_text(file: Location, largest: int = LARGEST_TEXT_BYTES) -> str:
@@ -72,7 +72,7 @@ def as_json(content: str, what: str) -> Any:
     try:
         return json_of(content)
     except ValueError as error:
-        raise ValueError(f"not {what}: {error}") from None
+        raise ValueError(f"is not {what}: {error}") from None
 
 
 def checked(form: type[Form], value: object, name: str = "") -> Form:
@@ -100,7 +100,7 @@ def each(entries: object, name: str, form: type[Form]) -> Iterator[Form]:
 
 
 def each_line(content: str, read: Callable[[str], T]) -> Iterator[T]:
-    """``read`` of every line that is not blank; its ``ValueError`` comes to name the line."""
+    """Apply ``read`` to every line that is not blank. A ``ValueError`` gets the number of the line."""
     for place, line in enumerate(content.split("\n"), start=1):
         if line.strip():
             try:
@@ -111,10 +111,10 @@ def each_line(content: str, read: Callable[[str], T]) -> Iterator[T]:
 
 
 class Selection:
-    """What of a labelled set is used: boxes of these ``labels`` (all, if there are none), pictures with them.
+    """The part of a labelled set that is used: boxes of these ``labels`` (all, if empty), and pictures with them.
 
-    images: the pictures' folder, by default the file's own. keep_empty: pictures without any of the labels, too: what
-    is found there is wrong.
+    images: folder of the pictures, by default that of the file. keep_empty: also use pictures without any of the
+    labels; all detections in them are false positives.
     """
 
     def __init__(
@@ -149,34 +149,34 @@ class Selection:
         x0, y0, x1, y1 = box_xyxy
         width, height = x1 - x0, y1 - y0
         if not all(abs(each) <= LARGEST_PX for each in (x0, y0, width, height)):
-            return self.leave_out("with numbers not finite or beyond 1e6 px")
+            return self.leave_out("with coordinates that are not finite or beyond 1e6 px")
         if width <= 0 or height <= 0:
-            return self.leave_out("of no area")
+            return self.leave_out("without area")
         if size_px and (x1 <= 0 or y1 <= 0 or x0 >= size_px[0] or y0 >= size_px[1]):
             return self.leave_out("outside the picture")
         group = group or size_group(width, height, label if self._labels else "objects")
         return [Target(label, group, box_xyxy, **beside)]
 
     def leave_out(self, why: str) -> list[Target]:
-        """Count a box that is left out, and be no target in its place."""
+        """Count a box that is left out. Returns no target."""
         self._left_out[why] += 1
         return []
 
     def picture_set(
         self, entries: Iterable[Listed], categories: Mapping[str, int], notes: Sequence[str] = ()
     ) -> PictureSet:
-        """The pictures that count; crowds alone are no reason to look at one.
+        """The pictures that are used; a picture with crowds only is not.
 
-        Raises ``ValueError`` for a label that is no category, or where no picture is left.
+        Raises ``ValueError`` for a label that is not a category, or if no picture is left.
         """
         every = self._keep_empty or not self._labels
         taken = [entry for entry in entries if every or not all(each.crowd for each in entry.targets or ())]
         if unknown := [label for label in self._labels if label not in categories]:
-            raise ValueError(f"target = {unknown}: not among the categories {sorted(categories)}")
+            raise ValueError(f"target = {unknown}: must be among the categories {sorted(categories)}")
         if not taken:
-            raise ValueError(f"lists no pictures{f' with {list(self._labels)}' if self._labels else ''}")
+            raise ValueError(f"contains no pictures{f' with {list(self._labels)}' if self._labels else ''}")
         pictures = from_files(self.folder, taken)
-        empty = ["pictures without them"] * (self._keep_empty and bool(self._labels))
+        empty = ["pictures without targets"] * (self._keep_empty and bool(self._labels))
         chosen = ", ".join([*sorted(self._labels), *empty])
         counted = (f"{n} {'box' if n == 1 else 'boxes'} {why} left out" for why, n in self._left_out.items())
         return PictureSet(self.kind, str(self.file), pictures, categories, (*counted, *notes), chosen)
@@ -226,36 +226,41 @@ def coco(
 ) -> PictureSet:
     """The pictures of a COCO instances file, with its boxes as targets; crowds are marked as such.
 
-    images: their folder, by default the file's own. labels: category names to keep; pictures without any of
-    them are left out, unless ``keep_empty``: what is found there is wrong. Boxes without area, not finite or
-    outside their picture are left out and noted. Boxes are those of the upright picture, as EXIF turns it: one
-    of another size than the file says cannot be loaded, nor can one of more than 100 megapixels. Raises
-    ``ValueError`` that names the file for anything that is not COCO, and for a file name that leaves the folder.
+    images: folder of the pictures, by default that of the file. labels: category names to keep; pictures without any
+    of them are left out, unless ``keep_empty`` is true: then all detections in them are false positives. Boxes
+    without area, not finite or outside their picture are left out, with a note. Two annotations with the same id are
+    two targets, with a note. Boxes refer to the upright picture, after its EXIF orientation. A picture whose size
+    differs from the file, or that has more than 100 megapixels, cannot be loaded. Raises ``ValueError`` that names
+    the file if it is not a COCO file, or if a file name leaves the folder.
     """
     selection = Selection("coco", file, images, labels, keep_empty)
-    with faults_of("coco", selection.file):
+    with faults_of("labels", selection.file):
         text = read_text(selection.file, LARGEST_SET_BYTES)
         document = checked(_Coco, as_json(text, "a COCO instances file"))
         for name, ids in (("images", document.images), ("categories", document.categories)):
             for number, count in Counter(entry.id for entry in ids).items():
                 if count > 1:
-                    raise ValueError(f"{name}: id {number} twice")
+                    raise ValueError(f"{name}: id = {number} occurs twice; ids must be unique")
         names = {category.id: category.name for category in document.categories}
         listed = {image.id: (image, list[Target]()) for image in document.images}
         used: set[int] = set()
+        repeated = 0
         for place, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
             if entry.category_id not in names:
-                known = f"category_id = {entry.category_id}: not among the categories"
+                known = f"category_id = {entry.category_id}: must be the id of a category"
                 raise ValueError(f"annotations[{place}]: {known}")
             if entry.image_id not in listed:
-                selection.leave_out("of pictures that are not listed")
+                selection.leave_out("of pictures that are not in images")
                 continue
             stated = document.annotations[place]
             annotation = {key: value for key, value in stated.items() if key not in _READ}
             own = stated.get("id")
-            if type(own) is int and 0 < own < _LARGEST_ID and own not in used:  # for COCO's tools 0 is none
-                annotation["id"] = own
-                used.add(own)
+            if type(own) is int and 0 < own < _LARGEST_ID:  # for COCO's tools 0 is none
+                if own in used:
+                    repeated += 1
+                else:
+                    annotation["id"] = own
+                    used.add(own)
             x, y, width, height = entry.bbox
             image, targets = listed[entry.image_id]
             targets += selection.target(
@@ -270,7 +275,9 @@ def coco(
             Listed(image.file_name, tuple(targets), number, image.size_px)
             for number, (image, targets) in listed.items()
         )
-        return selection.picture_set(entries, {name: number for number, name in names.items()})
+        note = f"annotations whose id occurs before, each used as a target of its own: {repeated}"
+        categories = {name: number for number, name in names.items()}
+        return selection.picture_set(entries, categories, [note] if repeated else [])
 
 
 class _Corners(BaseModel):
@@ -281,7 +288,7 @@ class _Corners(BaseModel):
 
 
 class _Label(BaseModel):
-    """What else it says, ``model_extra``, stays with the target. A lane or a drivable area has no box."""
+    """Other fields, ``model_extra``, stay with the target. A lane or a drivable area has no box."""
 
     model_config = ConfigDict(extra="allow")
     id: Any = None
@@ -310,8 +317,8 @@ def bdd(
     in alphabetical order.
     """
     selection = Selection("bdd", file, images, labels, keep_empty)
-    with faults_of("bdd", selection.file):
-        document = as_json(read_text(selection.file, LARGEST_SET_BYTES), "BDD100K's labels")
+    with faults_of("labels", selection.file):
+        document = as_json(read_text(selection.file, LARGEST_SET_BYTES), "a BDD100K label file")
         frames = document.get("frames") if isinstance(document, dict) else document
         known: set[str] = set()
         entries: list[Listed] = []
@@ -345,14 +352,14 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
     Raises ``ValueError`` that names the file and the line.
     """
     selection = Selection("text", file, images)
-    with faults_of("text", selection.file):
+    with faults_of("labels", selection.file):
         content = read_text(selection.file, LARGEST_SET_BYTES)
         with_places = "\t[{" in content
 
         def read(line: str) -> tuple[str, str, list[Target]]:
             name, tab, rest = line.partition("\t")
             if not tab:
-                raise ValueError(f"{shown(line)}: must be a picture's name, a tab and its text")
+                raise ValueError(f"{shown(line)}: must be the name of a picture, a tab, and its text")
             return inside(name), rest, _places(rest, selection) if with_places else []
 
         rows = list(each_line(content, read))
@@ -386,5 +393,5 @@ def _places(written: str, selection: Selection) -> list[Target]:
 
 
 def _height_group(height_px: float) -> str:
-    """The text's curve, by the height of its box."""
+    """The group of a text, by the height of its box."""
     return next(f"text, height {span} px" for span, below_px in _HEIGHTS_PX if height_px < below_px)

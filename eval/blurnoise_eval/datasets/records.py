@@ -75,7 +75,7 @@ class PictureSet:
         names: set[str] = set()
         for picture in self.pictures:
             if picture.name in names:
-                raise ValueError(f"{self.kind} = {self.source!r}: lists {picture.name!r} twice")
+                raise ValueError(f"pictures: {picture.name!r} is listed twice; names must be unique")
             names.add(picture.name)
         if not self.categories:
             labels = dict.fromkeys(t.label for picture in self.pictures for t in picture.targets or ())

@@ -92,7 +92,7 @@ def rendered_signs(
         charts.stop_sign_box(size, **_FRAME)
     room_px = RENDERED_SIZE_PX - _APART_PX * (len(sizes_px) + 1)
     if len(sizes_px) > 1 and sum(sizes_px) * (1 + SIZE_SPREAD) > room_px:
-        raise ValueError(f"sizes_px = {[*sizes_px]}: must fit beside each other into {RENDERED_SIZE_PX} px")
+        raise ValueError(f"sizes_px = {[*sizes_px]}: must fit side by side into {RENDERED_SIZE_PX} px")
     integer("count", count, 1, _MOST_PICTURES)
     integer("seed", seed, 0, LAST_SEED)
     listed = "-".join(f"{size:g}" for size in sizes_px)

@@ -52,7 +52,7 @@ def _corners(polygon: Sequence[float]) -> NDArray[np.float64]:
     """Those of a polygon, (N, 2). Raises ``ValueError``."""
     flat = np.asarray(polygon, np.float64)
     if flat.ndim != 1 or flat.size < 6 or flat.size % 2 or not np.isfinite(flat).all():
-        raise ValueError(f"polygon = {shown(polygon)}: must be x0, y0, x1, y1, ... of 3 corners or more")
+        raise ValueError(f"polygon = {shown(polygon)}: must be x0, y0, x1, y1, ... with 3 corners or more")
     return flat.reshape(-1, 2).clip(-LARGEST_PX, LARGEST_PX)
 
 
@@ -89,4 +89,6 @@ def of_annotation(annotation: Mapping[str, Any], size: tuple[int, int]) -> Matte
             return of_polygons(segmentation, size)
     except Exception as error:  # of C++, of several kinds
         raise ValueError(f"segmentation = {shown(segmentation)}: {error}") from None
-    raise ValueError(f"segmentation = {shown(segmentation)}: must be that of one object in {size}")
+    raise ValueError(
+        f"segmentation = {shown(segmentation)}: must be polygons or run lengths of one object in {size}"
+    )

@@ -73,7 +73,7 @@ def yolo(
     line names it. Source: https://docs.ultralytics.com/datasets/detect.
     """
     selection = Selection("yolo", path, images, labels, keep_empty)
-    with faults_of("yolo", selection.file):
+    with faults_of("labels", selection.file):
         root, described = _described(selection.file)
         sources = [selection.folder] if images else _sources(root, described, split)
         selection.folder, names = _pictures(sources)
@@ -82,7 +82,9 @@ def yolo(
         files = {name: folders[parent] / f"{Path(name).stem}.txt" for name, parent in parents.items()}
         objects = for_each(files, partial(_objects, classes=described.names))
         if not objects:
-            raise ValueError(f"no label file for any of {len(names)} pictures in {str(selection.folder)!r}")
+            raise ValueError(
+                f"none of the {len(names)} pictures in {str(selection.folder)!r} has a label file"
+            )
         sizes = sizes_px(selection.folder, [name for name in names if objects.get(name)])
         entries = []
         for name in names:
@@ -93,21 +95,21 @@ def yolo(
             entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
         unlabelled = len(names) - len(objects)
-        note = f"without a label file, and so without an object: {unlabelled} of the pictures"
+        note = f"pictures without a label file, used as pictures without objects: {unlabelled}"
         return selection.picture_set(entries, categories, [note] if unlabelled else [])
 
 
 def _described(path: Location) -> tuple[Location, _DataYaml]:
-    """The set's folder, and what its data.yaml or, without one, its classes.txt says."""
+    """The folder of the data set, and its data.yaml or, if there is none, its classes.txt."""
     if path.is_dir() and not (path / "data.yaml").is_file():
         for file in (path / "classes.txt", path / "labels" / "classes.txt"):
             if file.is_file():
                 return path, checked(_DataYaml, {"names": list(each_line(read_text(file), str.strip))})
-        raise ValueError("holds neither data.yaml nor classes.txt, which name the classes")
+        raise ValueError("must contain data.yaml or classes.txt, with the names of the classes")
     file = path / "data.yaml" if path.is_dir() else path
     described = checked(_DataYaml, yaml_of(read_text(file)))
     if "kpt_shape" in (described.model_extra or {}):
-        raise ValueError("describes poses (kpt_shape), whose lines would pass for polygons")
+        raise ValueError("contains poses (kpt_shape); must contain boxes or polygons")
     return file.parent, described
 
 
@@ -120,13 +122,13 @@ def _sources(root: Location, described: _DataYaml, split: str | None) -> list[Lo
     found = stated.get(split)
     entries = found if isinstance(found, list) else [found]
     if not entries or not all(isinstance(entry, str) for entry in entries):
-        raise ValueError(f"split {split!r} = {shown(found)}: must name folders or lists (.txt)")
+        raise ValueError(f"split {split!r} = {shown(found)}: must be folders or lists of pictures (.txt)")
     return [_existing(root, described.path, str(entry)) for entry in entries]
 
 
 def _existing(root: Location, folder: str, entry: str) -> Location:
     """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
-    fault = f"{entry!r} leaves the folder {str(root)!r}; name that of the pictures (--images)"
+    fault = f"{entry!r} leaves the folder {str(root)!r}; set images to the folder of the pictures"
     for name in (entry, entry.removeprefix("../")):
         below = os.path.relpath(posixpath.join(str(root), folder, name), str(root))
         if below.partition("/")[0] != "..":
@@ -166,8 +168,8 @@ def _label_folder(folder: Location) -> Location:
 
 
 def _objects(file: Location, classes: Mapping[int, str]) -> list[Object]:
-    check_regular(local_file(file))  # a missing one is no fault
-    with faults_of("labels", file):
+    check_regular(local_file(file))  # a missing file is no error
+    with faults_of("label file", file):
         return list(each_line(read_text(file), partial(_object, classes=classes)))
 
 
@@ -178,9 +180,9 @@ def _object(line: str, *, classes: Mapping[int, str]) -> Object:
     except ValueError:
         raise ValueError(f"{shown(line)}: must be numbers") from None
     if class_id not in classes:
-        raise ValueError(f"class {fields[0]}: not among the {len(classes)} names")
+        raise ValueError(f"class = {fields[0]}: must be one of the {len(classes)} classes")
     if any(_FARTHEST < abs(share) < math.inf for share in shares):
-        raise ValueError(f"{shown(line)}: must be shares of the picture's sides, 0 to 1, no pixels")
+        raise ValueError(f"{shown(line)}: must be fractions of the picture's size, 0 to 1, not pixels")
     if len(shares) == 4:
         x, y, width, height = shares
         return classes[int(class_id)], (x - width / 2, y - height / 2, x + width / 2, y + height / 2)

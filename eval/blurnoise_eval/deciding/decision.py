@@ -1,9 +1,9 @@
-"""Deciding: which exposures work, from as few conditions as that takes.
+"""Decisions: which exposures work, from few conditions.
 
-A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time; each is a plan that
-:func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and the scores there decide what to ask next. So
-a run that was killed goes on where it was, and a wider question begins with all nodes there are. Where the plane does
-not hold it is the full grid, as a sweep has it.
+A search asks for nodes of the plane of lux-seconds and pixels, a batch at a time. Each batch is a plan that
+:func:`~blurnoise_eval.sweep.run.run` computes into the run's store, and the scores decide which nodes come next. So a
+run that was killed can be resumed, and a wider question starts with the existing nodes. Where the plane does not
+hold, the full grid is computed, as in a sweep.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
 
 _QUESTION = "question"  # under which a run's store keeps what was asked last
 _OF_GRID = ("mpc", "rpc")  # means over a grid's conditions; a search's are where it looked
-_PREDICTED = "Answers and curves are predicted from these; what that leaves open is in the intervals."
+_PREDICTED = "Answers and curves are predicted from these. The intervals include the error of prediction."
 _SAME_PLACE = 1e-4  # stops: conditions are rounded
 Array = NDArray[np.float64]
 
@@ -82,12 +82,12 @@ def decided(
     check_cluster(cluster, (picture.name for picture in pictures))
     question = Question({name: plan.values(name) for name in plan.grid})
     most, grid = MOST_NODES + CHECKED, question.grid_conditions
-    because = what_breaks(camera, question, plan.trajectory)
+    because = what_breaks(camera, question, plan.trajectory, pulsed=plan.pulsed)
     if not because:
         most = min(most, len(lattice(question.lines, question.exposures_s)))
-        because = [f"it has {grid} conditions, a search would ask for up to {most}"] * (grid < most)
+        because = [f"the grid has {grid} conditions, and a search would need up to {most}"] * (grid < most)
     if progress:
-        why = "; ".join(because) or f"a search of at most {most} conditions; the grid has {grid}"
+        why = "; ".join(because) or f"a search over at most {most} conditions; the grid has {grid}"
         say(f"decide: {why}", error=True)
     if because:
         evaluate(
@@ -137,7 +137,7 @@ class _Run:
     outcome: Outcome = field(default_factory=Outcome)
 
     def compute(self) -> None:
-        """Ask and compute, batch by batch, from where the store is until nothing is left to ask."""
+        """Ask and compute, batch by batch, from the state of the store until nothing is left to ask."""
         if before := asked(self.store):  # until the run was stopped, or of a narrower question
             self._up_to(before)
         self._find_edges()
@@ -150,7 +150,7 @@ class _Run:
         self._up_to(asked(self.store))
 
     def _up_to(self, batches: Sequence[Batch]) -> None:
-        """Compute every node of the batches before every picture."""
+        """Compute every node of the batches for every picture."""
         nodes = tuple(at for batch in batches for at in batch.conditions)
         plan = replace(self.plan, only=nodes, examples=len(batches) == 1)
         cells = count_cells(self.pictures, plan)
@@ -256,8 +256,8 @@ class Decision(Evaluation):
 
     @cached_property
     def decided(self) -> dict[str, Any] | None:
-        """How: ``nodes``, ``pictures``, ``cells`` that were asked for, ``grid_cells`` that the grid would take;
-        ``because``: why it was a full grid. None of a run without a question."""
+        """The numbers of ``nodes``, ``pictures`` and ``cells`` that were computed, and of the ``grid_cells`` that the
+        grid would need; ``because``: why the full grid was computed. None of a run without a question."""
         with Store(self.folder, shared=True) as store:
             question, batches = question_of(store), asked(store)
             if question is None:
@@ -274,25 +274,25 @@ class Decision(Evaluation):
         return self.decided is not None and not self.decided["because"]
 
     def how(self) -> list[str]:
-        """In words: how many conditions it took, or why it was the full grid; none of another run."""
+        """In words: the number of conditions, or why the full grid was computed; nothing for other runs."""
         of = self.decided
         if of is None:
             return []
         if of["because"]:
-            return [f"A grid of {of['nodes']} conditions, not a search: {'; '.join(of['because'])}."]
+            return [f"The full grid of {of['nodes']} conditions was computed: {'; '.join(of['because'])}."]
         return [
-            f"{counted(of['nodes'], 'condition')} before {counted(of['pictures'], 'picture')}:"
-            f" {counted(of['cells'], 'cell')}, where the grid would take {of['grid_cells']} before it is refined."
+            f"{counted(of['nodes'], 'condition')} with {counted(of['pictures'], 'picture')}: "
+            f"{counted(of['cells'], 'cell')}. The grid would need {of['grid_cells']} without its refinement."
         ]
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What summary.json holds, and ``decided``."""
+        """The contents of summary.json, with ``decided``."""
         return {**super().summary, "decided": self.decided}
 
     @cached_property
     def data(self) -> RunData:
-        """Everything that the page shows; of a search without what a grid would need."""
+        """Everything that the page shows; after a search without the means over a grid."""
         data = super().data
         if not self._searched:
             data.manifest["warnings"] += self.how()

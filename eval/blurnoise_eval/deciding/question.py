@@ -95,12 +95,13 @@ class Question:
 
 
 def what_breaks(
-    camera: Camera, question: Question, trajectory: str | TrajectorySpec | None = None
+    camera: Camera,
+    question: Question,
+    trajectory: str | TrajectorySpec | None = None,
+    *,
+    pulsed: bool = False,
 ) -> list[str]:
-    """Why the plane does not hold for a question, a reason each; empty where it holds.
-
-    Raises ``ValueError`` for a camera of several captures.
-    """
+    """Why the plane does not hold for a question, a reason each; empty where it holds. pulsed: whether a lamp is."""
     low, high = question.exposures_s
     directions = {direction_of(line.velocity_px_s) for line in question.lines} - {None}
     path = trajectory if isinstance(trajectory, str | None) else trajectory.text
@@ -108,10 +109,14 @@ def what_breaks(
         "the camera sets the exposure itself": high == AUTOMATIC,
         "there is one exposure": low == high != AUTOMATIC,
         "without light there is no lux x seconds": 0 in question.grid[LIGHT.name],
-        f"motion has {len(directions)} directions, and blurs differently in each": len(directions) > 1,
-        f"along {path} another exposure sees another part of the path": path is not None,
-        "before a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
+        f"the motion has {len(directions)} directions, with another blur in each": len(directions) > 1,
+        f"along {path} each exposure sees another part of the path": path is not None,
+        "with a camera that drives the blur differs from place to place": question.further.get(EGO.name, 0)
         > 0,
+        "a longer exposure misses fewer pulses of the lamp": pulsed,
+        "a capture begins at a time of its own, whatever the exposure": any(
+            each.start_s for each in camera.captures
+        ),
     }
     for name in FURTHER:
         reasons[f"{axis(name).title.lower()} has several values"] = len(question.grid.get(name, ())) > 1
@@ -123,6 +128,7 @@ def _of_time_alone(camera: Camera, question: Question) -> list[str]:
 
     At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
     """
+    camera = replace(camera, captures=())  # later ones are shorter
     (shortest_s, longest_s), temperature_c = question.exposures_s, question.further.get("temperature_c", 25.0)
 
     def budget(of: Camera, exposure_s: float, white_e: float) -> tuple[Contribution, ...]:
@@ -134,7 +140,7 @@ def _of_time_alone(camera: Camera, question: Question) -> list[str]:
     found += [long for short, long in both if long.contribution_dn != short.contribution_dn]
     at = f"in {1e3 * longest_s:g} ms at {temperature_c:g} °C"
     kept = {each.name: each.contribution_dn for each in found if each.kept}
-    return [f"{name} goes with the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
+    return [f"{name} depends on the exposure time alone ({dn:.2g} DN {at})" for name, dn in kept.items()]
 
 
 def direction_of_all(lines: Sequence[Line]) -> tuple[float, float]:

@@ -23,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture
 from blurnoise.optics.radiometry import electrons_per_lux_s
+from blurnoise.scene import hdr
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.deciding.question import STEP, Question, exposures_on, spread
 
@@ -61,7 +62,8 @@ class Trend(NamedTuple):
         """That of a camera at its base gain."""
         per_lux_s = electrons_per_lux_s(camera)
         noise_e = math.sqrt(camera.dark_variance_dn2()) / camera.system_gain_dn_per_e
-        return cls(per_lux_s, noise_e, camera.saturation_e / per_lux_s)
+        captures = camera.captures or (Capture(),)
+        return cls(per_lux_s, noise_e, hdr.saturations_e(camera, captures)[-1] / per_lux_s)
 
     def features(self, places: Array) -> Array:
         """(N, 7): 1, s, s^2, L, L^2, log (1 + L^2), o; s: signal to noise, L: motion, o: beyond saturation."""

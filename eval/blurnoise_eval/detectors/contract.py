@@ -1,4 +1,4 @@
-"""Contract of a detector, which its graph does not state: how pictures enter it, and what its classes are called.
+"""Contract of a detector: how pictures enter it, and what its classes are called. A graph does not contain this.
 
 A :class:`Contract` is stated by the user, by a file beside the model, or by the graph's metadata; every field
 carries where it came from, so that nothing is guessed in silence.
@@ -36,7 +36,7 @@ _names = iter(COCO80)
 COCO91 = tuple(f"unused {number}" if number in _UNUSED_IDS else next(_names) for number in range(91))
 METADATA_KEY = "blurnoise.contract"
 EXPORTER = "metadata of an Ultralytics export"
-"""Source of what that exporter's code fixes, such as values 0-1."""
+"""Source of fields that the code of this exporter fixes, such as values 0-1."""
 
 
 SHORT_NAMES = {
@@ -47,7 +47,7 @@ SHORT_NAMES = {
 
 
 class ModelError(ValueError):
-    """A model or its contract cannot be used; the message says what it is and what to do."""
+    """A model or its contract cannot be used; the message says why, and what to do."""
 
 
 def _pairs(value: object) -> object:
@@ -91,10 +91,10 @@ class AnchorHead:
         check_fields(self)
         numbers = {len(level) for level in self.anchors}
         if not len(self.anchors) == len(self.strides) == len(self.scales) or len(numbers) != 1:
-            must = "must be equally many anchors, and one of xy_scales, for each stride"
+            must = "must have the same number of anchors, and one of xy_scales, for each stride"
             raise ValueError(f"anchors = {shown(self.anchors)}, strides = {list(self.strides)}: {must}")
         if self.boxes == "yolov4" and self.xy_scales is None:
-            raise ValueError("xy_scales: must be given with yolov4's boxes, as 1.2, 1.1, 1.05")
+            raise ValueError("xy_scales: must be set for boxes of yolov4, such as 1.2, 1.1, 1.05")
 
     @property
     def per_cell(self) -> int:
@@ -103,7 +103,7 @@ class AnchorHead:
 
     @property
     def scales(self) -> tuple[float, ...]:
-        """By how much the centre is stretched about the cell's middle, for each stride."""
+        """The factor by which the centre is stretched about the middle of the cell, for each stride."""
         return self.xy_scales or (2.0 if self.boxes == "yolov5" else 1.0,) * len(self.strides)
 
 
@@ -150,7 +150,7 @@ _Names = Annotated[tuple[Characters, ...], Len(1), BeforeValidator(_listed), _NA
 
 @dataclass(frozen=True)
 class Sourced:
-    """A contract whose fields each carry, in ``sources``, where they came from."""
+    """A contract; ``sources`` has the source of each field."""
 
     EXAMPLE: ClassVar[str]
 
@@ -163,7 +163,7 @@ class Sourced:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """The fields that a contract can state."""
+        """The names of the fields."""
         return tuple(entry.name for entry in fields(cls) if entry.name != "sources")
 
     @classmethod
@@ -173,16 +173,16 @@ class Sourced:
 
     @property
     def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated: what was assumed, why, and how to state it."""
+        """A sentence for each assumed field: its value, the reason, and how to set it."""
         return [
             f"{name} = {shown(getattr(self, name))} is {source}; "
-            f"to state it, put {name!r} into <model>.contract.json beside the model"
+            f"to set it, put {name!r} into <model>.contract.json beside the model"
             for name, source in self.sources.items()
             if source.startswith("assumed")
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Every field in JSON's types, and ``sources``; a contract file may hold it, its sources are made anew."""
+        """The fields in types of JSON, with ``sources``. A contract file may contain sources; they are ignored."""
         values = asdict(self)
         ordered = {name: values[name] for name in (*self.names(), "sources")}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in ordered.items()}

@@ -1,4 +1,4 @@
-"""Contracts from wherever they are stated: presets, files, what is typed after a preset, a graph's metadata.
+"""Contracts from presets, files, options and the metadata of a graph.
 
 The same for every kind of contract: detectors' (:class:`~blurnoise_eval.detectors.contract.Contract`), text
 recognisers' and text detectors'. ``presets``: those of a kind, by the name of their family.
@@ -58,7 +58,7 @@ def settled(contract: Kind, values: Mapping[str, Any], source: str, why: str) ->
     for name, value in values.items():
         stated, where = getattr(contract, name), contract.sources[name]
         if stated not in (None, value) and not where.startswith(("preset", "assumed")):
-            raise ModelError(f"{name} = {stated!r} ({where}): must be {value!r}, as {why}")
+            raise ModelError(f"{name} = {stated!r} ({where}): must be {value!r}, because {why}")
     return replace(contract, **values, sources={**contract.sources, **dict.fromkeys(values, source)})
 
 
@@ -72,19 +72,19 @@ def beside(model_path: Path, metadata: Mapping[str, str]) -> tuple[object, str] 
     try:
         return json_of(metadata[METADATA_KEY]), source
     except ValueError as error:
-        raise ModelError(f"{source}: not JSON: {error}") from None
+        raise ModelError(f"{source}: must be JSON: {error}") from None
 
 
 def preset(name: object, presets: Mapping[str, Kind] = PRESETS) -> Kind:  # type: ignore[assignment]  # of Contract
     """Return the named family's contract. Raises :class:`ModelError` if there is none."""
     if not isinstance(name, str) or name not in presets:
-        raise ModelError(f"family {shown(name)} is unknown: must be one of {', '.join(map(repr, presets))}")
+        raise ModelError(f"family = {shown(name)}: must be one of {', '.join(map(repr, presets))}")
     base = presets[name]
     return replace(base, sources=dict.fromkeys(base.names(), f"preset {name}"))
 
 
 def parse_contract(stated: object, source: str, presets: Mapping[str, Kind] = PRESETS) -> Kind:  # type: ignore[assignment]  # as above
-    """Return the contract a mapping states; fields it leaves out follow the preset of its family.
+    """Return the contract of a mapping; other fields come from the preset of its family.
 
     A detector's ``family`` and ``classes`` (names by id, or "coco80") are required; ``base``, a family's name in
     place of ``family``, takes its classes, too. Other names of fields are those of ``SHORT_NAMES``. ``source`` names
@@ -117,7 +117,9 @@ def load_contract(name_or_path: str | Path, presets: Mapping[str, Kind] = PRESET
     base, *further = text.split(",")
     if further and all("=" in each for each in further):
         return _completed(load_contract(base, presets), dict(map(_typed, further)), f"--contract {base},...")
-    raise ModelError(f"contract {text!r}: neither a file nor a preset ({', '.join(map(repr, presets))})")
+    raise ModelError(
+        f"contract = {text!r}: must be a file or one of the presets {', '.join(map(repr, presets))}"
+    )
 
 
 def _completed(base: Kind, stated: Mapping[str, Any], source: str) -> Kind:
@@ -127,7 +129,7 @@ def _completed(base: Kind, stated: Mapping[str, Any], source: str) -> Kind:
         for name, value in stated.items():
             field = SHORT_NAMES.get(name, name)
             if field in values:
-                raise ValueError(f"{field} is stated twice")
+                raise ValueError(f"{field} is set twice")
             known("key", field, [*base.names(), "sources"])
             values[field] = value
         values["sources"] = {**base.sources, **dict.fromkeys(values, source)}
@@ -172,7 +174,7 @@ def contract_option(contract: Contract) -> str | None:
 
 
 def contract_document(contract: Contract) -> dict[str, Any]:
-    """What a contract's file holds: every field but the sources, COCO's classes by their short name."""
+    """The content of a contract file: all fields but the sources; the classes of COCO by their short name."""
     short = {COCO80: "coco80", COCO91: "coco91"}
     document = contract.to_dict() | {"classes": short.get(contract.classes, list(contract.classes))}
     del document["sources"]

@@ -1,4 +1,4 @@
-"""Anybody's ONNX detector on the CPU: file, session, contract, picture in, detections out."""
+"""An ONNX detector on the CPU: file, session, contract, and the way from a picture to detections."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from blurnoise_eval.system.urls import Location
 
 MIN_SCORE, MOST_DETECTIONS = 0.001, 300  # as Ultralytics evaluates
 MOST_OF_CLASS, OWN_SCORE = 100, 0.01
-"""Of one class that need not lead: how many boxes are looked at for a target, as COCO counts, and from what score."""
+"""The most boxes of one class that are matched with a target, as in COCO, and their lowest score."""
 OwnScores = Callable[[ArrayLike, FloatArray], Detections]
 _PROBE_SIZE_PX = (640, 640)  # for graphs of dynamic size while their family is still unknown
 
@@ -116,13 +116,13 @@ class Detector(OnnxModel):
         found = self.family.decode(outputs, size_px, min_score)
         if found.scores.max(initial=0) > 1.01:
             raise ModelError(
-                f"{self.path.name}: score {found.scores.max():g} > 1; "
-                f"is the family {self.contract.family} right ({self.contract.sources['family']})?"
+                f"{self.path.name}: score = {found.scores.max():g}: must be <= 1; the family "
+                f"{self.contract.family} ({self.contract.sources['family']}) may be wrong"
             )
         if found.class_ids.max(initial=0) >= len(self.contract.classes):
             raise ModelError(
-                f"{self.path.name}: finds class {found.class_ids.max()}, counted from 0, but the contract "
-                f"names {len(self.contract.classes)} ({self.contract.sources['classes']}); a background is named, too"
+                f"{self.path.name}: class = {found.class_ids.max()} (from 0), but the contract has "
+                f"{len(self.contract.classes)} classes ({self.contract.sources['classes']}); a background counts, too"
             )
         counted = found.with_classes(min_score) if self.family.several_classes else found
         return found, self._kept(counted, placement, most)
@@ -148,12 +148,12 @@ class Detector(OnnxModel):
     def detect(
         self, image: NDArray[np.uint8], *, min_score: float = MIN_SCORE, max_detections: int = MOST_DETECTIONS
     ) -> Detections:
-        """Return what the network finds in an RGB picture (h, w, 3), uint8."""
+        """Return the detections in an RGB picture (h, w, 3), uint8."""
         outputs, placement = self._answers(image)
         return self.decode(outputs, placement, min_score=min_score, max_detections=max_detections)
 
     def _answers(self, image: NDArray[np.uint8]) -> tuple[list[FloatArray], Placement]:
-        """The outputs for a picture, which enters by a buffer of this thread."""
+        """The outputs for a picture, which is copied to a buffer of this thread."""
         blob, placement = self.prepare(image, getattr(self._buffers, "blob", None))
         self._buffers.blob = blob
         return self.run(blob), placement

@@ -1,4 +1,4 @@
-"""An ONNX file on the CPU: its files, its session; loading and first answer have a time limit."""
+"""An ONNX model on the CPU: its files and its session, with a time limit for loading and the first inference."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ class OnnxModel:
         self.batch = first if isinstance(first, int) else 1
         sides = [side for side in (self.inputs[0].size_px if self.inputs else ()) if isinstance(side, int)]
         if self.batch * math.prod(sides) > MOST_INPUT_PIXELS:
-            takes = f"takes {self.batch} picture(s) of {' x '.join(map(str, sides))} px"
+            takes = f"its input is {self.batch} picture(s) of {' x '.join(map(str, sides))} px"
             raise ModelError(f"{self.path.name}: {takes}; must be at most {MOST_INPUT_PIXELS} px")
         self._answered = False
         self._running: set[ort.RunOptions] = set()
@@ -134,7 +134,7 @@ class OnnxModel:
             check_regular(self.path)
             return _apart(load, self.timeout_s)
         except TimeoutError:
-            raise self._too_slow("does not load") from None
+            raise self._too_slow("was not loaded") from None
         except OSError as error:
             raise ModelError(f"{self.source}: {str(error.strerror).lower()}") from None
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
@@ -163,11 +163,13 @@ class OnnxModel:
         try:
             found: list[Any] = infer() if direct else _apart(infer, limit_s, options)
         except TimeoutError:
-            raise self._too_slow("gives no answer") from None
+            raise self._too_slow("did not finish an inference") from None
         except Exception as error:  # onnxruntime's exceptions share no base class of their own
             if options.terminate:
                 raise InterruptedError(f"{self.path.name}: interrupted") from None
-            raise ModelError(f"{self.path.name}: fails on a picture ({str(error).splitlines()[0]})") from None
+            raise ModelError(
+                f"{self.path.name}: the inference of a picture failed ({str(error).splitlines()[0]})"
+            ) from None
         finally:
             self._running.discard(options)
         self._answered = True
@@ -192,7 +194,7 @@ class OnnxModel:
         self._non_finite.count = self.non_finite_values_here + count
         if count and not self._warned:
             self._warned = True
-            text = f"{self.path.name}: outputs contain NaN or Inf; dropped"
+            text = f"{self.path.name}: the outputs contain NaN or infinite values, which are ignored"
             warnings.warn(text, RuntimeWarning, stacklevel=4)
 
 
@@ -232,11 +234,11 @@ def _load_problem(path: Path, error: Exception) -> str:
     with path.open("rb") as file:
         head = file.read(1024)
     if not head.strip():
-        return "the file is empty"
+        return "is an empty file"
     if head.startswith(b"version https://git-lfs"):
-        return "is a git-lfs pointer, not the model: fetch it with `git lfs pull`"
+        return "is a git-lfs pointer, not a model; fetch the model with `git lfs pull`"
     if all(byte in b"\t\n\r\f" or byte >= 32 for byte in head):
-        return f"is a text file or web page, not a model; it begins {head[:30]!r}"
+        return f"is a text file or a web page, not a model; it begins with {head[:30]!r}"
     reason = " ".join(str(error).split())
     return f"is not an ONNX model that onnxruntime {ort.__version__} can load: {reason[-300:]}"
 
@@ -293,7 +295,7 @@ def read_mapping(path: Path) -> object:
     try:
         return read_document(path)
     except (OSError, ValueError) as error:
-        raise ModelError(f"contract file {path.name}: cannot be read: {error}") from None
+        raise ModelError(f"contract file {path.name} cannot be read: {error}") from None
 
 
 def model_sha256(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Models opened from their files: detectors and text recognisers, told apart by their graphs."""
+"""Opens model files; the graph decides whether a model is a detector or a text recogniser."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ def open_models(
     targets differ; :class:`~blurnoise_eval.detectors.contract.ModelError`, ``TimeoutError``.
     """
     if len(contracts) not in (1, len(paths)):
-        must = f"must be one, or one for each of {len(paths)} models"
-        raise ValueError(f"contract: {len(contracts)} are given; {must}")
+        must = f"must be one, or one for each of the {len(paths)} models"
+        raise ValueError(f"contract: got {len(contracts)}; {must}")
     # The graph alone may not show that it reads text.
     stated = dictionary is not None or any(str(each).split(",")[0] == "ppocr" for each in contracts)
     models = [OnnxModel(path, timeout_s=timeout_s) for path in paths]
     reads = [stated or is_recogniser(model) for model in models]
     if len(set(reads)) > 1:
-        must = "give each a run of its own"
-        raise ValueError(f"model: a sweep runs detectors or text recognisers, not both; {must}")
+        must = "use a run for each kind"
+        raise ValueError(f"model: must be all detectors or all text recognisers; {must}")
     if (dictionary or text_detector) and not any(reads):
-        raise ValueError("dictionary, text-detector: go with text recognisers, as --model")
+        raise ValueError("dictionary, text_detector: need a text recogniser as model")
     found: list[Opened] = []
     for place, model in enumerate(models):
         contract = contracts[place % len(contracts)]

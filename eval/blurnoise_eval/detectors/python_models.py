@@ -1,4 +1,4 @@
-"""Detectors that are no files: a Python function, or a network of torchvision's detection API.
+"""Detectors in Python: a function, or a network of torchvision's detection API.
 
 The protocol: a callable takes an RGB picture (H, W, 3), uint8, and returns boxes (N, 4), (left, top, right, bottom)
 px of that picture, scores (N,) in [0, 1], and classes (N,), names or places in ``classes``.
@@ -68,7 +68,7 @@ class PythonDetector(Detector):
         return 0
 
     def interrupt(self) -> None:
-        """Nothing: a call of Python ends by itself."""
+        """Do nothing; a call of Python ends by itself."""
 
     def with_contract(self, contract: Contract) -> Detector:
         """The same detector: it prepares its pictures itself."""
@@ -84,20 +84,20 @@ class PythonDetector(Detector):
             ids = self._ids(np.asarray(classes).reshape(-1))
             found = Detections(np.asarray(boxes), np.asarray(scores), ids)
         except Exception as error:
-            raise ModelError(f"{self.name}: fails on a picture ({type(error).__name__}: {error})") from error
+            raise ModelError(f"{self.name}: failed on a picture ({type(error).__name__}: {error})") from error
         if found.scores.max(initial=0) > 1 or found.scores.min(initial=0) < 0:
-            raise ModelError(f"{self.name}: score {found.scores.max():g}; must be within [0, 1]")
+            raise ModelError(f"{self.name}: score = {found.scores.max():g}: must be >= 0 and <= 1")
         return found[(found.scores >= min_score) & (found.class_ids >= 0)][:max_detections]
 
     def look(self, image: NDArray[np.uint8]) -> tuple[Detections, OwnScores | None]:
-        """What :meth:`detect` returns; each box has the classes that it was returned with."""
+        """The detections of :meth:`detect`; each box has the classes that the function returned."""
         return self.detect(image), None
 
     def _ids(self, classes: NDArray[Any]) -> NDArray[np.int64]:
         if classes.dtype.kind in "UO":
             return np.array([self._numbers.get(str(label), -1) for label in classes], np.int64)
         if len(classes) and not 0 <= classes.min() <= classes.max() < len(self._numbers):
-            raise ValueError(f"class {int(classes.max())}; must be within 0 and {len(self._numbers) - 1}")
+            raise ValueError(f"class = {int(classes.max())}: must be >= 0 and <= {len(self._numbers) - 1}")
         return classes.astype(np.int64)
 
 

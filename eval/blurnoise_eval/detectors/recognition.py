@@ -1,4 +1,4 @@
-"""Recognition: which family a graph belongs to, and its contract."""
+"""Recognition of the family of a graph, and of its contract."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contr
     elif (reads := _with_head(stated).describe(signature)) is not None:
         contract, layout = stated, reads
     else:
-        says = f"the contract ({stated.sources['family']}) says {stated.family}"
-        raise ModelError(f"{says}, but the graph has no outputs of that shape:\n{signature.describe()}")
+        says = f"family = {stated.family!r} ({stated.sources['family']})"
+        raise ModelError(f"{says}: the graph has no outputs of this family:\n{signature.describe()}")
     if layout.classes not in (0, len(contract.classes)):
         raise ModelError(
             f"the graph ({contract.family}) has {layout.classes} classes but the contract names "
-            f"{len(contract.classes)} ({contract.sources['classes']}): state all names, in order, "
-            "under 'classes' in a contract"
+            f"{len(contract.classes)} ({contract.sources['classes']}); list all names, in order, "
+            "as 'classes' of a contract"
         )
     return _fitted(contract, layout.family, signature.inputs[0]), layout
 
@@ -57,11 +57,11 @@ def _with_head(stated: Contract) -> Family:
     if family.takes_head and stated.head is not None:
         return with_head(family, stated.head, len(stated.classes))
     if family.takes_head:
-        needs = f"family {family.name!r} needs the head's anchors in its contract"
+        needs = f"family {family.name!r} needs the anchors of its head in the contract"
         raise ModelError(f"{needs}, for example {_HEAD_EXAMPLE}")
     if stated.head is not None:
         heads = ", ".join(sorted(each.name for each in FAMILIES.values() if each.takes_head))
-        raise ModelError(f"head: goes with the families {heads}, not with {family.name}")
+        raise ModelError(f"head: is for the families {heads}, not for {family.name}")
     return family
 
 
@@ -76,7 +76,7 @@ def _recognise(signature: Signature) -> tuple[Layout, str]:
             exported = f"metadata {exporter}; " * (layout.family in families)
             return layout, f"graph: {exported}{layout.why}"
     raise ModelError(
-        f"the graph fits no output family known here ({', '.join(PRESETS)}); a head with "
+        f"the graph matches none of the known families ({', '.join(PRESETS)}); a head with "
         f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
         f"{signature.describe()}"
     )
@@ -110,8 +110,8 @@ def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
             return by_name[told[0]], f"graph: {by_name[told[0]].why}; {told[1]}"
     lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
-        f"the graph fits several output families ({', '.join(by_name)}), and nothing in it tells which: write "
-        f"{lines} into <model>.contract.json, or give --contract\n{signature.describe()}"
+        f"the graph matches several families ({', '.join(by_name)}); to choose one, write "
+        f"{lines} into <model>.contract.json, or use --contract\n{signature.describe()}"
     )
 
 
@@ -139,10 +139,13 @@ def _told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | Non
     """Whether YOLOX or YOLOv6 answered with ``outputs``, and what shows it; None where nothing does."""
     rows = outputs[0][0].astype(np.float32)
     if (rows[:, 4] == 1).all():
-        return "yolov6", "on a drawn picture the objectness is 1 everywhere"
+        return "yolov6", "the objectness of a test picture is 1 everywhere"
     largest = float(np.percentile(rows[:, 2:4], 99))
     if largest < _RAW_SIZE_LIMIT:
-        return "yolox", f"on a drawn picture 99 % of the sizes are below {largest:.3g}, so these are raw"
+        return (
+            "yolox",
+            f"99 % of the box sizes of a test picture are below {largest:.3g}, so they are logarithms",
+        )
     return None
 
 
@@ -161,7 +164,9 @@ def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
     if "classes" not in known:
         if count not in (0, len(base.classes)):
             heads = f"; a head of other anchors needs {_HEAD_EXAMPLE}" if layout.family.takes_head else ""
-            lacks = f"the graph ({name}) has {count} classes but nothing names them{heads}"
+            lacks = (
+                f"the graph ({name}) has {count} classes without names; set 'classes' of a contract{heads}"
+            )
             raise ModelError(f"{lacks}\n{signature.describe()}")
         shows = f"the graph has {count}" if count else "the graph does not show how many it has"
         sources["classes"] = f"assumed: COCO's {len(base.classes)} classes, because {shows}"
@@ -191,7 +196,7 @@ def exported_fields(metadata: Mapping[str, str]) -> dict[str, Any]:
     Raises :class:`ModelError` for another task than detection or a value that is no literal.
     """
     if metadata.get("task", "detect") != "detect":
-        raise ModelError(f"metadata task = {metadata['task']!r}: only 'detect' can be evaluated")
+        raise ModelError(f"metadata task = {metadata['task']!r}: must be 'detect'")
     known: dict[str, Any] = {}
     for key, name in (("names", "classes"), ("imgsz", "input_size_px")):
         if key in metadata:

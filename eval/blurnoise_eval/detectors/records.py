@@ -1,4 +1,4 @@
-"""The data that crosses the harness's walls, validated where it is made."""
+"""Detections of one picture and of many, validated when they are made."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Detections:
             values["leads"] = np.array(self.leads, bool).reshape(-1)
         counts = [len(each) for each in values.values()]
         if len(set(counts)) != 1:
-            raise ValueError(f"detections: {counts} boxes, scores and classes; must be equally many")
+            raise ValueError(f"detections: {counts} boxes, scores and classes; the numbers must be equal")
         if not (np.isfinite(values["boxes_xyxy"]).all() and np.isfinite(values["scores"]).all()):
             raise ValueError("detections: boxes and scores must be finite")
         order = np.argsort(-values["scores"], kind="stable")
@@ -46,7 +46,7 @@ class Detections:
 
     @property
     def leading(self) -> Detections:
-        """Those whose class is the first of its box: one answer per box, which is what a user is shown."""
+        """The detections with the highest-scoring class of each box, as shown to a user."""
         return self if self.leads is None else self[self.leads]
 
     def __len__(self) -> int:

@@ -155,8 +155,8 @@ class Subject:
         """The picture ``smaller`` times smaller, with its motion and defocus; each pixel has the noise of a
         full one. Raises ``ValueError`` where parts of the picture move apart."""
         n, at = self.smaller, state.at
-        if at[EGO.name] or at[MOVES.name]:
-            raise ValueError("preview: shows one motion of all the picture")
+        if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
+            raise ValueError("preview: shows one motion of all the picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
         defocus_px = at.exposure(camera).camera.defocus_radius_px / n
         cell = Cell("preview", 0, Conditions(**{**at, **slower, "defocus_radius_px": defocus_px}), state.seed)

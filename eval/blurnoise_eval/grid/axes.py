@@ -1,4 +1,4 @@
-"""Axes of a sweep, one table: options, limits, columns, file names, captions and pages follow from it.
+"""The axes of a sweep in one table, from which options, limits, columns, file names, captions and pages follow.
 
 Domain: values in SI units and the units in the names; an option's numbers times ``per_option``. An axis that is not
 specified has the camera's value (``own``). A new axis is an entry of ``AXES``. Nothing heavy is imported above, as
@@ -60,7 +60,9 @@ def numbers(text: str, *, automatic: bool = False) -> tuple[float, ...]:
         if not 0 <= low < high < math.inf:
             raise ValueError
     except (ValueError, ZeroDivisionError, OverflowError):
-        must = "must be numbers as 1,5,10, start:stop:step, or low:high for both and 1, 3, 10, 30 ... between"
+        must = (
+            "must be numbers such as 1,5,10, or start:stop:step, or low:high (with 1, 3, 10, 30 ... between)"
+        )
         raise ValueError(f"{must}{', or auto' if automatic else ''}") from None
     least = low or high / 100
     powers = range(math.floor(math.log10(least)), math.ceil(math.log10(high)) + 1)
@@ -215,12 +217,12 @@ def _positional(value: float, digits: int) -> str:
 AXES: tuple[Axis, ...] = (
     Axis(
         "exposure_s", "exposure_s", "--exposure-ms",
-        "exposure times, ms; auto: as the camera sets it for each picture", "Exposure", "ms",
+        "exposure time, ms; auto: set by the camera for each picture", "Exposure", "ms",
         1e-3, 0.0, 3600.0, "{} ms", "{}ms", own=lambda camera: math.nan, digits=3, positive=True, logarithmic=True,
         fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
     ),
     Axis(
-        "illuminance_lux", "illuminance_lux", "--lux", "light on the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
+        "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
         "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 30.0, 1000.0, 20_000.0),
     ),
     Axis(
@@ -232,34 +234,34 @@ AXES: tuple[Axis, ...] = (
         1.0, -1e7, 1e7, "{} px/s down", "{}px_s", default=(0.0,),
     ),
     Axis(
-        "temperature_c", "temperature_c", "--temperature-c", "of the sensor, degC", "Sensor temperature", "°C",
+        "temperature_c", "temperature_c", "--temperature-c", "sensor temperature, °C", "Sensor temperature", "°C",
         1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: 25.0, fails=True,
     ),
     Axis(
         "f_number", "camera.f_number", "--f-number",
-        "of the lens, in place of the camera's: its light, and its diffraction at 0.55 µm", "f-number", "",
+        "f-number of the lens, for its light and its diffraction at 0.55 µm (default: the camera's)", "f-number", "",
         1.0, 0.5, 256.0, "f/{}", "f{}", own=lambda camera: camera.f_number, logarithmic=True, fails=True,
     ),
     Axis(
         "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
-        "radius of the lens's disc of confusion, px, in place of the camera's", "Defocus", "px", 1.0, 0.0, 1000.0,
+        "radius of the blur disc of a defocused lens, px (default: the camera's)", "Defocus", "px", 1.0, 0.0, 1000.0,
         "defocus {} px", "defocus{}px", own=lambda camera: camera.defocus_radius_px, fails=True,
     ),
     Axis(
         "gain_db", "gain_db", "--gain",
-        "dB, analogue as far as the camera goes, then digital; auto: for each picture what brings its mean to 18 %",
+        "gain, dB, analogue up to the camera's limit, then digital; auto: brings the mean of each picture to 18 %",
         "Gain", "dB", 1.0, -120.0, 120.0, "gain {} dB", "{}dB", automatic=True, default=(AUTOMATIC,),
     ),
     Axis(
         "moves", "moves", "--moves",
-        "by --dx and --dy: all, the targets alone, or the background of targets that are tracked",
+        "what dx and dy move: everything, only the targets, or only the background behind tracked targets",
         "Kind of motion", "", 1.0, 0.0, 2.0, "{}", "{}-moves",
         choices=("all", "targets", "background"),  # of blurnoise.scene.scene; a test compares them
         captions=("all moves", "targets move", "background moves"),
     ),
     Axis(
         "ego_speed_m_s", "ego_speed_m_s", "--ego-kmh",
-        "the camera drives over a flat road, in place of --dx and --dy: each place moves in its own way",
+        "speed of the camera on a flat road, km/h, instead of dx and dy",
         "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, "{} km/h", "{}km_h", fails=True, without=("velocity_x_px_s",),
     ),
 )  # fmt: skip

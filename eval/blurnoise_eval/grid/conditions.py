@@ -36,6 +36,7 @@ from blurnoise_eval.grid.axes import (
     setting_of,
     velocity_of,
 )
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
@@ -61,7 +62,7 @@ class Conditions(Mapping[str, float | None]):
         values = {name: CORE.get(name) if stated.get(name) is None else stated[name] for name in NAMES}
         missing = [name for name in CORE if values[name] is None]
         if missing:
-            raise ValueError(f"{missing[0]}: must be stated")
+            raise ValueError(f"{missing[0]}: must be specified")
         self._values = tuple(None if value is None else float(value) + 0.0 for value in values.values())
 
     def __getitem__(self, name: str) -> float | None:
@@ -167,7 +168,7 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (``blurnoise.scene.metering``); None: its brightness is reflectance. picture_tone: the curve that codes pictures.
     auto_exposure: sets gain and exposure where they are left to the camera. objects: how objects move where not all
-    of a picture does, and the boxes that are the truth.
+    of a picture does, and the boxes that are the truth. lamps: of every picture.
     trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
     own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
@@ -186,19 +187,21 @@ class SweepPlan:
     picture_tone: PictureTone = "srgb"
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
+    lamps: Lamps | None = None
     trajectory: str | TrajectorySpec | None = None
     ego: Vehicle | None = None
     only: tuple[Conditions, ...] = ()
     direction: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        for name, kind in (("ego", Vehicle), ("auto_exposure", AutoExposure), ("objects", Objects)):
+        kinds = {"ego": Vehicle, "auto_exposure": AutoExposure, "objects": Objects, "lamps": Lamps}
+        for name, kind in kinds.items():
             if isinstance(value := getattr(self, name), Mapping):  # as :meth:`to_dict` has it
                 object.__setattr__(self, name, kind(**value))
         if isinstance(self.trajectory, str):
             object.__setattr__(self, "trajectory", TrajectorySpec.parse(self.trajectory))
         if self.trajectory is not None and self.objects.boxes == "half":
-            raise ValueError("boxes = 'half': of straight motion; along a trajectory must be object or swept")
+            raise ValueError("boxes = 'half': must be object or swept with a trajectory")
         if self.grey_anchor is not None:
             object.__setattr__(self, "grey_anchor", str(GreyAnchor.parse(self.grey_anchor)))
         object.__setattr__(self, "picture_tone", picture_tone(self.picture_tone, "picture_tone"))
@@ -210,27 +213,32 @@ class SweepPlan:
         object.__setattr__(self, "grid", checked)
         integer("repeats", self.repeats, 1, 1_000_000)
         integer("seed", self.seed, 0, rng.LAST_SEED)
+        if self.lamps and self.repeats % max(1, len(self.lamps.phases)):
+            n_phases = len(self.lamps.phases)
+            raise ValueError(f"repeats = {self.repeats}: must be a multiple of the {n_phases} of pwm_phase")
         if not self.cuts and (moving := self.objects.to_dict().keys() - {"boxes"}):
             raise ValueError(
-                f"{', '.join(sorted(moving))}: of objects; goes with moves targets or background"
+                f"{', '.join(sorted(moving))}: settings of objects need moves = targets or background"
             )
         if AUTOMATIC in checked.get("exposure_s", ()):
             if len(checked["exposure_s"]) > 1:
-                raise ValueError("exposure_s: must be auto alone, or times; each in a sweep of its own")
+                raise ValueError("exposure_s: must be auto or times, not both; use two sweeps")
             if checked.get("gain_db", (AUTOMATIC,)) != (AUTOMATIC,):
-                raise ValueError("exposure_s: auto sets the gain, too; gain_db must be auto, or not stated")
+                raise ValueError(
+                    "exposure_s = auto: the camera then sets the gain, too; gain_db must be auto or left out"
+                )
             checked["gain_db"] = (AUTOMATIC,)
         for name in VELOCITY if self.direction is None else ():  # here, before anything is computed
             fastest = max(map(abs, checked[name]))
             limited(f"{name}: {fastest:g} times exposure_s", fastest * self.longest_s, "displacement_px")
         if not self.values(EGO.name):
             if self.ego is not None:
-                raise ValueError(f"ego: goes with {EGO.name}, at which it drives")
+                raise ValueError(f"ego: needs {EGO.name}, the speed of the vehicle")
             return
         object.__setattr__(self, "ego", self.ego or USUAL_VEHICLE)
         if others := [name for name in (*VELOCITY, MOVES.name) if any(self.values(name))]:
             raise ValueError(
-                f"{EGO.name}: a camera that drives moves each place in its own way; goes without {', '.join(others)}"
+                f"{EGO.name}: ego-motion moves each part of the picture differently; it excludes {', '.join(others)}"
             )
 
     @property
@@ -252,6 +260,11 @@ class SweepPlan:
     def cuts(self) -> bool:
         """Whether targets or background move alone."""
         return any(self.values(MOVES.name))
+
+    @property
+    def pulsed(self) -> bool:
+        """Whether there is a pulsed lamp."""
+        return self.lamps is not None and self.lamps.pwm is not None
 
     def conditions(self) -> list[Conditions]:
         """Each once; those that share a blur stand next to each other, in them those of one exposure."""
@@ -280,6 +293,8 @@ class SweepPlan:
             values["auto_exposure"] = asdict(self.auto_exposure)
         if objects := self.objects.to_dict():
             values["objects"] = objects
+        if self.lamps is not None:
+            values["lamps"] = asdict(self.lamps)
         if self.direction is not None:
             further = {name: self.values(name)[0] for name in self.grid}
             return values | {"further": further, "direction": self.direction}
@@ -290,7 +305,7 @@ class SweepPlan:
 
 @dataclass(frozen=True)
 class Cell:
-    """One picture under one condition; None is the clean picture, untouched."""
+    """One picture under one condition; None: the original picture."""
 
     image: str
     repeat: int
@@ -335,11 +350,11 @@ class Part:
 
 
 def reflectance_text(anchor: str | None) -> str:
-    """The meaning of light on a photograph's scene, by a plan's grey anchor, in half a line."""
+    """How a plan relates the brightness of photographs to reflectance, in half a line."""
     if anchor is None:
-        return "brightness is taken for reflectance, 1 EV darker for half of it; --grey-anchor ties it to 18 % grey"
+        return "brightness is used as reflectance; with --grey-anchor, a part of the picture reflects 18 %"
     of = GreyAnchor.parse(anchor)
     words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
     if of.region_px is not None:
         words = f"the mean of the region {of}"
-    return f"18 % reflectance is {words} of each picture (--grey-anchor {anchor})"
+    return f"{words} of each picture reflects 18 % (--grey-anchor {anchor})"

@@ -18,7 +18,7 @@ from blurnoise.scene.scene import Exposure
 
 @dataclass(frozen=True)
 class Crossing:
-    """An object that crosses the view to the right at kmh; it is width_m wide, and its box is as wide as it."""
+    """An object of width_m that crosses the view to the right at kmh; its box has its width."""
 
     kmh: Annotated[Figure, Ge(-360), Le(360)]
     width_m: Annotated[Figure, within("target_width_m")]
@@ -60,7 +60,7 @@ class Objects:
         object.__setattr__(self, "crossings", crossings)
         check_fields(self)
         for label in self.speeds.keys() & crossings:
-            raise ValueError(f"speeds: {label}: is one of crossings, too; must be one of them")
+            raise ValueError(f"speeds: {label}: must be in speeds or in crossings, not in both")
 
     def speed_of(self, label: str) -> float:
         """The speed of a class, 1 by default; 0 if it crosses the view at a road speed."""

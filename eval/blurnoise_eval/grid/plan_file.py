@@ -22,23 +22,25 @@ if TYPE_CHECKING:
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
-"""Conditions of a simulated picture that are not specified, by the setting's name."""
+"""Default conditions of a simulated picture, by setting."""
 MODEL_TIMEOUT_S = 60.0
 TONES = ("srgb", "linear", "filmic")
 TONE_CHOICES = (
-    "srgb, linear, filmic, a camera's file with tone, or points light:value such as 0:0,0.2:0.5,1:1"
+    "srgb, linear, filmic, a camera file with 'tone:', or points light:value such as 0:0,0.2:0.5,1:1"
 )
-LISTS = "Conditions, each as 1,5,10 or low:high"
+LISTS = "Conditions: numbers such as 1,5,10, or a range low:high"
+LAMPS = ("emitters", "pwm", "pwm_mask", "pwm_phase")
+"""Settings of a plan that make its lamps."""
 
 
 class _Axes(Settings):
-    """Settings with a field for each axis, values in the column's unit."""
+    """Settings with a field for each axis, values in SI units."""
 
     AXES: ClassVar[tuple[Axis, ...]]
     DEFAULTS: ClassVar[Mapping[str, str]]
 
     def grid(self, usual: Mapping[str, str] = {}) -> dict[str, tuple[float, ...]]:
-        """Values by axis, in SI: those of the file, else of ``usual``, by the setting, else the defaults."""
+        """Values of each axis in SI units: from the file, else from ``usual``, else the defaults."""
         stated = {each: getattr(self, each.key) for each in self.AXES}
         replaced = {name for each, values in stated.items() if values is not None for name in each.without}
         defaults = {each.key: self.DEFAULTS.get(each.key) for each in self.AXES if each.name not in replaced}
@@ -51,7 +53,7 @@ class _Axes(Settings):
 def with_axes(
     panel: str, metavar: str, defaults: Mapping[str, str] | None = None, axes: tuple[Axis, ...] = ()
 ) -> Any:
-    """The class of a table of axes; defaults: in place of a sweep's, by the setting's name. axes: default all."""
+    """A class of settings with a field for each axis. defaults: by setting, instead of those of a sweep."""
     axes = axes or AXES
     if defaults is None:
         defaults = {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
@@ -66,7 +68,7 @@ def with_axes(
 
 
 def tone_of(given: object) -> PictureTone:
-    """A picture's tone curve: a name, points (as text "0:0,0.2:0.5,1:1"), or the ``tone`` of a camera's file.
+    """The tone curve of a picture from a name, points (such as "0:0,0.2:0.5,1:1"), or a camera file with ``tone``.
 
     Raises ``ValueError``.
     """
@@ -90,174 +92,260 @@ def tone_of(given: object) -> PictureTone:
         raise ValueError(str(error)) from None
 
 
+def phases(given: object) -> tuple[float, ...]:
+    """Phases of a pulsed lamp: "random", none, or numbers. Raises ``ValueError``."""
+    from blurnoise_eval.grid.lamps import phases_of
+
+    return phases_of(given)
+
+
 @dataclass(frozen=True)
 class Taking(Settings):
-    """How pictures are taken: of a sweep, and of a single picture."""
+    """How pictures are taken, in a sweep or one picture at a time."""
 
-    camera: str | None = setting(None, "a preset or a file (default: by the pictures)", "NAME|FILE")
+    camera: str | None = setting(
+        None,
+        "a preset or a camera file (default: imx250c for colour pictures, imx250m for grey)",
+        "NAME|FILE",
+    )
     cfa: Cfa | None = setting(
         None,
-        "filters, RGGB, GRBG, GBRG, BGGR, RCCB or RCCC; mono: one for all; none: a sensor for each colour",
+        "colour filters: RGGB, GRBG, GBRG, BGGR, RCCB or RCCC; mono: no colours; none: one sensor for each colour",
     )
-    vehicle: Vehicle | None = setting(None, "of the camera that drives (ego_kmh)")
-    auto_exposure: AutoExposure | None = setting(None, "limits of exposures and gains that the camera sets")
+    vehicle: Vehicle | None = setting(
+        None, "position and orientation of the camera on a vehicle that drives (ego_kmh)"
+    )
+    auto_exposure: AutoExposure | None = setting(
+        None, "limits of exposure time and gain where these are auto"
+    )
     trajectory: str | None = setting(
         None,
-        "motion beside dx and dy: places or rates of rotation over time, a shake of the seed, or a vibration",
+        "camera motion in addition to dx and dy: a file of positions or rotation rates, a random shake, or a "
+        "sinusoidal vibration",
         "FILE.csv|shake:PX|sine:PX,HZ[,DEG]",
     )
     grey_anchor: str | None = setting(
         None,
-        "18 % reflectance: the mean, a percentile, a region in px (default: brightness is taken for reflectance)",
+        "part of a picture that reflects 18 %: its mean, a percentile, or a region in px (default: none; brightness "
+        "is used as reflectance)",
         "mean|pNN|x0,y0,x1,y1",
     )
     picture_tone: PictureTone = setting(
         "srgb",
-        "the pictures' own tone curve, taken out before they are exposed; linear: numbers are light",
+        "tone curve of the input pictures, which is removed first; linear: values are proportional to light "
+        "(default: srgb)",
         "srgb|linear|filmic|FILE.yaml|POINTS",
         read=tone_of,
     )
-    seed: int = setting(0, "of the noise, and of the order in which decide takes pictures", "N")
+    seed: int = setting(0, "seed of the noise, and of the order of pictures in decide (default: 0)", "N")
 
 
 @dataclass(frozen=True)
 class Enough(Settings):
-    """Which score is enough: of a sweep, and of an exposure program."""
+    """The criterion of a sweep or of an exposure program."""
 
     keep: float | None = setting(
-        None, "share of the score on the original pictures that is enough (default on your own: 0.9)", "SHARE"
+        None,
+        "required share of the score on the original pictures (default: 0.9 for your own pictures)",
+        "SHARE",
     )
     threshold: float | None = setting(
-        None, "score that is enough, in place of keep (default on rendered pictures: 0.6)", "C"
+        None, "required score, instead of a required share (default: 0.6 for rendered pictures)", "C"
     )
     score: str | None = setting(
         None,
-        "target_confidence, detection_rate, recall@0.1 (at 0.1 false alarms per original picture), ap50, ap, or of "
-        "text exact_match (default: target_confidence, of texts of your own exact_match)",
+        "score to judge by: target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
+        "original picture), ap50, ap, or exact_match for text (default: target_confidence; exact_match for your own "
+        "texts)",
         "NAME",
     )
     cluster: str | None = setting(
-        None, "pictures with the same match of a regular expression count as one: frames of a drive", "REGEX"
+        None,
+        "regular expression; pictures with the same match form a cluster, such as the frames of one drive",
+        "REGEX",
     )
 
 
 @dataclass(frozen=True)
 class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
-    """A sweep: models, pictures, conditions, the score that is enough, and the workers."""
+    """A sweep: models, pictures, conditions, the criterion, and the workers."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
 
     model: tuple[str, ...] = setting(
         (),
-        "a detector or text recogniser, see 'blurnoise inspect'; ppocr: PP-OCR of the package rapidocr in known "
-        "boxes, ppocr-find: in text that it finds; several are compared (default: the built-in detector)",
+        "detector or text recogniser; repeat it to compare models. ppocr: PP-OCR of the package rapidocr, which "
+        "reads the labelled boxes; ppocr-find: it also finds the text (default: the built-in stop-sign detector)",
         "M.onnx",
     )
     contract: tuple[str, ...] = setting(
         (),
-        "how pictures enter the model and what its classes are, see 'blurnoise inspect --help'; one, or one for each",
+        "how pictures enter the model and how its outputs are read, see 'blurnoise inspect --help'; one for all "
+        "models, or one for each",
         "FILE|PRESET",
     )
-    dictionary: str | None = setting(None, "a file with a recogniser's characters, a line each")
-    text_detector: str | None = setting(None, "PP-OCR's network that finds text (default: known boxes)")
-    model_timeout_s: float = setting(MODEL_TIMEOUT_S, "for loading a model, and for its first answer, s")
-    images: str | None = setting(None, "pictures; without --labels, targets are what is found in them", "DIR")
+    dictionary: str | None = setting(None, "file with the characters of a text recogniser, one per line")
+    text_detector: str | None = setting(
+        None, "PP-OCR network that finds text (default: none; the labelled boxes are read)"
+    )
+    model_timeout_s: float = setting(
+        MODEL_TIMEOUT_S, "time limit for loading a model and for its first inference, s"
+    )
+    images: str | None = setting(
+        None,
+        "folder of pictures; without labels, the targets are the model's detections in the original pictures",
+        "DIR",
+    )
     labels: str | None = setting(
         None,
-        "COCO instances, YOLO's data.yaml or folder, BDD100K's JSON, or PP-OCR's texts (.txt)",
+        "labels: COCO instances, YOLO data.yaml or folder, BDD100K JSON, or PP-OCR text (.txt)",
         "FILE|DIR",
         names=("--coco",),
     )
-    target: tuple[str, ...] = setting((), "only this class, and pictures with it", "CLASS")
-    limit: int | None = setting(None, "only the first N pictures", "N")
-    objects: Objects | None = setting(None, "objects that move (moves: targets, background), and their boxes")
-    repeats: int | None = setting(None, "noise fields per picture (default: 1; of charts 2)")
-    refine: bool = setting(True, "compute more exposures about ends of windows, but in parts")
-    engine: str = setting("threads", "ray: on this machine, or a cluster at address", "threads|processes|ray")
-    threads: int | None = setting(None, "how many workers (default: one per core)", "N")
-    address: str | None = setting(None, "HOST:PORT of a Ray cluster, or auto (default: this machine)")
-    part: str | None = setting(None, "a part of the pictures; 'blurnoise merge' joins the runs", "K/N")
+    target: tuple[str, ...] = setting(
+        (), "use only this class, and the pictures with it; repeatable", "CLASS"
+    )
+    limit: int | None = setting(None, "use only the first N pictures", "N")
+    objects: Objects | None = setting(None, "speeds and boxes of objects, where targets or background move")
+    emitters: str | None = setting(
+        None,
+        "targets:FACTOR: the targets are lamps, FACTOR times brighter than in the picture",
+        "targets:FACTOR",
+    )
+    pwm: str | None = setting(None, "a pulsed lamp: frequency in Hz, and duty cycle", "HZ,DUTY")
+    pwm_mask: str | None = setting(
+        None, "targets: only the targets are pulsed lamps (default: they light the whole scene)", "targets"
+    )
+    pwm_phase: tuple[float, ...] | None = setting(
+        None,
+        "phase of the lamp when an exposure begins, 0 to 1: random for each picture and repeat (default), or "
+        "values for all pictures, over which scores are averaged",
+        "random|LIST",
+        read=phases,
+    )
+    repeats: int | None = setting(None, "number of repeats with other noise (default: 1; 2 for charts)")
+    refine: bool = setting(
+        True, "compute additional exposures near the ends of exposure windows; not for parts"
+    )
+    engine: str = setting(
+        "threads",
+        "kind of workers; ray: on this machine, or on a cluster at address (default: threads)",
+        "threads|processes|ray",
+    )
+    threads: int | None = setting(None, "number of workers (default: one per core)", "N")
+    address: str | None = setting(None, "Ray cluster, HOST:PORT or auto (default: this machine)")
+    part: str | None = setting(
+        None, "compute only part K of N of the pictures; 'blurnoise merge' joins the runs", "K/N"
+    )
 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
-        """The plan of a sweep; usual: values, and repeats, where the file has none."""
+        """The plan of a sweep. usual, repeats: defaults for what the file leaves out."""
         from blurnoise_eval.grid.conditions import SweepPlan
+        from blurnoise_eval.grid.lamps import Lamps
 
         names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
         held["repeats"] = repeats if self.repeats is None else self.repeats
+        if lamps := {name: value for name in LAMPS if (value := getattr(self, name)) is not None}:
+            held["lamps"] = Lamps(**lamps)
+            held["repeats"] *= max(1, len(held["lamps"].phases))
         return SweepPlan(
             self.grid(usual), **{name: value for name, value in held.items() if value is not None}
         )
 
 
 @dataclass(frozen=True)
-class SceneFile(with_axes("Conditions, a number each", "NUMBER", SCENE), Taking):  # type: ignore[misc]
-    """A picture: its conditions, camera, light, and what moves."""
+class SceneFile(with_axes("Conditions: one number each", "NUMBER", SCENE), Taking):  # type: ignore[misc]
+    """One picture: its conditions, camera, light and moving objects."""
 
     KIND: ClassVar[str] = "scene (blurnoise simulate --scene FILE)"
 
-    line_time_us: float | None = setting(None, "from row to row (default: the camera's); 0: global shutter")
+    line_time_us: float | None = setting(
+        None, "time from row to row of a rolling shutter, µs; 0: global shutter (default: the camera's)"
+    )
     object: str | None = setting(
         None,
-        "white in a mask, or a rectangle, px; with --moves targets dx and dy are its motion, with background that of "
-        "all else; else object_dx and object_dy of the file are its own",
+        "moving object: the white part of a mask, or a rectangle in px. dx and dy move it if moves is targets, and "
+        "the rest if moves is background; otherwise it moves by object_dx and object_dy",
         "MASK.png|X,Y,W,H",
     )
-    object_dx: float = setting(0.0, "motion of the object to the right, px/s; dx is the rest's")
+    object_dx: float = setting(0.0, "motion of the object to the right, px/s; dx moves the rest")
     object_dy: float = setting(0.0, "motion of the object down, px/s")
-    plate: str | None = setting(None, "a picture of the scene without the object (default: invented)")
-    illuminant: str = setting("D55", "D50, D55, D65, D75, planck:2856, or a CSV file of nm and power")
-    emitters: str | None = setting(None, "MASK.png:FACTOR: lamps, so many times brighter where it is white")
-    pwm: str | None = setting(None, "HZ,DUTY[,PHASE]: a lamp of pulses; phase 0 to 1 (default: by the seed)")
-    pwm_mask: str | None = setting(None, "a mask of where that lamp is, white alone (default: everywhere)")
-    hdr: str | None = setting(None, "further captures, each shorter by its ratio, fused", "RATIO,...")
-    hdr_white: float = setting(1.0, "the light that is white in a fused picture, times white")
-    bit_depth: Literal["8", "native"] = setting(
-        "8", "8: sRGB to look at; native: the camera's digital numbers, in a 16-bit PNG", "8|native"
+    plate: str | None = setting(None, "picture of the scene without the object (default: inpainted)")
+    illuminant: str = setting(
+        "D55", "spectrum of the light: D50, D55, D65, D75, planck:KELVIN, or a CSV file of nm and power"
     )
-    fidelity: Literal["auto", "full"] = setting("auto", "auto: leave out what is within tolerance_dn")
-    tolerance_dn: float = setting(0.1, "what auto may leave out, DN RMS")
+    emitters: str | None = setting(
+        None, "MASK.png:FACTOR: lamps; the white part of the mask is that much brighter"
+    )
+    pwm: str | None = setting(
+        None, "HZ,DUTY[,PHASE]: pulsed lamp; PHASE from 0 to 1 (default: drawn with the seed)"
+    )
+    pwm_mask: str | None = setting(None, "mask whose white part the pulsed lamp lights (default: everything)")
+    hdr: str | None = setting(
+        None, "further captures of an HDR sensor, each shorter by its ratio; all are merged", "RATIO,..."
+    )
+    hdr_white: float = setting(1.0, "light that is white in the merged picture, in multiples of white")
+    bit_depth: Literal["8", "native"] = setting(
+        "8",
+        "8: sRGB picture for viewing; native: digital numbers of the camera in a 16-bit PNG (default: 8)",
+        "8|native",
+    )
+    fidelity: Literal["auto", "full"] = setting(
+        "auto", "auto: skip stages that contribute less than tolerance_dn; full: all stages"
+    )
+    tolerance_dn: float = setting(0.1, "largest contribution that fidelity auto may skip, DN RMS")
 
     def at(self) -> dict[str, float]:
-        """The value on each axis that the file or ``SCENE`` has, in SI, by the axis's name. Raises ``ValueError``."""
+        """The value of each axis, in SI units, from the file or from ``SCENE``. Raises ``ValueError``."""
         found = dict.fromkeys(VELOCITY, (0.0,)) | self.grid()
         for name, values in found.items():
             if len(values) > 1:
-                raise ValueError(f"{axis(name).key}: must be one value here; a sweep takes several")
+                raise ValueError(f"{axis(name).key}: must be one value; a sweep takes several")
         return {name: values[0] for name, values in found.items()}
 
     @property
     def moving(self) -> str:
-        """What moves by dx and dy: all, targets or background."""
+        """The part of the picture that dx and dy move: all, targets or background."""
         return str(MOVES.choices[int(self.at().get(MOVES.name, 0.0))])
 
 
 @dataclass(frozen=True)
 class ProgramFile(Enough):
-    """An exposure program: lights, speeds and targets, the score that is enough, and the camera's limits."""
+    """An exposure program: lights, speeds and targets, the criterion, and the limits of the camera."""
 
     KIND: ClassVar[str] = "exposure program (blurnoise program --plan FILE)"
 
-    model: str | None = setting(None, "of the run's models (default: its only one)", "NAME")
+    model: str | None = setting(None, "model of the run (default: the only one)", "NAME")
     lux: tuple[float, float] | None = setting(
-        None, "lights, half a stop apart (default: those of the run)", "LOW:HIGH", read=bounds
+        None,
+        "range of illuminance, lux, in steps of half a stop (default: that of the run)",
+        "LOW:HIGH",
+        read=bounds,
     )
     speeds: str | None = setting(
         None,
-        "px/s, see 'blurnoise motion', and how often each occurs (default: the run's, alike)",
+        "speeds, px/s, and how often each occurs, see 'blurnoise motion' (default: those of the run, equally often)",
         "V:SHARE,...",
     )
-    targets: str | None = setting(None, "WORD:SHARE,...: by part of their name (default: all, alike)")
+    targets: str | None = setting(
+        None, "WORD:SHARE,...: weights of groups, by a part of their name (default: equal)"
+    )
     objective: Literal["expected", "worst", "tail"] = setting(
         "expected",
-        "over speeds and targets: their mean (expected), the worst, or the mean of the worst share (tail)",
+        "what to maximise over speeds and targets; expected: the mean; worst: the minimum; tail: the mean of the "
+        "worst cases (default: expected)",
         "expected|worst|tail",
     )
-    tail: float = setting(0.2, "share of the cases, for the objective tail")
-    fps: float = setting(30.0, "frames a second: an exposure ends before the next frame (default: 30)", "N")
-    readout_ms: float = setting(0.0, "of each frame's time, for its read-out (default: 0)", "MS")
-    anti_flicker: Literal["50", "60"] | None = setting(None, "Hz of the mains: whole periods alone", "50|60")
-    led: bool = setting(False, "1/90 s or more, so that no pulse of an LED is missed")
-    most_gain_db: float = setting(120.0, "largest gain, where that is less than the camera's")
-    line_time_us: float = setting(0.0, "exposures are whole lines of the sensor")
-    least_exposure_us: float | None = setting(None, "the sensor's shortest (default: its line time, or 20)")
+    tail: float = setting(0.2, "share of the cases that the objective tail averages")
+    fps: float = setting(30.0, "frames per second; limits the exposure time (default: 30)", "N")
+    readout_ms: float = setting(0.0, "time in each frame for the read-out, ms (default: 0)", "MS")
+    anti_flicker: Literal["50", "60"] | None = setting(
+        None, "frequency of the mains, Hz; allows only exposures of whole flicker periods", "50|60"
+    )
+    led: bool = setting(
+        False, "allow only exposures of 1/90 s or more, so that no pulse of an LED lamp is missed"
+    )
+    most_gain_db: float = setting(120.0, "largest gain, dB, if less than the camera's")
+    line_time_us: float = setting(0.0, "line time of the sensor, µs; exposures are multiples of it")
+    least_exposure_us: float | None = setting(None, "shortest exposure, µs (default: the line time, or 20)")

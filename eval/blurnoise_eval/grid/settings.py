@@ -34,13 +34,13 @@ def setting(
 
 @dataclass(frozen=True)
 class Settings:
-    """What a file of settings may hold. Raises ``ValueError`` naming the field, its value and what is allowed."""
+    """The settings of a file. Raises ``ValueError`` with the name of the setting, its value and what is allowed."""
 
     KIND: ClassVar[str] = "settings"
 
     @staticmethod
     def records() -> dict[str, Any]:
-        """Types of fields, by name, that are imported when a file is read."""
+        """Types of fields that are imported only when a file is read, by name."""
         from blurnoise.motion.ego import Vehicle
         from blurnoise.optics.colour import PictureTone
         from blurnoise.scene.metering import AutoExposure
@@ -51,12 +51,12 @@ class Settings:
 
     @classmethod
     def names(cls) -> dict[str, str]:
-        """Every setting, with a line about it."""
+        """The settings, each with a line about it."""
         return {each.name: each.metadata["about"] for each in fields(cls)}
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Of a YAML or JSON file. Raises ``OSError``, or ``ValueError`` that names file and field."""
+        """Read a YAML or JSON file. Raises ``OSError``, or ``ValueError`` that names the file and the setting."""
         from blurnoise._core.files import read_document
 
         try:
@@ -65,7 +65,7 @@ class Settings:
             raise ValueError(f"{path}: {error}") from None
 
     def stating(self, stated: object) -> Self:
-        """With these values, as a file or options have them. Raises ``ValueError`` naming the field."""
+        """A copy with these values of a file or of options. Raises ``ValueError`` that names the setting."""
         from blurnoise._core.checks import known
 
         if not isinstance(stated, Mapping):
@@ -78,10 +78,10 @@ class Settings:
 
     @classmethod
     def document(cls) -> str:
-        """A file of the defaults as YAML, a comment above each; what has none stands as a comment, too."""
+        """A YAML file of the defaults, each with a comment above; settings without a default are commented out."""
         import yaml
 
-        lines = [f"# {cls.KIND}: what is left out is as here; an option on the command line overrides it."]
+        lines = [f"# {cls.KIND}. Settings that are left out have these defaults. Options override them."]
         for each in fields(cls):
             about = textwrap.wrap(each.metadata["about"], 98, break_on_hyphens=False)
             no_value = each.default is None or each.default == ()
@@ -91,12 +91,12 @@ class Settings:
 
 
 def _read(entry: Any, kind: Any, value: Any) -> Any:
-    """The value of a field. Raises ``ValueError`` naming it, or the field of a record in it."""
+    """The value of a field. Raises ``ValueError`` that names the field, or a field of a record in it."""
     if value is None:
         return entry.default
     try:
         if isinstance(value, bool) and kind is not bool:
-            raise ValueError("must not be true or false")
+            raise ValueError("must be a value, not true or false")
         return (entry.metadata["read"] or partial(_of_type, kind))(value)
     except (TypeError, ValueError) as error:
         text = str(error)

@@ -1,4 +1,4 @@
-"""Trajectories as an option names them: a shake, a vibration, or a file."""
+"""Trajectories from the text of an option: a shake, a vibration, or a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBERS = {"shake": (1,), "sine": (2, 3)}
 
 @dataclass(frozen=True)
 class TrajectorySpec:
-    """A trajectory as an option names it, with the content of a file. Raises ``ValueError`` for another text."""
+    """A trajectory from the text of an option, with the content of its file. Raises ``ValueError``."""
 
     text: str
     content: str | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from blurnoise_eval.cli import given, run_alone
+from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Cluster, Folder, Keep, RunRead, Score, Threads, Threshold
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_wrapped, show
@@ -30,7 +30,7 @@ def maps(
     nodes at which the metric is known), DIR/nodes.csv and DIR/figures: the score over light and motion, and its
     scatter on each metric. No detector runs; a condition takes about 0.1 s.
     """
-    workers = given.threads(threads)
+    workers = inputs.threads(threads)
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 from typer import Option
 
-from blurnoise_eval.cli import given, run_alone
+from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Contract, Threads, new_folder
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
@@ -46,7 +46,7 @@ def paper(
     DIR/paper.html. Exit code 1 where an item that should agree does not. Text is read with PP-OCR of the package
     rapidocr; where that is missing, its items are "not run".
     """
-    workers = given.threads(threads)
+    workers = inputs.threads(threads)
     from blurnoise_eval.detectors.ocr import Recogniser, rapidocr_models
     from blurnoise_eval.paper import items, page
     from blurnoise_eval.paper.measurement import Measurements
@@ -54,7 +54,7 @@ def paper(
     wanted, networks = items.chosen(only or ()), rapidocr_models()
     reader = None if networks is None else Recogniser(networks[1])
     repeats = 1 if quick else 3
-    measured = Measurements(given.detector(model, contract), reader, repeats=repeats, threads=workers)
+    measured = Measurements(inputs.detector(model, contract), reader, repeats=repeats, threads=workers)
     with ProgressBar("paper", len(wanted)) as advance:
         outcomes = []
         for item in wanted:

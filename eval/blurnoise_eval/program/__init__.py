@@ -1,1 +1,1 @@
-"""Exposure programs: from the light on the scene to exposure and gain, for a stated mix of speeds."""
+"""Exposure programs: from the light on the scene to exposure and gain, for a mix of speeds."""

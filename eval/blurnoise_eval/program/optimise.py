@@ -1,4 +1,4 @@
-"""The optimal exposure program: solved, put into few stages, and compared with what else a camera may do.
+"""The optimal exposure program: solved, put into few stages, and compared with alternatives.
 
 Domain: lux, s; gain in dB, of stages as a factor, 1 and more; values in the criterion's unit, means over the
 scenario's lights. Stages are libcamera's: from the first time and gain on, as more total exposure (time x gain) is
@@ -26,9 +26,9 @@ from blurnoise_eval.system.tables import finite
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 ENOUGH = 0.002
-"""That few stages may lose against any number of them, worth and not value: what their gain costs counts."""
+"""So much may few stages lose against any number of them, the cost of gain included."""
 GAIN_COSTS = ENOUGH / 6.0
-"""What a decibel of gain has to earn, so that of exposures that do alike the longer one, with less gain, is used."""
+"""The cost of a decibel of gain, so that of equally good exposures the longer one, with less gain, is used."""
 EARLY_GAIN_DB = 36.0
 """The most gain while a longer exposure is allowed: 16 of the sensor, the most in the modes that libcamera has for
 its cameras, times 4, the most that it adds digitally (``AgcChannel::prepare``)."""

@@ -1,6 +1,6 @@
-"""What an exposure program is made for: how a model does at any light and exposure of a scenario, within limits.
+"""The problem of an exposure program: a model's score at any light and exposure of a scenario, within limits.
 
-Domain: lux, s, dB; values in the criterion's unit. Nothing is said of places that the run has not tested.
+Domain: lux, s, dB; values in the criterion's unit. Values exist only where the run has tested.
 """
 
 from __future__ import annotations
@@ -68,7 +68,10 @@ def inputs_of(
     of_model = [each for each in score_tables(store, criterion, cluster) if each.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]
-    notes = [f"{group}: left out, for the model knows too little of these" for group in little]
+    notes = [
+        f"{group}: left out, because the model finds too few of them in the original pictures"
+        for group in little
+    ]
     every_plane = [plane for table in tables for plane in table.on_plane()]
     if not every_plane:
         raise StoreError(f"{where}: has no targets under any light")
@@ -79,11 +82,13 @@ def inputs_of(
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    if because := what_breaks(camera, question, run.trajectory):
-        raise ValueError(f"{where}: has no program, for its conditions are no plane: {'; '.join(because)}")
+    if because := what_breaks(camera, question, run.trajectory, pulsed=run.plan.pulsed):
+        raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
     light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
     if light is None:
-        notes.append(f"no gain of the run shows how bright its pictures are: taken for {GREY:g} of white")
+        notes.append(
+            f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
+        )
     lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
     planes = {each.group: Predicted(each, Trend.of(camera)) for each in every_plane}
@@ -157,8 +162,8 @@ class Problem:
         lights = ":".join(dict.fromkeys(f"{light:g}" for light in lights_lux))
         speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
         return ValueError(
-            f"lux = {lights}: no exposure is left that was tested at {speeds} px/s, is not longer in more light, and "
-            f"keeps to {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
+            f"lux = {lights}: no tested exposure at {speeds} px/s is left that is not longer in more light and "
+            f"within the limits ({', '.join(self.limits.words)}); the run covers light x exposure {light_low:.3g} to "
             f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
         )
 
@@ -191,7 +196,7 @@ class Problem:
         return np.array([[gain_db(lux, time) for time in times_s] for lux in self.scenario.lights_lux])
 
     def schedule(self, exposures_s: Sequence[float]) -> Schedule:
-        """What these exposures do, one at each light, with the camera's gain."""
+        """The schedule of these exposures, one at each light, with the camera's gain."""
         cases, values = self.at(self.scenario.lights_lux, exposures_s)
         by_speed = cases.mean(axis=1).reshape(len(self.scenario.speeds_px_s), -1)
         of_speeds = by_speed @ list(self.scenario.targets.values())

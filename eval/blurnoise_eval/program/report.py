@@ -27,14 +27,14 @@ from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import PROSE, paragraph, plain, table_lines
 
 _SHOWN = 12  # lights of the table
-_EXTRAPOLATED = " (extrapolated: shorter than tested)"
+_EXTRAPOLATED = " (extrapolated: shorter than any tested)"
 _OURS: dict[str, Any] = {"color": COLOURS[0], "lw": 2, "marker": "o", "ms": 3.5}
 _BEST: dict[str, Any] = {"color": "0.55", "ls": "", "marker": "o", "ms": 3.5, "mfc": "none"}
 _DASHES = ((4, 1.5), (1, 1), (5, 1.5, 1, 1.5))
 
 
 def lines(program: Program, width: int | None = None) -> Iterator[str]:
-    """What the terminal shows, line by line, in so many columns."""
+    """The lines of the terminal, ``width`` columns wide."""
     prose = width and min(width, PROSE)
     yield from paragraph(sentence(program), prose)
     yield ""
@@ -52,11 +52,11 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         f"{milliseconds(time)} ms{_EXTRAPOLATED * program.extrapolates(time)}, x{gain:.3g}"
         for time, gain in both
     ]
-    yield from paragraph(f"Stages (time first, then gain): {'; '.join(stages)}.", prose)
+    yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
     yield from paragraph(
-        f"For {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. Gain by metering to 18 % of full "
-        f"scale, {inputs.metering.camera.name}, pictures of {100 * inputs.metering.mean_light:.1f} % of white on "
-        "average.",
+        f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
+        f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
+        f"{100 * inputs.metering.mean_light:.1f} % of white on average.",
         prose,
     )
     yield ""
@@ -66,7 +66,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
 
 
 def sentence(program: Program) -> str:
-    """What the program gives, and what it may lose."""
+    """The score of the program, and its regret."""
     problem, lights = program.problem, program.problem.scenario.lights_lux
     value = _value(program.schedule.value)
     if program.low is not None and program.high is not None:
@@ -75,12 +75,12 @@ def sentence(program: Program) -> str:
     start = f"From {lights[0]:.4g} to {lights[-1]:.4g} lux this program {does}."
     pictures = counted(len(problem.clusters), "picture")
     if program.regret_95 is None:
-        return f"{start} From {pictures} it cannot be said what another program could gain."
-    return f"{start} Another could gain at most {program.regret_95:.3f} (95 %, {pictures})."
+        return f"{start} {pictures} are too few to say how much better another program could be."
+    return f"{start} No other program is better by more than {program.regret_95:.3f} (95 %, {pictures})."
 
 
 def _lux(light: float) -> str:
-    """Four digits, and no exponent where people read none."""
+    """Four digits, without powers of ten."""
     return f"{float(f'{light:.4g}'):.8g}"
 
 
@@ -89,8 +89,7 @@ def _value(value: float | None) -> str:
 
 
 def draw(program: Program, title: str, path: Path) -> Path:
-    """Write a PNG: time, gain and value of the program over the light, beside what else a camera may do. Raises
-    ``OSError``."""
+    """Write a PNG: time, gain and score of the program over the light, with the alternatives. Raises ``OSError``."""
     figure = Figure(figsize=(7.6, 9.2), layout="constrained")
     panels = list(figure.subplots(3, 1, sharex=True))
     lights = np.array(program.problem.scenario.lights_lux)
@@ -115,7 +114,7 @@ def draw(program: Program, title: str, path: Path) -> Path:
 
 
 def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
-    """One entry of "exposure_modes"; stages that us and four places cannot tell apart are one."""
+    """One entry of "exposure_modes"; stages that are equal after rounding to us and four places are one."""
     both = zip(stages.times_s, stages.gains, strict=True)
     rounded = [(max(1, round(1e6 * time)), round(gain, 4)) for time, gain in both]
     kept = list(dict.fromkeys(rounded))
@@ -124,7 +123,7 @@ def libcamera_mode(stages: Stages) -> dict[str, list[float]]:
 
 
 def rows(program: Program) -> list[dict[str, Any]]:
-    """A row per light: the program there, whether it is shorter than was tested, and one of any number of stages."""
+    """A row per light: the program, whether it is extrapolated, and the best one of any number of stages."""
     ours, best = program.schedule, program.best
     columns = {
         "illuminance_lux": program.problem.scenario.lights_lux,
@@ -141,7 +140,7 @@ def rows(program: Program) -> list[dict[str, Any]]:
 
 
 def document(program: Program, run: str, notes: Sequence[str]) -> dict[str, Any]:
-    """Everything. run: where it comes from; notes: what was left out or assumed."""
+    """The contents of program.json. run: its folder; notes: what was left out or assumed."""
     problem, inputs = program.problem, program.problem.inputs
     speeds = [{"speed": speed, "share": share} for speed, share in problem.scenario.speeds_px_s.items()]
     ways = {"": program.schedule, **program.baselines}

@@ -1,4 +1,4 @@
-"""The charts of a run as plain numbers: the page's script draws them, and :mod:`.figures` for print.
+"""The charts of a run as plain numbers. The page's script draws them, and :mod:`.figures` draws them for print.
 
 Models, groups and measures are given by index, never by name. Domain: scores in their units, exposures in s and ms,
 speeds in px/s, blur in px; other axes in the units of figures.
@@ -25,10 +25,10 @@ _BLUR_TICKS = (0, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 OF_PICTURES = {
     "applied_gain_db": "Gain / dB",
     "snr_db": "SNR of the mean light / dB",
-    "brightness": "Mean of the picture, 0-1",
-    "saturated": "Share of saturated pixels",
+    "brightness": "Mean brightness of the picture, 0-1",
+    "saturated_share": "Share of saturated pixels",
 }
-"""Columns of scores that tell a dark picture from a noisy one."""
+"""Columns of scores that distinguish a dark picture from a noisy one."""
 Row = dict[str, Any]
 
 
@@ -60,20 +60,20 @@ def views(data: RunData) -> list[View]:
     found = [
         View(
             "exposure", axis_label(exposures.axis), "confidence_exposure.png", EXPOSURES, VELOCITIES, further,
-            "Along a line the exposure grows: light, noise and blur all change together. Bars: the exposure window "
-            "at each speed, pale where the pictures cannot tell; thin: the intervals of its ends; tick: the exposure "
-            "to use.",
+            "Along a line the exposure grows, and with it light and blur. The bars below 0 show the exposure window "
+            "at each speed (pale: cannot tell), with the 95 % intervals of its ends as thin lines and the "
+            "recommended exposure as a tick.",
             "log" if exposures.logarithmic else "linear", bands=True,
         ),
         View(
             "blur", axis_label(BLUR), "confidence_blur.png", VELOCITIES, EXPOSURES, further,
-            "Along a line only the speed changes; from line to line the light per picture changes, too. "
-            "The axis is linear below 1 px, logarithmic above.", "symlog",
+            "Along a line only the speed changes. Each line has another exposure, and so another amount of light. "
+            "The axis is linear below 1 px and logarithmic above.", "symlog",
         ),
     ]  # fmt: skip
     speed = View(
         "speed", axis_label(speeds.axis), "confidence_speed.png", VELOCITIES, EXPOSURES, further,
-        "Along a line the light is the same; only the speed, and with it the blur, changes.",
+        "Along a line only the speed changes, and with it the blur.",
     )  # fmt: skip
     found += [speed] * (speeds.count > 1)
     for place in further:
@@ -111,7 +111,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         return conditions.setdefault(at, len(conditions))
 
     most = max(
-        [1.0, *(float(answer["best_value"]) for answer in data.answers)]
+        [1.0, *(float(answer["best_score"]) for answer in data.answers)]
     )  # what is kept may be more than 1
     title = data.criterion.title[0].upper() + data.criterion.title[1:]
     measures: list[Row] = [{"name": title, "better": "higher", "most": most}]
@@ -122,7 +122,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         if answer["group"] not in group_of:
             continue
         whose, velocity = (models[answer["model"]], group_of[answer["group"]]), velocity_of(answer)
-        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_value"]))
+        clean.setdefault(whose, 1.0 if data.criterion.kept else _short(answer["clean_score"]))
         unknown = [None] * len(answer["exposures_s"])
         columns = (answer["confidence"], answer["low"] or unknown, answer["high"] or unknown)
         for exposure_s, *values in zip(answer["exposures_s"], *columns, strict=True):
@@ -143,7 +143,7 @@ def numbers(data: RunData, groups: list[str]) -> Row:
             if (y := _short(row.get(name))) is not None:
                 bounds = (_short(row.get(f"{name}{end}")) for end in ("_low", "_high"))
                 at = place(data.at(row, row["exposure_s"], velocity_of(row)))
-                of_models[row["model"]].append([at, y, *bounds, row["n_images"]])
+                of_models[row["model"]].append([at, y, *bounds, row["n_pictures"]])
         for model, values in of_models.items():
             original = _short(data.clean_scores.get(model, {}).get(name))
             series += [[len(measures), models[model], 0, original, values]] * bool(values)

@@ -87,17 +87,17 @@ def score_curves(data: RunData, groups: Sequence[str], numbers: Row, view: Row) 
         if view["along"] == EXPOSURES:
             _draw_windows(axes, numbers, key, colours)
     texts = [tested[axis]["texts"][place] for axis, place in held.items() if tested[axis]["count"] > 1]
-    notes = [f"Held: {' · '.join(texts)}."] * bool(texts)
+    notes = [f"At {' · '.join(texts)}."] * bool(texts)
     known = {answer["group"] for answer in data.answers}
     parts = ("groups of targets", len(groups), len(known)), ("panels", len(keys), len(panels))
     for what, count, of in (*parts, ("lines", len(shown), len(every))):
         notes += [f"{count} of {of} {what} shown."] * (count < of)
     handles, title = grid[0].get_legend_handles_labels()[0], of_lines["word"].capitalize()
     if view["along"] == EXPOSURES:
-        handles.append(Patch(color="0.5", alpha=0.2, label="surely in the window at every speed"))
+        handles.append(Patch(color="0.5", alpha=0.2, label="works at every speed"))
     reading = wrap(view["reading"], int(_LETTERS_PER_INCH * figure.get_size_inches()[0]))
     figure.supxlabel("\n".join([view["title"], *notes, *reading]), fontsize=9)
-    figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the threshold)", fontsize=9)
+    figure.supylabel(f"{numbers['measures'][0]['name']} (dashed: the criterion)", fontsize=9)
     legend_above(figure, handles, title, 3 if len(keys) == 1 else 6)
     return figure
 

@@ -1,4 +1,4 @@
-"""What else a run says, in plain words: the alarms, the warnings, the assumptions and the circumstances."""
+"""The rest of a report in words: alarms, warnings, assumptions, and how the run was made."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MAX_VALUE_CHARACTERS = 240
 
 
 def alarms(data: RunData) -> list[str]:
-    """What makes a model's whole answer doubtful."""
+    """What makes the whole answer of a model doubtful."""
     found = []
     if missing := data.manifest["missing_cells"]:
         found.append(
             f"The run is not finished: {counted(missing, 'cell')} missing. "
-            "The sweep's command, given again, computes the rest."
+            "Repeat the command of the sweep to compute the rest."
         )
     for model in data.manifest["models"]:
         name = model["name"]
@@ -45,16 +45,15 @@ def _first(lines: Iterable[str], more: str) -> list[str]:
 
 
 def warnings(data: RunData) -> list[str]:
-    """What limits the answers: the run's warnings, and skipped pictures."""
+    """The run's warnings, and the pictures that were skipped."""
     skipped = (f"Skipped {row['image']}: {row['reason']}" for row in data.skipped)
     return [*data.manifest["warnings"], *_first(skipped, "more skipped pictures")]
 
 
 def assumptions(data: RunData) -> list[str]:
-    """What was assumed, a line per model, of the camera and of the pictures; its tables say why.
+    """What was assumed: a line for each model, for the camera and for the pictures.
 
-    Of contracts and camera it is the fields whose source says so; a figure of the camera that the sweep set otherwise
-    is not among them.
+    These are the fields of contracts and camera whose source says so, without those that the sweep varied.
     """
     camera = data.manifest["camera"]
     of_camera = {axis.into.removeprefix("camera."): axis for axis in AXES if axis.into.startswith("camera.")}
@@ -74,7 +73,7 @@ def assumptions(data: RunData) -> list[str]:
 
 
 def reflectance(data: RunData) -> str | None:
-    """What light means of photographs and of what is anchored; None: rendered pictures are reflectance."""
+    """How the light of a photograph becomes reflectance; None for rendered pictures, which are reflectance."""
     anchor = data.manifest.get("grey_anchor")
     rendered = data.manifest["images"]["kind"] == "rendered"
     return None if rendered and anchor is None else reflectance_text(anchor)
@@ -91,7 +90,7 @@ def sourced(fields: Mapping[str, Any]) -> list[tuple[str, str, str, bool]]:
 
 
 def shown(value: Any) -> str:
-    """A value as text: six digits, lists joined and cut when long, None as 'not stated'."""
+    """A value as text: six digits, lists joined and cut when long, None as 'not specified'."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, dict):
@@ -100,30 +99,30 @@ def shown(value: Any) -> str:
         text = ", ".join(shown(entry) for entry in value)
         count = f" … ({len(value)} entries)"
         return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + count
-    return "not stated" if value is None else str(value)
+    return "not specified" if value is None else str(value)
 
 
 def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
-    """What computed the run, with ``computed_by`` of its cells; of several the versions of each."""
+    """The versions of the software that computed the run, by the ``computed_by`` of its cells."""
     every: dict[str, dict[str, str]] = manifest.get("software") or {"": manifest.get("versions", {})}
     facts = {"computed_by": ", ".join(every)}
     return facts | {f"{key} {name}": version for key, own in every.items() for name, version in own.items()}
 
 
 def model_facts(model: Mapping[str, Any]) -> dict[str, str]:
-    """Which model it is."""
+    """Name, kind, file and hash of a model."""
     return {key: model[key] for key in ("name", "kind", "file", "sha256") if key in model}
 
 
 def run_facts(data: RunData) -> dict[str, str]:
-    """The circumstances of the run, by name, with the median time of a simulated picture."""
+    """How the run was made, by name, with the median time of a simulated picture."""
     manifest = data.manifest
     facts = {name: manifest.get(name) for name in ("command", "seed", "threads")}
     if manifest.get("grey_anchor"):
         facts["reflectance"] = reflectance(data)
     if tone := manifest.get("plan", {}).get("picture_tone"):
         facts["picture tone"] = (
-            tone if isinstance(tone, str) else f"{len(tone)} points, taken out of the pictures"
+            tone if isinstance(tone, str) else f"{len(tone)} points, removed from the pictures"
         )
     if held := manifest.get("trajectory"):
         facts["trajectory"] = f"{held['text']}; blur and speeds are of the uniform motion beside it"
@@ -133,7 +132,7 @@ def run_facts(data: RunData) -> dict[str, str]:
     for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).crossings.items():
         crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")
     if crossings:
-        facts["crossings"] = f"{'; '.join(crossings)}; blur_px of such a target is its own"
+        facts["crossings"] = f"{'; '.join(crossings)}; each such target has its own blur_px"
     facts |= {
         "criterion": manifest["criterion"]["text"],
         "pictures": {name: value for name, value in manifest["images"].items() if name != "notes"},

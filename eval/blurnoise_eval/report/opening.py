@@ -1,4 +1,4 @@
-"""What a run's screen and page begin with: which exposure to use, what it keeps, how sure that is, and what limits.
+"""The first lines of a run's terminal output and page: the exposure to use, its score, verdicts, limits, next steps.
 
 Domain: exposures in s (written in ms), speeds in px/s or km/h, values in the criterion's unit. Texts are plain,
 never markup.
@@ -14,7 +14,7 @@ from typing import Any
 
 from blurnoise_eval.answers.exposure_window import WORKS
 from blurnoise_eval.answers.recommendation import CANNOT_TELL, FAILS, NEAR, SATURATED, SURE
-from blurnoise_eval.grid.axes import EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
+from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EGO_SPEED, EXPOSURE, GAIN, LIGHT, SETTING
 from blurnoise_eval.plots.style import spread
 from blurnoise_eval.report.run import RunData
 from blurnoise_eval.report.settings import word
@@ -24,10 +24,10 @@ from blurnoise_eval.system.tables import finite
 
 MAX_MODELS = 4
 MAX_ROWS, MAX_SPEEDS = 8, 3  # of the table in a terminal
-MARKS = {SURE: "sure", FAILS: "no", CANNOT_TELL: "?"}
+MUCH = 0.05
+"""So much better must one exposure for each light be that it is recommended before a single one."""
+MARKS = {SURE: "works", FAILS: "fails", CANNOT_TELL: "?"}
 Row = Mapping[str, Any]
-
-
 Cell = tuple[str, str, list[str]]
 """Of a table: its class, its text, and lines in small print."""
 TableRow = tuple[str, str, list[Cell]]
@@ -37,17 +37,18 @@ UNTESTED: Cell = "", "–", []
 
 @dataclass(frozen=True)
 class Opening:
-    """What comes first.
+    """The first part of a report.
 
     model: whose table it is, the best of several; None without an answer. sentences: the answer. heads, rows: the
-    table of light x speed, of the exposures to use: '3 ms 0.88 sure'; legend: what its marks mean.
-    notes: (title, text) of what limits, and of what would make the answer surer.
+    table of light x speed, of the exposures to use: '3 ms 0.88 works'; caption: what its entries are, legend: what
+    the verdicts mean. notes: (title, text) of what limits the model, and of what to do next.
     """
 
     model: str | None
     sentences: tuple[str, ...]
     heads: tuple[str, ...] = ()
     rows: tuple[TableRow, ...] = ()
+    caption: str = ""
     legend: str = ""
     notes: tuple[tuple[str, str], ...] = ()
 
@@ -67,16 +68,16 @@ def opening(data: RunData) -> Opening:
     sentences = [_ranking(data, [each.model for each in every])] if several else []
     for each in every[:MAX_MODELS]:
         if each.lights:
-            lead = f"{each.model}: " if several else ""
-            sentences.append(lead + each.answer(brief=each is not best))
+            texts = each.answer(brief=each is not best)
+            sentences += [f"{each.model}: {text[0].lower()}{text[1:]}" if several else text for text in texts]
         elif each.model in reasons:
             sentences.append(f"{each.model}: {reasons[each.model]}")
-    level = f"{keeps(data.criterion)} at least {data.criterion.level:g} (95 %)"
-    legend = f"sure: {level}; no: surely less; ?: cannot tell"
-    notes = ("Limits", best.limits()), ("Surer", best.surer())
-    return Opening(
-        best.model, tuple(sentences), *best.table(), legend, tuple(each for each in notes if each[1])
-    )
+    title, level = data.criterion.title, data.criterion.level
+    caption = f"Exposure to use, {title} and verdict:"
+    legend = f"works: 95 % interval at or above {level:g}; fails: below; ?: cannot tell"
+    notes = ("What limits it", best.limits()), ("What to do next", best.next_steps())
+    shown = tuple(each for each in notes if each[1])
+    return Opening(best.model, tuple(sentences), *best.table(), caption, legend, shown)
 
 
 def ranked(data: RunData) -> list[str]:
@@ -97,16 +98,17 @@ def _ranking(data: RunData, names: Sequence[str]) -> str:
         return "The models cannot be ranked: their scores are not known."
     behind = []
     for row in others[: MAX_MODELS - 1]:
-        less, low, high = (finite(row.get(f"mpc_behind{end}")) for end in ("", "_low", "_high"))
+        less, low, high = (finite(row.get(f"mpc_deficit{end}")) for end in ("", "_low", "_high"))
         if less is None:
             behind.append(f"{row['model']} {row['mpc']:.3f}")
         elif low is None or high is None:
-            behind.append(f"{row['model']} {less:.3f} less (too few pictures for an interval)")
+            behind.append(f"{row['model']} is {less:.3f} lower (too few pictures for an interval)")
         else:
             sure = "" if low > 0 else ", which may be chance"
-            behind.append(f"{row['model']} {less:.3f} ({low:.3f} to {high:.3f}) less{sure}")
+            behind.append(f"{row['model']} is {less:.3f} ({low:.3f} to {high:.3f}) lower{sure}")
     behind += [f"{len(names) - MAX_MODELS} more in models.csv"] * (len(names) > MAX_MODELS)
-    return f"Best is {first['model']}: mPC {first['mpc']:.3f} (mean {first['measure']}); {'; '.join(behind)}."
+    mean = f"mean {first['measure']} over all conditions"
+    return f"The best model is {first['model']}, with mPC {first['mpc']:.3f} ({mean}). {'; '.join(behind)}."
 
 
 class _OfModel:
@@ -123,7 +125,27 @@ class _OfModel:
         self.answers = [answer for answer in data.answers if answer["model"] == model]
         self.axes = [axis for axis in data.settings.axes if axis not in (GAIN, EGO)]
         """Those that name a row of the table: the light, and what else varies, but for gain and vehicle's speed."""
+        self.varied = [word(axis) for axis in self.axes if len({row[axis.name] for row in self.lights}) > 1]
+        self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
         self.verb = "keep" if data.criterion.kept else "reach"
+
+    @property
+    def by_light(self) -> bool:
+        """Whether one exposure for each light is recommended, and not a single one."""
+        return self.whole is None or self._of_lights() - self.whole["score"] > MUCH
+
+    @property
+    def combinations(self) -> str:
+        """'combinations of light and speed', 'lights'."""
+        names = self.varied + ["speed"] * (len(self.speeds) > 1)
+        names += ["direction"] * (sum(row["n_conditions"] for row in self.conditions) > len(self.conditions))
+        return (
+            f"combinations of {joined(names)}"
+            if len(names) > 1
+            else f"{names[0]}s"
+            if names
+            else "conditions"
+        )
 
     def _setting_texts(self, row: Row) -> list[str]:
         return [axis.text(row[axis.name]) for axis in self.axes]
@@ -131,86 +153,131 @@ class _OfModel:
     def _speed_text(self, speed: float) -> str:
         return self.data.speed.text(speed) if speed or self.data.speed is EGO_SPEED else "at rest"
 
-    def answer(self, *, brief: bool) -> str:
-        """The sentence that says what to use. brief: without where it falls short."""
-        criterion, row = self.data.criterion, self.whole
-        if row is None:
-            reached = reached_text(f"{self._of_lights():.2f}", criterion)
-            return f"No exposure was tested in all lights. With the best of each it {reached} on average."
-        n, sure, use = row["conditions"], row["sure"], EXPOSURE.text(row["exposure_s"])
-        reached = reached_text(value_text(row["value"], row["low"], row["high"]), criterion)
-        bright = self._unsure(row) + ("" if brief else self._bright(row))
+    def answer(self, *, brief: bool) -> list[str]:
+        """What to use, the most important first. brief: without where it falls short."""
+        if self.whole is None:
+            return [
+                self._of_each_light(brief=brief),
+                f"No single exposure was tested at every {self.lights_noun[:-1]}.",
+            ]
+        if not self.by_light:
+            return [self._single(self.whole, brief=brief)]
+        first = self._of_each_light(brief=brief)
+        return [first] if brief else [first, self._instead(self.whole)]
+
+    def _of_each_light(self, *, brief: bool) -> str:
+        """One exposure for each light, and its score."""
+        ends = [(row, EXPOSURE.text(row["exposure_s"])) for row in (self.lights[0], self.lights[-1])]
+        span = " to ".join(f"{text} at {LIGHT.text(row[LIGHT.name])}" for row, text in ends)
+        if self.varied != ["light"]:
+            every = sorted(row["exposure_s"] for row in self.lights)
+            span = f"{EXPOSURE.text(every[0])} to {EXPOSURE.text(every[-1])} (see the table)"
+        by = f"the {self.varied[0]}" if len(self.varied) == 1 else joined(self.varied)
+        counts = [sum(row[name] for row in self.lights) for name in ("n_works", "n_fails", "n_conditions")]
+        reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
+        unsure = "" if brief else self._unsure(self.lights[0])
+        return f"Set the exposure by {by}, from {span}. This {reached}.{self._works(*counts)}{unsure}"
+
+    def _single(self, row: Row, *, brief: bool) -> str:
+        """One exposure for everything, and its score."""
+        n, use = row["n_conditions"], EXPOSURE.text(row["exposure_s"])
+        bright = "" if brief else self._bright(row)
         if n == 1:
-            after = {
-                SURE: f", surely at least {self.level:g}",
-                FAILS: f", surely less than {self.level:g}",
-                CANNOT_TELL: f"; whether that is at least {self.level:g} cannot be told",
-            }
-            first = "Use" if row["verdict"] == SURE else "Best is"
-            return f"{first} {use}: it {reached}{after[row['verdict']]}.{bright}"
-        average, lost = ("", "") if brief else (f" on average over {self._over()}", self._lost(row))
-        where = f"{n} cells" if len(self.speeds) > 1 else f"{n}"
-        if 2 * sure >= n:
-            where = f"all {where}" if sure == n else f"{sure} of {where}"
-            return f"Use {use}: it {reached}{average}, and surely at least {self.level:g} in {where}{lost}.{bright}"
-        often = f"only {sure}" if sure else "none"
-        weak = "" if brief else self._weakest()
-        return (
-            f"Best single exposure: {use}. It {reached}{average}, surely at least {self.level:g} in {often} of "
-            f"{where}{lost}.{weak}{bright}"
+            use = f"Use {use}" if row["verdict"] == SURE else f"The best exposure is {use}"
+            least = f"at least {self.level:g}"
+            verdict = {
+                SURE: f"This works: it is {least}.",
+                FAILS: f"This fails: it is below {self.level:g}.",
+                CANNOT_TELL: f"The pictures cannot tell whether that is {least}.",
+            }[row["verdict"]]
+            return f"{use}. It {self._reached(row)}. {verdict}{self._unsure(row)}{bright}"
+        use = f"Use {use}" if 2 * row["n_works"] >= n else f"The best single exposure is {use}"
+        works = self._works(row["n_works"], row["n_fails"], n) + self._unsure(row)
+        found = f"{use}. It {self._reached(row)}{self._over(brief=brief)}.{works}"
+        return found if brief else f"{found}{self._better(row)}{self._weakest()}{bright}"
+
+    def _instead(self, row: Row) -> str:
+        """A single exposure, where one for each light is much better."""
+        works = self._works(row["n_works"], row["n_fails"], row["n_conditions"], named=False)
+        use = f"{EXPOSURE.text(row['exposure_s'])} {self._reached(row)}"
+        return f"A single exposure for all {self.lights_noun} is worse. {use}.{works}{self._bright(row)}"
+
+    def _reached(self, row: Row) -> str:
+        return reached_text(
+            value_text(row["score"], row["score_low"], row["score_high"]), self.data.criterion
         )
 
+    def _works(self, works: int, fails: int, n: int, *, named: bool = True) -> str:
+        """In how many combinations of light and speed a choice works. named: with 'combinations ...'."""
+        of = f"{n} {self.combinations}" if named else f"{n}"
+        at = "in" if self.combinations.startswith("combinations") else "at"
+        unknown = n - works - fails
+        if n in (works, fails):
+            return f" It {'works' if works else 'fails'} {at} all {of}."
+        if unknown == n:
+            return f" The pictures cannot tell {at} which of {of} it works."
+        parts = [f"{verb} {at} {count}" for verb, count in (("works", works), ("fails", fails)) if count]
+        parts[0] += f" of {of}"
+        return f" It {joined(parts)}." + f" For {unknown} the pictures cannot tell." * (unknown > 0)
+
     def _unsure(self, row: Row) -> str:
-        """Why a value has no interval."""
-        if row["low"] is not None:
+        """Why a score has no interval."""
+        if row["score_low"] is not None:
             return ""
         count = max(answer["n_pictures"] for answer in self.answers)
-        weight = ", of unequal weight," if count >= FEWEST else ""
+        weight = " of unequal weight" if count >= FEWEST else ""
         return (
             f" {counted(count, 'picture')}{weight} {'is' if count == 1 else 'are'} too few for an interval."
         )
 
     def _of_lights(self) -> float:
         """What one exposure for each light reaches, mean over the conditions."""
-        total = sum(each["conditions"] for each in self.lights)
-        return float(sum(each["value"] * each["conditions"] for each in self.lights) / total)
+        total = sum(each["n_conditions"] for each in self.lights)
+        return float(sum(each["score"] * each["n_conditions"] for each in self.lights) / total)
 
-    def _lost(self, row: Row) -> str:
+    def _better(self, row: Row) -> str:
         """What an exposure for each light would reach, or one for each light and speed."""
-        if len(self.lights) > 1 and (value := self._of_lights()) - row["value"] > NEAR:
-            return f"; one exposure for each light would {self.verb} {value:.2f}"
-        best = row["value"] + row["loss"]
-        return f"; the best for each speed would {self.verb} {best:.2f}" if row["loss"] > NEAR else ""
+        each, best = self.lights_noun[:-1], self._of_lights()
+        if len(self.lights) == 1 or best - row["score"] <= NEAR:
+            each = "combination" if self.combinations.startswith("combinations") else "speed"
+            best = row["score"] + row["regret"]
+        better = best - row["score"] > NEAR and f"{best:.2f}" != f"{row['score']:.2f}"
+        return f" One exposure for each {each} would {self.verb} {best:.2f}." * better
 
     def _bright(self, row: Row) -> str:
         """What the exposure saturates, and which one keeps more but saturates too much to be used."""
         text = ""
-        if row["saturated"] is not None and row["saturated"] > SATURATED:
+        if row["saturated_share"] is not None and row["saturated_share"] > SATURATED:
             brightest = max(each[LIGHT.name] for each in self.lights)
             at = f" at {LIGHT.text(brightest)}" if len(self.lights) > 1 else ""
-            text = f" It saturates {100 * row['saturated']:.0f} % of the picture{at}."
+            text = f" It saturates {100 * row['saturated_share']:.0f} % of the picture{at}."
         means = (row for row in self.data.averages if row["model"] == self.model)
         tested = [pair for each in means for pair in zip(each["values"], each["exposures_s"], strict=True)]
         value, exposure_s = max(tested, default=(0.0, 0.0))
-        if value - row["value"] > NEAR and exposure_s > row["exposure_s"]:
+        if value - row["score"] > NEAR and exposure_s > row["exposure_s"]:
             text += f" {EXPOSURE.text(exposure_s)} {keeps(self.data.criterion)} {value:.2f}, but saturates too much."
         return text
 
     def _weakest(self) -> str:
-        """What falls short most at the single exposure, and where."""
-        rows = [row for row in self.conditions if row["at_common"] is not None]
-        worst = min(rows, key=lambda row: float(row["at_common"]), default=None)
-        if worst is None or len(rows) < 2 or worst["at_common"] >= self.level:
+        """Where the single exposure is worst."""
+        name = "score_at_overall_exposure"
+        rows = [row for row in self.conditions if row[name] is not None]
+        worst = min(rows, key=lambda row: float(row[name]), default=None)
+        if worst is None or len(rows) < 2 or worst[name] >= self.level:
             return ""
         speed = [self._speed_text(worst["speed"])] if len(self.speeds) > 1 else []
-        return f" It falls short most at {', '.join(self._setting_texts(worst) + speed)}: {worst['at_common']:.2f}."
+        at = joined(self._setting_texts(worst) + speed).replace("and at rest", "at rest")
+        return f" It is worst at {at}: {worst[name]:.2f}."
 
-    def _over(self) -> str:
-        """'3 lights, 2 speeds and 3 kinds of target'."""
+    def _over(self, *, brief: bool) -> str:
+        """' on average over 3 lights, 2 speeds and 3 kinds of target'."""
+        if brief:
+            return ""
         counts = {f"{word(axis)}s": len({row[axis.name] for row in self.lights}) for axis in self.axes}
         counts["speeds"] = len(self.speeds)
         counts["kinds of target"] = len({answer["group"] for answer in self.answers})
-        return joined([f"{count} {what}" for what, count in counts.items() if count > 1] or ["directions"])
+        over = [f"{count} {noun}" for noun, count in counts.items() if count > 1] or ["directions"]
+        return f" on average over {joined(over)}"
 
     def table(self) -> tuple[tuple[str, ...], tuple[TableRow, ...]]:
         """Heads and rows of light x speed, the first for any speed where there are several."""
@@ -229,44 +296,63 @@ class _OfModel:
         use, verdict = EXPOSURE.text(row["exposure_s"]), row["verdict"]
         if row[GAIN.name] is not None and GAIN in self.data.settings.axes:
             use += f", {GAIN.text(row[GAIN.name]).removeprefix('gain ')}"
-        interval = "" if row["low"] is None else f"{row['low']:.2f}–{row['high']:.2f}"
-        return MARKS[verdict], f"{use} {row['value']:.2f} {MARKS[verdict]}", [interval]
+        interval = "" if row["score_low"] is None else f"{row['score_low']:.2f}–{row['score_high']:.2f}"
+        return MARKS[verdict], f"{use} {row['score']:.2f} {MARKS[verdict]}", [interval]
 
     def limits(self) -> str:
-        """What holds back the conditions in which no exposure works, the most frequent first; else what ends the
+        """What limits the conditions in which no exposure works, the most frequent first; else what ends the
         windows."""
         parts = []
-        failing = [a for a in self.answers if a["verdict"] != WORKS and a["limited_by"]]
-        for limit, _ in Counter(answer["limited_by"] for answer in failing).most_common(2):
-            some = [answer for answer in failing if answer["limited_by"] == limit]
+        failing = [a for a in self.answers if a["verdict"] != WORKS and a["best_limited_by"]]
+        for limit, _ in Counter(answer["best_limited_by"] for answer in failing).most_common(2):
+            some = [answer for answer in failing if answer["best_limited_by"] == limit]
             places = []  # what these answers have in common and others do not
             for of, text in ((lambda a: a[LIGHT.name], LIGHT.text), (self.data.speed.of, self._speed_text)):
                 own, every = {of(each) for each in some}, {of(each) for each in self.answers}
                 places += [text(own.pop())] if len(own) == 1 < len(every) else []
             where = f" at {joined(places)}".replace("at at rest", "at rest") if places else ""
-            parts.append(limit_text(limit) + where)
+            groups = {answer["group"] for answer in some}
+            only = len(groups) == 1 < len({answer["group"] for answer in self.answers})
+            target = f", for {groups.pop()}" if only else ""
+            parts.append(limit_text(limit) + where.replace("and at rest", "at rest") + target)
         if parts:
             return "; ".join(parts) + "."
-        ends = []
-        for name, side in (("limited_low", "shorter exposures fail by"), ("limited_high", "longer ones by")):
-            named = [answer[name] for answer in self.answers if answer[name]]
+        ends: list[str] = []
+        for end, side in (("from", "shorter"), ("to", "longer")):
+            named = list(filter(None, (each[f"window_{end}_limited_by"] for each in self.answers)))
             if named:
-                ends.append(f"{side} {limit_text(max(sorted(set(named)), key=named.count))}")
-        return joined(ends) + "." if ends else ""
+                limit = limit_text(max(sorted(set(named)), key=named.count))
+                ends.append(f"{side} {'ones' if ends else 'exposures fail'} because of {limit}")
+        return ", ".join(ends) + "." if ends else ""
 
-    def surer(self) -> str:
-        """What to do next for a surer answer."""
+    @property
+    def _suits_a_program(self) -> bool:
+        """Whether 'blurnoise program' takes such a run, and gains something over a single exposure."""
+        one_direction = "direction" not in self.combinations and self.data.manifest.get("trajectory") is None
+        automatic = all(row[GAIN.name] == AUTOMATIC for row in self.lights)
+        plain = one_direction and automatic and self.data.speed is not EGO_SPEED
+        return self.by_light and self.whole is not None and self.varied == ["light"] and plain
+
+    def next_steps(self) -> str:
+        """What to do for a surer answer, or with this one."""
+        n = len(self.conditions)
         unknown = sum(row["verdict"] == CANNOT_TELL for row in self.conditions)
-        count = max((answer["n_pictures"] for answer in self.answers), default=0)
-        leave = f"{counted(count, 'picture')} {'leaves' if count == 1 else 'leave'}"
-        parts = [f"more pictures ({leave} {unknown} of {len(self.conditions)} open)"] if unknown else []
+        pictures = counted(max((answer["n_pictures"] for answer in self.answers), default=0), "picture")
+        some = f" on {unknown} of {n} {self.combinations.split()[0]}" * (n > 1)
+        parts = [f"Evaluate more pictures. With {pictures}, the verdict{some} is open."] * (unknown > 0)
         exposures = self.data.axes[0]
         tested = exposures.values[: exposures.count]
-        chosen = None if self.whole is None else self.whole["exposure_s"]
-        if chosen is not None and len(tested) > 1 and chosen in (tested[0], tested[-1]):
-            side = "longest" if chosen == tested[-1] else "shortest"
-            parts.append(f"{side[:-3]}er exposures ({EXPOSURE.text(chosen)} is the {side} tested)")
-        return joined(parts) + "." if parts else "pictures of other scenes; with these no verdict is open."
+        rows = [] if self.whole is None else self.lights if self.by_light else [self.whole]
+        chosen = {row["exposure_s"] for row in rows} if len(tested) > 1 else set()
+        for end, side in ((tested[:1], "shortest"), (tested[-1:], "longest")):
+            if chosen.intersection(end):
+                text = EXPOSURE.text(end[0])
+                parts.append(f"Test {side[:-3]}er exposures: {text} is the {side} tested.")
+        if self._suits_a_program:
+            parts.append("Make the camera's exposure program with 'blurnoise program RUN'.")
+        return (
+            " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."
+        )
 
 
 def table_rows(shown: Opening, most: int, speeds: int) -> tuple[list[str], list[list[str]], int]:

@@ -1,4 +1,4 @@
-"""Everything that a report shows, in plain values, read from a run's store; and the tables of it."""
+"""Everything that a report shows, as plain values read from a run's store, and its tables."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _LISTED = 8  # labels that a warning names
 TABLES = (
     "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
 )  # fmt: skip
-"""What stands beside the page; the last two are exports of the store."""
+"""The tables in the folder of the page; the last two are exports of the store."""
 Row = dict[str, Any]
 Tables = Iterator[ScoreTable]
 
@@ -294,15 +294,15 @@ def _warnings(store: Store, manifest: Mapping[str, Any]) -> Iterator[str]:
     for each in manifest["withheld"]:
         yield (
             f"{each['model']}, {each['group']}: its targets score {each['clean'] or 0.0:.2g} on average in the "
-            "original pictures, too little to say what is kept of it"
+            "original pictures, too little to say which share of it is kept"
         )
     for model in manifest["models"]:
         if unknown := model["unknown_labels"]:
             listed = ", ".join(unknown[:_LISTED]) + (" …" if len(unknown) > _LISTED else "")
-            yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}); nothing counts of them"
+            yield f"{model['name']}: does not know {len(unknown)} of the labels ({listed}), which are left out"
         without = queries.without_targets(store, model["name"])
         if without["pictures"]:
             yield (
-                f"{model['name']}: {without['pictures']} pictures have no target that the model knows; they "
-                f"count for no curve, but by what is found in them (first: {without['first']})"
+                f"{model['name']}: {without['pictures']} pictures have no target that the model knows "
+                f"(first: {without['first']}). Only their false positives count"
             )

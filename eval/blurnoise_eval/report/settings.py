@@ -1,4 +1,4 @@
-"""The axes of a run with the values that were tested, and the words for them.
+"""The axes of a run with the tested values, and their names in text.
 
 Domain: values in the units of the axes' columns. A setting names the light, and what else varies in the run.
 """

@@ -57,7 +57,7 @@ def answers(data: RunData, model: str, groups: list[str]) -> tuple[str, list[tup
             rows.append((data.settings.text(at), "", cells))
         if of:
             most = max(of.values(), key=lambda each: each["n_targets"])
-            clean = finite(most["clean_value"])
+            clean = finite(most["clean_score"])
             known = "" if clean is None else f"; original pictures {clean:.2f}"
             pictures = counted(most["n_pictures"], "picture")
             parts.append((f"{group}: n = {most['n_targets']} in {pictures}{known}", rows))
@@ -68,4 +68,4 @@ def _answer_cell(answer: Row | None) -> Cell:
     if answer is None:
         return "", "not tested", []
     first, *others = answer_lines(answer)
-    return {WORKS: "sure", NONE_WORKS: "no"}.get(answer["verdict"], ""), first, others
+    return {WORKS: "works", NONE_WORKS: "fails"}.get(answer["verdict"], ""), first, others

@@ -1,8 +1,8 @@
 """Numbers and intervals in words, for the terminal and the page.
 
 Domain: exposures in s, written in ms; values in the criterion's unit. Texts are plain, never markup. An interval is
-in brackets behind its value: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside the tested range. It is
-rounded outward, so that the printed interval holds the exact one.
+in brackets after its value: "3.9 (3.1–4.6)", "26 (> 24)" where its other end lies outside the tested range. It is
+rounded outward, so that the printed interval includes the exact one.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ Row = dict[str, Any]
 
 
 def keeps(criterion: Criterion) -> str:
-    """What a model does with the criterion's value."""
+    """The verb for a score: of a kept share 'keeps'."""
     return "keeps" if criterion.kept else "reaches"
 
 
 def reached_text(value: str, criterion: Criterion) -> str:
-    """What is reached, with or without its interval: 'keeps 0.68 (0.61–0.74) of its confidence'."""
+    """A score in a sentence: 'keeps 0.68 (0.61–0.74) of its confidence', 'reaches mean confidence 0.68'."""
     return f"keeps {value} of its {criterion.noun}" if criterion.kept else f"reaches {criterion.noun} {value}"
 
 
@@ -39,7 +39,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def limit_text(limit: str) -> str:
-    """What limits, as the rows have it: 'motion blur and noise'."""
+    """A limit of the rows in words: 'motion blur and noise'."""
     return " and ".join("motion blur" if each == "blur" else each for each in limit.split(" and "))
 
 
@@ -73,51 +73,49 @@ def _end_text(end_s: float, low_s: float | None, high_s: float | None) -> str:
 
 
 def window_text(answer: Row) -> str:
-    """The exposure windows with the intervals of their ends: '≤ 1 to 22 (19–26) ms', ≤ and ≥ at the ends of what
-    was tested. Those of the mean curve; whether they can be relied upon is the verdict's."""
+    """The exposure windows of the mean with the intervals of their ends: '≤ 1 to 22 (19–26) ms', ≤ and ≥ at the
+    ends of the tested range."""
     rows = zip(answer["windows_s"], answer["windows_low_s"], answer["windows_high_s"], strict=True)
     ends = [[_end_text(low, *of_low), _end_text(high, *of_high)] for (low, high), of_low, of_high in rows]
-    if ends and answer["open_low"]:
+    if ends and answer["window_from_open"]:
         ends[0][0] = f"≤ {ends[0][0]}"
-    if ends and answer["open_high"]:
+    if ends and answer["window_to_open"]:
         ends[-1][1] = f"≥ {ends[-1][1]}"
     return ", and ".join(low if low == high else f"{low} to {high}" for low, high in ends) + " ms"
 
 
 def answer_lines(answer: Row) -> list[str]:
-    """An answer, most important first: '4 ms → 0.93 (0.90–0.96)', the window, what is lost, reservations."""
+    """An answer, most important first: '4 ms → 0.93 (0.90–0.96)', the window, the regret, reservations."""
     verdict, chosen = answer["verdict"], answer["recommended_s"]
     works = verdict == WORKS
-    lines = {CANNOT_TELL: [f"{CANNOT_TELL} from {pictures_text(answer)}; {needed_text(answer)}"]}
+    lines = {CANNOT_TELL: [f"{CANNOT_TELL} from {pictures_text(answer)}: {needed_text(answer)}"]}
     found = lines.get(verdict, [] if works else [str(verdict)])
     if chosen is None or verdict == NONE_WORKS:
-        best = value_text(answer["best_value"], answer["best_low"], answer["best_high"])
-        limit = f", limited by {limit_text(answer['limited_by'])}" if answer["limited_by"] else ""
+        best = value_text(answer["best_score"], answer["best_score_low"], answer["best_score_high"])
+        limit = f", limited by {limit_text(answer['best_limited_by'])}" if answer["best_limited_by"] else ""
         return [*found, f"best {EXPOSURE.text(answer['best_s'])}: {best}{limit}"]
-    names = "confidence_at_recommended", "recommended_low", "recommended_high"
+    names = "score_at_recommended", "score_at_recommended_low", "score_at_recommended_high"
     found += [f"{EXPOSURE.text(chosen)} → {value_text(*(answer[name] for name in names))}"]
-    found += [window_text(answer) if works else f"of the mean: {window_text(answer)}"]
+    found += [window_text(answer) if works else f"window of the mean: {window_text(answer)}"]
     if works and answer["regret_95"] is not None:
-        found.append(f"loses at most {answer['regret_95']:.3f}")
+        found.append(f"regret at most {answer['regret_95']:.3f}")
     if works and answer["few_pictures"]:
-        found.append(f"few: {pictures_text(answer)}")
-    share = answer["saturated_at_recommended"]
+        found.append(f"only {pictures_text(answer)}")
+    share = answer["saturated_share_at_recommended"]
     return found + [f"{100 * (share or 0):.0f} % of the picture saturated"] * ((share or 0) > _MANY_SATURATED)
 
 
 def needed_text(answer: Row) -> str:
-    """How many pictures would tell: '3.3 times as many would in half of such cases', 'at least 3 more would',
-    'very many more would'."""
-    n = answer["n_pictures"]
-    if answer["pictures_to_tell"] is not None:
-        times = float(f"{answer['pictures_to_tell'] / n:.2g}")
-        return f"{times:g} times as many would in half of such cases"
+    """How many pictures a verdict needs: 'about 80 pictures are needed', 'at least 3 more pictures are needed'."""
+    n, needed = answer["n_pictures"], answer["pictures_needed"]
+    if needed is not None:
+        return f"about {max(int(float(f'{needed:.2g}')), n + 1)} pictures are needed"
     lacking = math.ceil(FEWEST * n / (answer["effective_pictures"] or 1.0)) - n
-    return f"at least {lacking} more would" if lacking > 0 else "very many more would"
+    return f"at least {lacking} more pictures are needed" if lacking > 0 else "very many pictures are needed"
 
 
 def pictures_text(answer: Row) -> str:
-    """'24 pictures'; '24 pictures, which count as 17' where that takes intervals away, or makes them few."""
+    """'24 pictures'; '24 pictures, which count as 17' where unequal weights leave too few for an interval."""
     n, effective = answer["n_pictures"], answer["effective_pictures"]
     less = any(effective < bound <= n for bound in (FEWEST, FEW))
     return f"{counted(n, 'picture')}{f', which count as {math.floor(effective)}' if less else ''}"
@@ -130,7 +128,7 @@ def outcome_text(example: Row, threshold: float) -> str:
     targets = example["targets"]
     if not targets:
         count = sum(detection["score"] >= OTHER_SCORE for detection in example["detections"])
-        return f"no target in the picture, {count} detections"
+        return f"no target in the picture, {counted(count, 'detection')}"
     if any(target["text"] is not None for target in targets):
         return "; ".join(map(_reading_text, targets))
     confidences = [target["confidence"] for target in targets]

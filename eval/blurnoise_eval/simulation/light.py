@@ -10,8 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import in_range, limited
-from blurnoise.light.flicker import Pwm
+from blurnoise._core.checks import limited
 from blurnoise.motion.ego import USUAL_VEHICLE
 from blurnoise.optics.camera import Camera
 from blurnoise.scene import cutting
@@ -20,6 +19,7 @@ from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import anchored
 from blurnoise.scene.scene import scene_reflectance
 from blurnoise_eval.datasets import decode, decode_linear, segmentation
+from blurnoise_eval.grid.lamps import emitters_of, pwm_of
 from blurnoise_eval.grid.plan_file import SceneFile
 
 
@@ -31,14 +31,8 @@ def light(image: Path, given: SceneFile) -> Tensor:
     scene = anchored(scene if linear else scene_reflectance(scene, given.picture_tone), given.grey_anchor)
     if given.emitters is None:
         return scene
-    path, _, factor = given.emitters.rpartition(":")
-    try:
-        times = float(factor)
-    except ValueError:
-        path = ""
-    if not path:
-        raise ValueError(f"emitters = {given.emitters!r}: must be MASK.png:FACTOR")
-    return scene * (1 + mask(Path(path), scene.shape) * (in_range("emitters: factor", times, 0.0, 1e6) - 1))
+    path, times = emitters_of(given.emitters)
+    return scene * (1 + mask(Path(path), scene.shape) * (times - 1))
 
 
 def _shares(path: Path) -> Tensor:
@@ -133,12 +127,6 @@ def flicker(given: SceneFile, scene: Tensor) -> Flicker | None:
         if given.pwm_mask is not None:
             raise ValueError("pwm_mask: goes with pwm, whose lamp it shows")
         return None
-    figures = numbers(given.pwm)
-    if len(figures) not in (2, 3):
-        raise ValueError(f"pwm = {given.pwm!r}: must be HZ,DUTY or HZ,DUTY,PHASE, such as 90,0.1")
-    try:
-        lamp = Pwm(*figures)
-    except ValueError as error:
-        raise ValueError(f"pwm = {given.pwm!r}: {error}") from None
-    lamp = lamp if len(figures) == 3 else lamp.with_phase_of(given.seed)
+    lamp, has_phase = pwm_of(given.pwm)
+    lamp = lamp if has_phase else lamp.with_phase_of(given.seed)
     return Flicker(lamp, None if given.pwm_mask is None else mask(Path(given.pwm_mask), scene.shape))

@@ -19,9 +19,10 @@ from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Camera, Capture, staggered, windows
 from blurnoise.optics.radiometry import filter_electrons, photoelectrons
 from blurnoise.optics.spectra import Curve, illuminant
-from blurnoise.picture.develop import develop_8bit, in_channels
+from blurnoise.picture.develop import in_channels
 from blurnoise.scene import hdr
 from blurnoise.scene.cutting import Cut
+from blurnoise.scene.fusion import readers_of
 from blurnoise.scene.hdr import Flicker
 from blurnoise.scene.metering import mean_luma
 from blurnoise.scene.plan import Plan
@@ -34,9 +35,13 @@ from blurnoise_eval.simulation.light import flicker, flow, moving_parts
 
 @dataclass(frozen=True)
 class Shot:
-    """How the camera is set, and what moves before it; flow_px_s: of each pixel, where a camera drives."""
+    """How the camera is set, and what moves before it; flow_px_s: of each pixel, where a camera drives.
+
+    first: the camera at the gain of the first capture. captures: with the gain that is set beside their own.
+    """
 
     camera: Camera
+    first: Camera
     exposure_s: float
     gain_db: float
     digital_db: float
@@ -53,7 +58,8 @@ class Shot:
     @property
     def white_e(self) -> float:
         """Electrons of white."""
-        return photoelectrons(self.camera, self.lux, self.exposure_s, self.illuminant)
+        all_light = photoelectrons(self.camera, self.lux, self.exposure_s, self.illuminant)
+        return all_light * self.captures[0].sensitivity
 
 
 @dataclass(frozen=True)
@@ -105,28 +111,31 @@ def _shot(given: SceneFile, camera: Camera, scene: Tensor) -> Shot:
             if each.into.startswith("camera.") and each.name in at}  # fmt: skip
     camera = with_lens(_rolling(given.line_time_us, camera), **lens)
     camera = replace(camera, sources={**camera.sources, **dict.fromkeys(lens, "given on the command line")})
+    if given.hdr is not None:
+        camera = replace(camera, captures=_captures(given.hdr))
     velocity = (at["velocity_x_px_s"], at["velocity_y_px_s"])
     moving, velocity = moving_parts(given, scene, velocity)
     at |= _exposure_of(given, camera, scene, lit_by, at)
-    taker, digital_db = camera.at_gain(at["gain_db"])
+    captures, digital_db = hdr.amplified(camera, at["gain_db"])
     size = (scene.shape[-2], scene.shape[-1])
     path = None
     if given.trajectory is not None:
-        path = TrajectorySpec.parse(given.trajectory).of(taker, size, at["exposure_s"], given.seed)
+        path = TrajectorySpec.parse(given.trajectory).of(camera, size, at["exposure_s"], given.seed)
     return Shot(
-        camera=taker,
+        camera=camera,
+        first=readers_of(camera, captures)[0],
         exposure_s=at["exposure_s"],
         gain_db=at["gain_db"],
         digital_db=digital_db,
         lux=at["illuminance_lux"],
         temperature_c=at["temperature_c"],
         illuminant=lit_by,
-        captures=_captures(given.hdr, taker),
+        captures=captures,
         lamp=flicker(given, scene),
         path=path,
         moving=moving,
         velocity_px_s=velocity,
-        flow_px_s=flow(given, taker, size, at.get(EGO.name), velocity),
+        flow_px_s=flow(given, camera, size, at.get(EGO.name), velocity),
     )
 
 
@@ -154,21 +163,21 @@ def _exposure_of(
 def _developed(given: SceneFile, shot: Shot, frames: list[Tensor], channels: int) -> list[NDArray[Any]]:
     if given.bit_depth == "native":
         return [each.to(torch.int32).numpy().astype("uint16") for each in frames]
-    if len(shot.captures) == 1:
-        seen = develop_8bit(frames[0], shot.camera, shot.digital_db, shot.illuminant)
-    else:
-        white = in_range("hdr_white", given.hdr_white, 1e-6, 1e6)
-        white_e = max(1e-9, shot.white_e * white / 10 ** (shot.digital_db / 20))
-        fused = hdr.fuse(frames, shot.camera, shot.captures)
-        picture = hdr.developed(fused, shot.camera, white_e=white_e, illuminant=shot.illuminant)
-        seen = picture.mul(255.0).round().to(torch.uint8)
+    seen = hdr.merged(
+        frames,
+        shot.camera,
+        shot.captures,
+        white_e=torch.tensor([shot.white_e * in_range("hdr_white", given.hdr_white, 1e-6, 1e6)]),
+        digital_db=shot.digital_db,
+        illuminant=shot.illuminant,
+        eight_bit=True,
+    )
     return [in_channels(seen, max(seen.shape[1], channels)).numpy()]
 
 
 def _figures(shot: Shot, dn: Tensor, size: tuple[int, int]) -> dict[str, Any]:
     """Of the first frame, by name; where a camera drives, the blur is the median of the places'."""
-    camera = shot.camera
-    first = camera.at_gain(shot.captures[0].gain_db).camera
+    camera, first = shot.camera, shot.first
     speeds = None if shot.flow_px_s is None else shot.flow_px_s.square().sum(0).sqrt()
     speed_px_s = hypot(*shot.velocity_px_s) if speeds is None else float(speeds.median())
     found: dict[str, Any] = {
@@ -229,7 +238,7 @@ def _plan(given: SceneFile, shot: Shot, size: tuple[int, int]) -> Plan:
         motion_px, varies_px = middle[0], float(farthest)
     layers = shot.moving.layers if shot.moving else ()
     return plan(
-        shot.camera,
+        shot.first,
         exposure_s=shot.exposure_s,
         illuminance_lux=shot.lux,
         displacement_px=(float(motion_px[0]), float(motion_px[1])),
@@ -251,10 +260,8 @@ def _illuminant(name: str) -> str | Curve:
     return name
 
 
-def _captures(ratios: str | None, camera: Camera) -> tuple[Capture, ...]:
-    """The camera's or one, unless ratios say what shorter ones there are: "16" or "16,256"."""
-    if ratios is None:
-        return camera.captures or staggered()
+def _captures(ratios: str) -> tuple[Capture, ...]:
+    """One, and shorter ones by their ratios: "16" or "16,256"."""
     try:
         return staggered(*(float(part) for part in ratios.split(",")))
     except ValueError as error:

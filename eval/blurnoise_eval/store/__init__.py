@@ -1,1 +1,1 @@
-"""Results that survive."""
+"""The results of a run in one SQLite file."""

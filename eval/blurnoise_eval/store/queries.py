@@ -1,7 +1,7 @@
-"""The questions in SQL of the whole package, but for those of the store itself; its tables as CSV, and as columns.
+"""The SQL queries of the package, but for those of the store itself; its tables as CSV, and as columns.
 
-Rows come as the store gives them: a dictionary each, keyed by column, one at a time unless a list is said. Where that
-is too much, targets of a model are columns, about 100 bytes a row, kept while the store is open and its rows stay.
+A row is a dictionary by column. Most functions yield one row at a time. The targets of a model are also available as
+columns, about 100 bytes a row, which are kept while the store is open and its rows do not change.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from blurnoise_eval.system.tables import csv_text
 
 Row = dict[str, Any]
 _SHARED = ", ".join(CONDITIONS)
+_MISSED = "missed_pulse"
 _HERE = " AND ".join(f"{name} IS ?" for name in CONDITIONS)  # IS: original pictures have NULLs
 
 
 def _mean(column: str) -> str:
-    """Of values that may all be the same; then that value, to the bit."""
+    """The mean; of values that are all the same that value, without rounding."""
     return f"CASE WHEN MIN({column}) = MAX({column}) THEN MIN({column}) ELSE AVG({column}) END AS {column}"
 
 
@@ -36,7 +37,7 @@ def _values(store: Store, query: str, *values: object) -> list[Any]:
 
 
 def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
-    """The rows; where the camera has set the exposures, with their mean over the pictures, s, in its setting."""
+    """The rows; where the camera sets the exposure, with the mean exposure of the pictures of that setting, s."""
     where = ", ".join(SETTING)
     query = f"SELECT {where}, {_mean('applied_exposure_s')} FROM cells WHERE exposure_s = ? GROUP BY {where}"
     means = {setting_of(row): row["applied_exposure_s"] for row in store.rows(query, AUTOMATIC)}
@@ -48,11 +49,13 @@ def as_set(store: Store, rows: Iterable[Row]) -> Iterator[Row]:
 
 def condition_counts(store: Store, model: str) -> list[Row]:
     """Per condition of a model, original pictures first: numbers of pictures, errors and targets, and means of
-    blur, gain, signal to noise, brightness, saturated and invented shares."""
-    names = ("applied_gain_db", "snr_db", "brightness", "saturated", "invented_share")
+    blur, gain, signal to noise, brightness, saturated and inpainted shares; with a pulsed lamp, of missed pulses."""
+    names = ("applied_gain_db", "snr_db", "brightness", "saturated_share", "inpainted_share")
     means = ", ".join(f"AVG({name}) AS {name}" for name in names)
+    if _MISSED in store.columns("cells"):
+        means += f", AVG({_MISSED}) AS {_MISSED}_share"
     query = f"""
-      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_images, COUNT(error) AS errors, {means},
+      SELECT model, {_SHARED}, {_mean("blur_px")}, COUNT(*) AS n_pictures, COUNT(error) AS errors, {means},
         NULLIF(SUM(n_targets), 0) AS n_targets
       FROM cells WHERE model = ? GROUP BY {_SHARED} ORDER BY {SORTED}
     """
@@ -66,17 +69,17 @@ def target_sums(store: Store, model: str) -> Iterator[Row]:
 
 
 def pictures_seen(store: Store) -> list[str]:
-    """The pictures that any cell is of, by name."""
+    """The names of the pictures that have cells."""
     return _values(store, "SELECT DISTINCT image FROM cells ORDER BY image")
 
 
 def models_seen(store: Store) -> list[str]:
-    """The models that any cell is of, by name."""
+    """The names of the models that have cells."""
     return _values(store, "SELECT DISTINCT model FROM cells ORDER BY model")
 
 
 def cells_with(store: Store, **columns: Any) -> Iterator[Row]:
-    """The rows of cells that hold these values in these columns."""
+    """The rows of cells with these values in these columns."""
     where = " AND ".join(f"{name} IS ?" for name in columns)
     return store.rows(f"SELECT * FROM cells WHERE {where} ORDER BY {ROWS}", *columns.values())
 
@@ -89,7 +92,7 @@ def detections_of(store: Store, model: str) -> Iterator[tuple[str, str, Detectio
 
 
 def answers_at(store: Store, model: str, at: Mapping[str, Any]) -> Answers:
-    """All detections under the condition that the row ``at`` names, by repeat and picture."""
+    """All detections under the condition of the row ``at``, by repeat and picture."""
     query = f"SELECT image, repeat, detections FROM cells WHERE model = ? AND {_HERE}"
     found = [row for some in store.tuples(query, model, *(at[name] for name in CONDITIONS)) for row in some]
     rows = sorted(found, key=lambda row: row[:2])
@@ -117,14 +120,14 @@ def count_rows(store: Store) -> int:
 
 
 def count_cells_of_read(store: Store) -> int:
-    """Cells, each once for all models, of the pictures that are not skipped."""
+    """The number of cells, each once for all models, of pictures that are not skipped."""
     query = "SELECT COUNT(DISTINCT cell_id) FROM cells"
     skipped = f"{query} WHERE image IN (SELECT image FROM skipped)"
     return int(_values(store, f"SELECT ({query}) - ({skipped})")[0])
 
 
 def has_answers(store: Store) -> bool:
-    """Whether any model has answered to any cell."""
+    """Whether any cell was computed without an error."""
     return bool(_values(store, "SELECT 1 FROM cells WHERE error IS NULL LIMIT 1"))
 
 
@@ -152,13 +155,13 @@ def non_finite_values(store: Store) -> dict[str, int]:
 
 
 def errors(store: Store) -> list[Row]:
-    """What models failed on, and in how many cells, the most frequent first."""
+    """The errors of models with their numbers of cells, the most frequent first."""
     query = "SELECT model, error, COUNT(*) AS cells FROM cells NOT INDEXED WHERE error IS NOT NULL"
     return list(store.rows(f"{query} GROUP BY model, error ORDER BY cells DESC"))
 
 
 def median_simulate_ms(store: Store) -> float | None:
-    """Of the exposed cells; None without any."""
+    """Median time of the exposed cells; None without any."""
     query = "SELECT simulate_ms FROM cells NOT INDEXED WHERE clean = 0 AND simulate_ms IS NOT NULL"
     found = sorted(_values(store, query))
     return float(found[len(found) // 2]) if found else None
@@ -166,9 +169,9 @@ def median_simulate_ms(store: Store) -> float | None:
 
 def saturated_shares(store: Store) -> dict[tuple[float, ...], float]:
     """Mean share of saturated values over pictures, by the values of ``SETTING``, velocity and exposure."""
-    query = f"SELECT {_SHARED}, AVG(saturated) AS saturated FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
-    rows = (row for row in store.rows(query) if row["saturated"] is not None)
-    return {(*setting_of(row), *velocity_of(row), row["exposure_s"]): row["saturated"] for row in rows}
+    query = f"SELECT {_SHARED}, AVG(saturated_share) AS share FROM cells WHERE clean = 0 GROUP BY {_SHARED}"
+    rows = (row for row in store.rows(query) if row["share"] is not None)
+    return {(*setting_of(row), *velocity_of(row), row["exposure_s"]): row["share"] for row in rows}
 
 
 def example_files(store: Store) -> list[str]:
@@ -184,7 +187,7 @@ def examples(store: Store) -> list[Row]:
 
 
 def targets_of(store: Store, cell_id: str, model: str) -> Iterator[Row]:
-    """A cell's targets before a model."""
+    """The targets of a cell, as a model found them."""
     query = "SELECT * FROM targets WHERE cell_id = ? AND model = ? ORDER BY target_id"
     return store.rows(query, cell_id, model)
 
@@ -216,8 +219,8 @@ _TABLES = {  # sorted by an index, picture by picture, in little memory
 def write_exports(store: Store, folder: Path | None = None) -> list[Path]:
     """Write results.csv (a row per cell and model) and targets.csv (a row per target of these).
 
-    In the order of pictures and conditions, some thousands of rows at a time. Choices have their names, what the
-    camera sets itself is "auto", what is not known is empty. folder: by default the run's. Raises ``OSError``.
+    Rows are in the order of pictures and conditions. Choices have their names, values that the camera sets are
+    "auto", unknown values are empty. folder: by default the run's. Raises ``OSError``.
     """
     written = []
     for name, (table, rows_of) in _TABLES.items():
@@ -242,7 +245,7 @@ def _as_text(table: str, name: str, kind: str) -> str:
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int32]
-_OF_PICTURE = ("saturated", "brightness")
+_OF_PICTURE = ("saturated_share", "brightness")
 _EXACT = "CASE WHEN truth IS NULL THEN NULL ELSE text IS truth END"
 _OF_TARGET = (_EXACT, "confidence", "confidence_swept", "read_confidence", "character_error_rate")
 _MOST_KEPT = 5_000_000
@@ -271,6 +274,7 @@ class TargetColumns(NamedTuple):
     character_error_rate: Array
     saturated: Array
     brightness: Array
+    missed_pulse: Array
 
     def rows(self, of: NDArray[Any]) -> TargetColumns:
         """Some of the rows, by places or flags."""
@@ -286,10 +290,12 @@ def target_columns(store: Store, model: str) -> TargetColumns:
 
 
 def _read(store: Store, model: str) -> TargetColumns:
-    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE)
+    missed = _MISSED if _MISSED in store.columns("cells") else f"NULL AS {_MISSED}"
+    names = ("image", '"group"', "repeat", "target_id", *_OF_TARGET, *_OF_PICTURE, _MISSED)
+    of_picture = ", ".join((*_OF_PICTURE, missed))
     query = f"""
       SELECT {", ".join(f"targets.{name}" for name in CONDITIONS)}, {", ".join(names)}
-      FROM targets JOIN (SELECT cell_id, model, {", ".join(_OF_PICTURE)} FROM cells) USING (cell_id, model)
+      FROM targets JOIN (SELECT cell_id, model, {of_picture} FROM cells) USING (cell_id, model)
       WHERE model = ?
     """
     start = len(CONDITIONS)

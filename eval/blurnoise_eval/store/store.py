@@ -1,7 +1,7 @@
-"""Results that survive: one SQLite file per run, written as cells finish.
+"""The results of a run: one SQLite file, written as cells finish.
 
-A cell is committed whole, for all models, with its targets and detections, or not at all; a killed run loses
-the cells in flight and goes on where it stopped. One process writes at a time; the lock dies with the process.
+A cell is committed for all models with its targets and detections, or not at all. A run that is killed loses only
+the cells that were being computed, and can be resumed. One process writes at a time; its lock ends with it.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,8 +24,8 @@ from blurnoise_eval.store import schema
 from blurnoise_eval.system.files import RUN_FILE, path_within
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
-"""A class that is not the first of its box is held as its complement, a number below 0."""
-_NOT_SHOWN = ("detections", "non_finite_values")  # columns that are in no table
+"""A class that is not the first of its box is stored as its complement, a number below 0."""
+_NOT_SHOWN = ("detections", "non_finite_values")  # columns that no table has
 _AT_ONCE = 20_000  # rows that are read at a time
 _JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
 
@@ -35,15 +35,15 @@ class StoreError(ValueError):
 
 
 class Stated(dict[str, Any]):
-    """A JSON object that names the key that it lacks, where other software made the run."""
+    """A JSON object whose error names a missing key, where other software made the run."""
 
     def __missing__(self, key: str) -> Any:
-        raise ValueError(f"run: was made by other software (states no {key!r})")
+        raise ValueError(f"run: was made by other software ({key!r} is missing)")
 
 
 class PictureFacts(NamedTuple):
-    """What cells were computed from: where it came from, a hash of its pixels, its size, and a hash of what it looks
-    like, see :func:`~blurnoise_eval.datasets.likeness.look`."""
+    """A picture of the run: its source, a hash of its pixels, its size, and a hash of its appearance, see
+    :func:`~blurnoise_eval.datasets.likeness.look`."""
 
     identity: str
     content: str
@@ -56,7 +56,7 @@ class PictureFacts(NamedTuple):
 class CellResult:
     """One finished cell of one model: its row, one row per target, its detections. Keys are columns.
 
-    example_png: the picture where it is kept as the row's ``example``. picture: that it was computed from.
+    example_png: the picture, where it is kept as the row's ``example``. picture: the original picture.
     """
 
     cell: dict[str, Any]
@@ -69,7 +69,7 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    shared: other processes may read it, too. ``memory``: what was made of the rows, until these change.
+    shared: other processes may read it, too. ``memory``: values computed from the rows, until the rows change.
     """
 
     def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
@@ -89,15 +89,29 @@ class Store:
             self._db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
             self._db.row_factory = sqlite3.Row
             (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version not in (0, schema.VERSION):
-                raise StoreError(
-                    f"run = {str(folder)!r}: was made by another version of blurnoise; choose another folder"
-                )
             if version == 0:
                 self._db.executescript(
                     f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
                 )
+            elif version != schema.VERSION:
+                self._rename_columns()
             self._opened = opened.pop_all()
+
+    def _rename_columns(self) -> None:
+        """Give the columns of an earlier version their names of today. Raises :class:`StoreError` where this does not
+        make the tables those of today; the file then stays as it was."""
+        with closing(sqlite3.connect(":memory:")) as new, self._db as db:
+            new.executescript(schema.TABLES)
+            db.execute("BEGIN IMMEDIATE")
+            for table in schema.RUN_TABLES:
+                for name in _names(db, table):
+                    if name in schema.RENAMED:
+                        db.execute(f"ALTER TABLE {table} RENAME COLUMN {name} TO {schema.RENAMED[name]}")
+                if _names(db, table) != _names(new, table):
+                    raise StoreError(
+                        f"run = {str(self.folder)!r}: was made by another version of blurnoise; choose another folder"
+                    )
+            db.execute(f"PRAGMA user_version = {schema.VERSION}")
 
     def __enter__(self) -> Store:
         return self
@@ -113,7 +127,7 @@ class Store:
             raise StoreError(f"run = {str(self.folder)!r}: {error}") from None
 
     def damaged(self, field: str, what: str) -> StoreError:
-        """The error of a run in which ``field`` is not what sweeps write."""
+        """The error of a run in which ``field`` has a value that no sweep writes."""
         return StoreError(
             f"run = {str(self.folder)!r}: {RUN_FILE} is damaged, or was made by other software ({field}: {what})"
         )
@@ -135,13 +149,14 @@ class Store:
         self.memory.clear()
         by = {"computed_by": self._computed_by}
         cells = [{**each.cell, **by, "detections": _pack(each.detections)} for each in results]
+        self._add_columns({name for cell in cells[:1] for name in cell} & schema.OF_LAMPS.keys())
         with self._transaction() as db:
             _insert(db, "cells", cells)
             _insert(db, "targets", [target for result in results for target in result.targets])
             db.executemany("DELETE FROM skipped WHERE image = ?", {(cell["image"],) for cell in cells})
 
     def software(self) -> dict[str, dict[str, str]]:
-        """Versions of what computes the run, by the key that its cells have as ``computed_by``; none without any."""
+        """Versions of the software that computes the run, by the ``computed_by`` of its cells."""
         versions = (self.about("manifest") or {}).get("versions")
         text = json.dumps(versions, sort_keys=True)
         digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
@@ -152,8 +167,9 @@ class Store:
         return next(iter(self.software()), None)
 
     def take(self, other: Store) -> None:
-        """Add the rows of another run, all or none; those of cells and models that are here stay as they are."""
+        """Add the rows of another run, all or none; cells that exist already stay as they are."""
         self.memory.clear()
+        self._add_columns(other.columns("cells").keys() & schema.OF_LAMPS.keys())
         with self._transaction() as db:
             for table in schema.RUN_TABLES:
                 for rows in other.tuples(f"SELECT * FROM {table}"):
@@ -162,14 +178,14 @@ class Store:
             db.execute("DELETE FROM skipped WHERE image IN (SELECT image FROM cells)")
 
     def clear(self) -> None:
-        """Forget everything: the store is as new."""
+        """Delete everything."""
         self.memory.clear()
         with self._transaction() as db:
             for table in ("about", *schema.RUN_TABLES):
                 db.execute(f"DELETE FROM {table}")
 
     def skip(self, image: str, reason: str) -> None:
-        """Note a picture that cannot be used."""
+        """Record a picture that cannot be used."""
         with self._transaction() as db:
             db.execute("INSERT OR REPLACE INTO skipped VALUES (?, ?)", (image, reason))
 
@@ -178,17 +194,17 @@ class Store:
         return {row["cell_id"] for row in self.rows("SELECT cell_id FROM cells WHERE image = ?", image)}
 
     def note_picture(self, image: str, facts: PictureFacts) -> None:
-        """Note what a picture's cells are computed from. Raises :class:`StoreError` where it was another content."""
+        """Record a picture that cells are computed from. Raises :class:`StoreError` where its content has changed."""
         held = self.pictures(image).get(image)
         if held is not None and held.content != facts.content:
-            was = "is not what it was when its first cells were computed; choose another folder"
+            was = "has changed since its first cells were computed; choose another folder"
             raise StoreError(f"run = {str(self.folder)!r}: picture {image!r} {was}")
         if held != facts:
             with self._transaction() as db:
                 db.execute("INSERT OR REPLACE INTO pictures VALUES (?, ?, ?, ?, ?, ?)", (image, *facts))
 
     def pictures(self, image: str | None = None) -> dict[str, PictureFacts]:
-        """What the cells of each picture, or of one, were computed from."""
+        """The pictures that cells were computed from, or one of them, by name."""
         query = "SELECT * FROM pictures WHERE image IN (SELECT image FROM cells)"
         found = self.rows(query) if image is None else self.rows(f"{query} AND image = ?", image)
         return {row.pop("image"): PictureFacts(**row) for row in found}
@@ -206,19 +222,19 @@ class Store:
         return list(self.rows("SELECT * FROM skipped ORDER BY image"))
 
     def detections(self, cell_id: str, model: str) -> Detections:
-        """What a model found in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
+        """The detections of a model in a cell, down to a score of 0.001. Raises ``KeyError`` for no such cell."""
         query = "SELECT detections FROM cells WHERE cell_id = ? AND model = ?"
         for row in self.rows(query, cell_id, model):
             return unpack(row["detections"])
         raise KeyError(cell_id, model)
 
     def count_different(self, *columns: str) -> int:
-        """In how many ways the cells differ in ``columns``."""
+        """The number of different combinations of values in ``columns``."""
         (counted,) = self.rows(f"SELECT COUNT(*) AS n FROM (SELECT DISTINCT {', '.join(columns)} FROM cells)")
         return int(counted["n"])
 
     def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
-        """The answer to a question in SQL, a row at a time."""
+        """The result of an SQL query, a row at a time."""
         with self._explained():
             for row in self._db.execute(query, values):
                 found = dict(row)
@@ -227,7 +243,7 @@ class Store:
                 yield found
 
     def tuples(self, query: str, *values: object) -> Iterator[list[tuple[Any, ...]]]:
-        """The answer to a question in SQL, some thousands of rows at a time, as SQLite has them."""
+        """The result of an SQL query as tuples, some thousands of rows at a time."""
         with self._explained():
             cursor = self._db.cursor()
             cursor.row_factory = None
@@ -236,10 +252,16 @@ class Store:
                 yield rows
 
     def columns(self, table: str) -> dict[str, str]:
-        """Names of the columns that people read, and SQLite's types of them."""
+        """Names and SQLite types of the columns that tables have."""
         with self._explained():
             found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
         return {row["name"]: row["type"] for row in found if row["name"] not in _NOT_SHOWN}
+
+    def _add_columns(self, names: Set[str]) -> None:
+        """Add those columns of a pulsed lamp that the cells lack."""
+        for name in sorted(names - self.columns("cells").keys(), reverse=True) if names else ():
+            with self._transaction() as db:
+                db.execute(f"ALTER TABLE cells ADD COLUMN {name} {schema.OF_LAMPS[name]}")
 
     def _document(self, field: str, text: str) -> Any:
         try:
@@ -265,6 +287,10 @@ class Store:
         except sqlite3.DatabaseError as error:
             why = f"{RUN_FILE} is damaged ({error})"
         raise StoreError(f"run = {str(self.folder)!r}: {why}") from None
+
+
+def _names(db: sqlite3.Connection, table: str) -> list[str]:
+    return [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -1,4 +1,4 @@
-"""Comparison of a detector's contract with other variants of its input: what is chosen, confirmed or doubted.
+"""Comparison of the contract of a detector with other variants of its input.
 
 Domain: 8-bit RGB pictures; colour order, value range with mean and standard deviation, and resize are varied.
 
@@ -253,13 +253,15 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str
     final = next(resized, final)
     found, agreed = sum(final.found), sum(final.agreed)
     wrong = [
-        f"what it finds ({found:.3g} in sum of scores) is not found again in the mirrored, cropped view of {shown} "
-        f"({agreed / max(found, 1e-9):.0%} is): family, input or export are probably wrong"
+        f"only {agreed / max(found, 1e-9):.0%} of its detections (sum of scores {found:.3g}) are found again in the "
+        f"mirrored, cropped view of {shown}; family, input or export are probably wrong"
     ]
     if found < _GARBAGE_FOUND * count or agreed >= _GARBAGE_SHARE * found:
         wrong = []
     if not any(each.merit for each in left):
-        nothing = f"nothing is found again in {shown}, however they enter: nothing confirms the contract"
+        nothing = (
+            f"no detection is found again in {shown} with any contract, so the contract is not confirmed"
+        )
         return own, {}, wrong or [nothing] * bool(assumed)
     others = [(each, each.standing(final, stated=each not in free)) for each in variants if each is not final]
     sources = dict[str, str]()
@@ -280,18 +282,18 @@ def _doubt(final: Variant, rivals: Sequence[Variant], shown: str) -> str:
     sums, own = (f"{sum(each.agreed):.3g} of {sum(each.found):.3g}" for each in (rival, final))
     option = contract_option(rival.contract)
     return (
-        f"{', '.join(differing)} may be wrong ({'; '.join(sources)}): read as {_text(rival.contract)}, {sums} in sum "
-        f"of scores is found again in the mirrored, cropped view of {shown}; read as {_text(final.contract)}, {own}"
-        f"{f'; if the former is right: --contract {option}' if option else ''}"
+        f"{', '.join(differing)} may be wrong ({'; '.join(sources)}). Sum of scores found again in the mirrored, "
+        f"cropped view of {shown}: {sums} with {_text(rival.contract)}, {own} with {_text(final.contract)}"
+        f"{f'. If the former is right, use --contract {option}' if option else ''}"
     )
 
 
 def _source(source: str, standings: set[str], compared: str) -> str:
     """Where a field comes from that nothing states, by the standings of the variants that differ in it."""
     if "rival" in standings:
-        return f"assumed, doubtful: {compared} do not tell it from others"
+        return f"assumed, doubtful: {compared} do not decide"
     if "open" in standings:
-        return f"{source}; {compared} do not tell it from others, by which much the same is found"
+        return f"{source}; {compared} do not decide, as others find much the same"
     return f"chosen by comparing {compared}"
 
 
@@ -337,10 +339,10 @@ def _detected(detector: Detector, contract: Contract, image: Image) -> tuple[Det
     blob, placement = detector.prepare(image, contract=contract)
     outputs = detector.run(blob)
     if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return NOTHING, f"the outputs hold {count} NaN or infinite"
+        return NOTHING, f"the outputs contain {count} NaN or infinite values"
     # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
     if contract.nms_iou is not None and detector.top_score(outputs) == 0:
-        return NOTHING, "every score is exactly 0: is it an int8 export that rounds all scores away?"
+        return NOTHING, "every score is exactly 0, as in an int8 export that rounds all scores to 0"
     try:
         return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
     except ModelError as error:

@@ -19,13 +19,16 @@ import torch
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import limited_motion
+from blurnoise.light.conditions import Conditions as LightConditions
+from blurnoise.light.motion import readout_of
 from blurnoise.motion.ego import Vehicle
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture, longest_first_s, windows
 from blurnoise.optics.colour import PictureTone
 from blurnoise.optics.radiometry import dark_electrons, electrons_per_lux_s
 from blurnoise.picture.develop import tones_8bit
+from blurnoise.scene import hdr
+from blurnoise.scene.fusion import readers_of
 from blurnoise.scene.metering import USUAL, AutoExposure, mean_luma
-from blurnoise.scene.plan import Plan
 from blurnoise.scene.scene import ExposedScene, Exposure
 from blurnoise.scene.scene import Frame as Taken
 from blurnoise_eval.datasets import (
@@ -34,11 +37,14 @@ from blurnoise_eval.datasets import (
     PictureSet,
     UnreadablePicture,
     check_cut,
+    check_labelled,
     cut_out,
     eight_bit,
+    target_mask,
 )
 from blurnoise_eval.datasets.cut_outs import CutScene
 from blurnoise_eval.grid.conditions import Cell, SweepPlan
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.boxes import MoveBoxes
@@ -51,6 +57,7 @@ class Frame(NamedTuple):
     saturated: the share of its pixels of which a colour is at a limit of well, converter or picture. snr_db: of
     a pixel with the picture's mean light. brightness: its mean value, 0-1. None of the original picture. By the place
     of a target: invented, see :meth:`CutScene.invented`, and own_px, its blur if it moves at a speed of its own.
+    missed_pulse: whether no row of the pulsed lamp receives light in any capture; None without lamp.
     """
 
     cell: Cell
@@ -64,13 +71,15 @@ class Frame(NamedTuple):
     brightness: float | None = None
     invented: Mapping[int, float] = {}
     own_px: Mapping[int, float] = {}
+    missed_pulse: bool | None = None
 
 
 class Scene:
     """A picture as light, shared by all its conditions. ``image8``: the picture itself with 8 bits.
 
     grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
-    that has no light. picture: with the targets that ``objects`` moves. picture_tone: its tone curve.
+    that has no light. picture: with the targets that ``objects`` moves, and which may be ``lamps``. picture_tone: its
+    tone curve.
     """
 
     def __init__(
@@ -80,6 +89,7 @@ class Scene:
         picture: Picture | None = None,
         objects: Objects = USUAL_OBJECTS,
         picture_tone: PictureTone = "srgb",
+        lamps: Lamps | None = None,
     ) -> None:
         self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
         self._tone = picture_tone
@@ -93,17 +103,19 @@ class Scene:
             if grey_anchor is None:
                 raise
             raise UnreadablePicture(str(error)) from None
+        self.lamps, self._reflected, mask = lamps, self.light.light, None
+        if lamps is not None and lamps.on_targets and picture is not None:
+            mask = torch.from_numpy(target_mask(picture, self.image8.shape[:2]))
+            if lamps.factor != 1:
+                self.light = replace(self.light, light=self.light.light * (1 + mask * (lamps.factor - 1)))
+        self.lamp_mask = mask if lamps is not None and lamps.pwm_mask else None
+        """Where the pulsed lamp is, (H, W); None: it lights everything."""
 
     def frames(self, exposures: Sequence[Exposure]) -> Iterator[Taken]:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
         for _, group in groupby(exposures, key=self._is_cut):
             of = [self._exposed(each) for each in group]
-            yield from of[0][0].frames([each for _, each in of])
-
-    def plan(self, taken: Exposure) -> Plan:
-        """What the simulator keeps and leaves out of an exposure, and why."""
-        scene, exposure = self._exposed(taken)
-        return scene.plan(exposure)
+            yield from hdr.frames(of[0][0], [each for _, each in of], lamp_mask=self.lamp_mask)
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -128,6 +140,19 @@ class Scene:
             self._means[camera] = float(mean_luma(self.light.light, camera)[0])
         return self._means[camera]
 
+    def missed_pulse(self, taken: Exposure) -> bool | None:
+        """Whether no row of the pulsed lamp receives light in any capture, at rest; None without lamp."""
+        lit = np.ones(len(self.image8), bool) if self.lamp_mask is None else self.lamp_mask.numpy().any(1)
+        if taken.lamp is None or not lit.any():
+            return None
+        size = self.image8.shape[:2]
+        for start_s, taken_s in windows(taken.camera.captures or (Capture(),), taken.exposure_s):
+            rows = readout_of(LightConditions(taken.camera, taken_s, 0.0, 0.0), size)
+            begin, end = map(torch.from_numpy, rows.windows_s)
+            if taken.lamp.factor(end - begin, begin - begin.min() + start_s).numpy()[lit].any():
+                return False
+        return True
+
     def _is_cut(self, taken: Exposure) -> bool:
         """Whether the picture has to be cut for it."""
         return taken.moves != "all" and (any(taken.velocity_px_s) or self.objects.crosses())
@@ -146,8 +171,9 @@ class Scene:
                 light, scale = self.light.light, 1.0
                 if self._anchored is not None:
                     plain = ExposedScene.of_picture(self._image, encoding=self._tone)
-                    scale = float(light.sum() / plain.light.sum())
-                found = cut_out(self._picture, light, self.objects, scale)
+                    scale = float(self._reflected.sum() / plain.light.sum())
+                emitters = 1.0 if self.lamps is None else self.lamps.factor
+                found = cut_out(self._picture, light, self.objects, scale, emitters)
                 targets = [(self._picture.targets or ())[place] for place in found.targets]
                 beside = [self.objects.own_px_s(target.label, target.box_xyxy) for target in targets]
                 self._cut = CutScene(found.cut, found.speeds, beside), found.targets
@@ -177,6 +203,8 @@ def frames(
         if path is not None:
             along = path[0].of(camera, (height, width), path[1], cell.seed)
             exposure = replace(exposure, trajectory=along)
+        if scene.lamps is not None:
+            exposure = replace(exposure, lamp=scene.lamps.pulses(cell.repeat, cell.seed))
         exposures.append(exposure)
     before: tuple[object, ...] | None = None
     for (cell, _), exposure, frame in zip(exposed, exposures, scene.frames(exposures), strict=True):
@@ -188,11 +216,12 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(frame.picture, brightest(*exposure.amplified)),
+            saturated=_saturated(frame.picture, brightest(exposure)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
             own_px=scene.own_px(exposure),
+            missed_pulse=scene.missed_pulse(exposure),
         )
 
 
@@ -218,10 +247,39 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
+def brightest(exposure: Exposure) -> int:
+    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`.
+
+    Of several captures it is that of a pixel which is at a limit in all of them.
+    """
+    if exposure.camera.captures:
+        return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None))
+    return _brightest(*exposure.amplified)
+
+
 @lru_cache(maxsize=64)
-def brightest(camera: Camera, digital_db: float) -> int:
-    """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`."""
+def _brightest(camera: Camera, digital_db: float) -> int:
     return int(tones_8bit(camera, digital_db)[int(camera.saturated_dn)])
+
+
+@lru_cache(maxsize=256)
+def _brightest_merged(exposure: Exposure) -> int:
+    """What a pixel becomes that is at a limit in every capture."""
+    camera = exposure.camera
+    captures, digital_db = hdr.amplified(camera, exposure.gain_db)
+    planes = 3 if camera.cfa == "none" else 1
+    limits_dn = (float(int(each.saturated_dn)) for each in readers_of(camera, captures))
+    frames = [torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn]
+    white_e = _white_e(exposure)
+    seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
+    return int(seen.min())
+
+
+def _white_e(exposure: Exposure) -> float:
+    """Electrons of white in the first capture."""
+    first = exposure.camera.captures[0] if exposure.camera.captures else Capture()
+    lux_s = exposure.illuminance_lux * exposure.exposure_s
+    return lux_s * electrons_per_lux_s(exposure.camera) * first.sensitivity
 
 
 def _motion(taken: Exposure) -> tuple[object, ...]:
@@ -232,10 +290,14 @@ def _motion(taken: Exposure) -> tuple[object, ...]:
 
 def snr_db(exposure: Exposure, light: float) -> float | None:
     """Temporal signal to noise, dB, of a pixel with so much light, below saturation: EMVA 1288, noise of signal, dark
-    charge, read-out and rounding; None without light."""
+    charge, read-out and rounding; of several captures as merged. None without light."""
     camera = exposure.amplified.camera
-    white_e = exposure.illuminance_lux * exposure.exposure_s * electrons_per_lux_s(camera)
-    signal_e = light * white_e
+    if camera.captures:
+        captures, _ = hdr.amplified(exposure.camera, exposure.gain_db)
+        signal_e = light * _white_e(exposure)
+        dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
+        return hdr.snr_db(exposure.camera, captures, signal_e, dark_e=dark_e) if signal_e > 0 else None
+    signal_e = light * _white_e(exposure)
     dark_e = dark_electrons(camera, exposure.exposure_s, exposure.temperature_c)
     bend_e2 = (camera.variance_factor(signal_e + dark_e) - 1) * (signal_e + dark_e)
     noise_e = math.sqrt(
@@ -251,6 +313,8 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
     length, figures that the camera's lens does not take, and motion beyond the limits.
     """
     size, path = camera.field.size, None
+    if plan.lamps is not None and plan.lamps.on_targets:
+        check_labelled(pictures, "emitters, pwm_mask: targets", "without labels pulses light the whole scene")
     fastest: dict[str, tuple[float, float]] = {}  # by class, of targets that cross the view
     if plan.cuts:
         check_cut(pictures, plan.objects)
@@ -262,13 +326,16 @@ def check_plan(plan: SweepPlan, camera: Camera, pictures: PictureSet) -> None:
                 )
     if plan.path is not None:
         (stated, longest_s), readout_s = plan.path, camera.row_time_s * camera.height_px
-        half_s = longest_s / 2 + (readout_s if camera.shutter == "global-reset" else readout_s / 2)
+        half_s = sum(windows(camera.captures or (Capture(),), longest_s)[-1]) - longest_s / 2
+        half_s += readout_s if camera.shutter == "global-reset" else readout_s / 2
         path = stated.of(camera, size, longest_s, plan.seed)
         path.window(-half_s, half_s)
     for at in plan.conditions():
         exposure = replace(at.exposure(camera, vehicle=plan.ego), trajectory=path)
         if "exposure_s" in at.automatic:
-            exposure = replace(exposure, exposure_s=plan.longest_s)
+            exposure = replace(exposure, exposure_s=longest_first_s(camera.captures, plan.longest_s))
+        if camera.captures:
+            windows(camera.captures, exposure.exposure_s)
         for label, own_px_s in fastest.items():
             plan.objects.check_crossing(label, own_px_s, exposure)
         if exposure.drives:

@@ -44,7 +44,7 @@ def met_conditions(
         speed = (EGO_SPEED if row[EGO.name] else SPEED).of(row)
         place = *(row[name] for name in _LIGHT), speed, row["exposure_s"]
         at["recommended"] = not recommended.isdisjoint({(*place, row[GAIN.name]), (*place, None)})
-        conditions[tuple(at.items())] = row.get("saturated")
+        conditions[tuple(at.items())] = row.get("saturated_share")
     objects = plan.get("objects", {})
     return {
         "cameras": [each.to_dict() for each in cameras],

@@ -73,6 +73,7 @@ def run(
         plan.objects,
         plan.path,
         plan.ego,
+        plan.lamps,
     )
     # as a picture begins, for no cell comes twice; two pictures take turns
     finished = lru_cache(2)(store.done)

@@ -1,6 +1,6 @@
-"""Scores of a run and their tables: what its store holds, in the unit of a criterion.
+"""The scores of a run, and their tables in the unit of a criterion.
 
-Scores are computed from the store once, and kept in it until cells are added.
+Scores are computed once and kept in the store until cells are added.
 Domain: criteria as in :mod:`blurnoise_eval.answers.criterion`; names of pictures as the store has them.
 """
 
@@ -36,10 +36,10 @@ from blurnoise_eval.sweep.coco_export import truths
 from blurnoise_eval.sweep.open import Run
 
 ENOUGH = "enough"
-"""Under which a run's store keeps what its sweep was asked last: threshold, keep, score and cluster."""
+"""The key of a run's store for the last threshold, keep, score and cluster."""
 LEAST_AP50 = 0.05
-"""Of the labelled original pictures: below, a detector has no answers."""
-_SCORES, _VERSION = "scores", 7  # under which the store keeps the scores; of how they are computed
+"""On the labelled original pictures: a detector below this has no answers."""
+_SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of how they are computed
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
@@ -50,8 +50,8 @@ def question_of(
     score: str | None = None,
     cluster: str | None = None,
 ) -> tuple[Criterion, str | None]:
-    """The criterion of a run, see :func:`.criterion_for`, and the pattern of its clusters: as given here, and for the
-    rest as its sweep was asked. A threshold replaces a share to keep, and the other way round.
+    """The criterion of a run, see :func:`.criterion_for`, and the pattern of its clusters: as given here, or else as
+    the sweep was given them. A threshold replaces a share to keep, and the other way round.
 
     Raises ``StoreError`` for a run that never began.
     """
@@ -115,24 +115,24 @@ def _scored(
 
 
 def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, Any]]) -> dict[str, str]:
-    """Why there is no answer, by detector: where its AP50 in the labelled original pictures is below ``LEAST_AP50``.
+    """Why detectors have no answer: their AP50 on the labelled original pictures is below ``LEAST_AP50``.
 
-    What such a one keeps is no measure of an exposure: its contract is wrong, or it knows other classes.
+    Such a detector has a wrong contract or knows other classes, so its score says nothing about an exposure.
     """
     if not manifest["images"]["labelled"]:
         return {}
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
     clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
     return {
-        name: f"no exposure is recommended, because its AP50 in the original pictures is {ap50:.3f}, below "
-        f"{LEAST_AP50:g}. Is its contract right (blurnoise inspect --probe), and does it know these classes?"
+        name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "
+        f"{LEAST_AP50:g}. Is the contract right (blurnoise inspect --probe), and does the model know these classes?"
         for name, ap50 in clean.items()
         if ap50 is not None and ap50 < LEAST_AP50
     }
 
 
 def withheld_models(store: Store, cluster: str | None = None) -> dict[str, str]:
-    """As :func:`models_withheld`, by what is scored here of the original pictures alone."""
+    """As :func:`models_withheld`, from the scores on the original pictures alone."""
     clean = _scored(store, cluster, original_only=True)
     return models_withheld(store.about("manifest"), (each.row for each in clean))
 
@@ -183,7 +183,7 @@ def _of_model(store: Store, model: str, criterion: Criterion, cluster: str | Non
 def _clean_values(
     columns: TargetColumns, values: NDArray[np.float64], original: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """What the target of each row has in the original picture, NaN where that is not known."""
+    """The score of each row's target in the original picture, NaN where it is unknown."""
     most = 1 + int(columns.target_id.max(initial=0))
     key = columns.picture.astype(np.int64) * most + columns.target_id
     of_target: NDArray[np.float64] = np.full(1 + int(key.max(initial=0)), np.nan)
@@ -192,8 +192,8 @@ def _clean_values(
 
 
 def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> list[Averages]:
-    """Of each model what its recommendations are made of: pooled over speeds where motion can only hurt, with the
-    shares of saturated values as means over pictures."""
+    """The averages from which each model's recommendations are made: pooled over speeds where motion can only hurt,
+    with saturated shares as means over pictures."""
     monotone = store.about("manifest").get("trajectory") is None
     shares = queries.saturated_shares(store)
     of_model: dict[str, list[ScoreTable]] = {}
@@ -213,7 +213,7 @@ def run_averages(store: Store, tables: Iterable[ScoreTable], level: float) -> li
 
 
 def dark_below(camera: Camera) -> float:
-    """Mean brightness of a picture, 0-1, that is half of what auto-exposure aims at."""
+    """Mean brightness, 0-1, of a picture at half of the level that auto-exposure aims at."""
     black = camera.black_level_dn
     place = round(black + _DARK * (camera.full_scale_dn - black))
     return int(tones_8bit(camera)[place]) / 255

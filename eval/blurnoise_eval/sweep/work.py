@@ -25,6 +25,7 @@ from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, cont
 from blurnoise_eval.datasets.likeness import look
 from blurnoise_eval.grid.axes import NAMES, blur_px
 from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan, cell_seed
+from blurnoise_eval.grid.lamps import Lamps
 from blurnoise_eval.grid.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 from blurnoise_eval.scoring.matching import FOUND_SCORE
@@ -118,6 +119,7 @@ class Work:
     objects: Objects = USUAL_OBJECTS
     path: tuple[TrajectorySpec, float] | None = None
     ego: Vehicle | None = None
+    lamps: Lamps | None = None
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -141,7 +143,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
             )
         try:
-            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone)
+            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone, work.lamps)
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]
@@ -187,7 +189,11 @@ class Worker:
                     if frame.cell.conditions is None
                     else each.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes)
                 )
-                yield cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
+                result = cell_result(frame, each.model.name, work.camera, sight, example, png, prepared.facts)
+                if work.lamps is not None and work.lamps.pwm is not None:
+                    lamp = frame.exposure and frame.exposure.lamp
+                    result.cell.update(pwm_phase=lamp and lamp.phase, missed_pulse=frame.missed_pulse)
+                yield result
 
     def _picture(self, picture: Picture) -> PreparedPicture:
         """Prepared by whichever thread needs it first."""
@@ -228,16 +234,16 @@ def cell_result(
         **(dict.fromkeys(NAMES) if at is None else at.on(camera)),
         "blur_px": taken and at and blur_px({**at.stated, "exposure_s": taken.exposure_s}),
     }
-    rows = [{**shared, **row, "invented_share": None} for row in sight.targets]
+    rows = [{**shared, **row, "inpainted_share": None} for row in sight.targets]
     if taken is not None and taken.drives and rows:
         height, width = frame.image.shape[:2]
         middles = torch.tensor([[row["x0"] + row["x1"], row["y0"] + row["y1"]] for row in rows]).double() / 2
         blurs = torch.linalg.vector_norm(taken.displacements_px(middles, (height, width)), dim=1).tolist()
         rows = [{**row, "blur_px": blur} for row, blur in zip(rows, blurs, strict=True)]
     for row in rows if at is not None else ():
-        row["invented_share"] = frame.invented.get(row["target_id"], 0.0)
+        row["inpainted_share"] = frame.invented.get(row["target_id"], 0.0)
         row["blur_px"] = frame.own_px.get(row["target_id"], row["blur_px"])
-    invented = [row["invented_share"] for row in rows]
+    invented = [row["inpainted_share"] for row in rows]
     confidences = np.array([row["confidence"] for row in rows])
     summary = {
         "seed": cell.seed,
@@ -245,12 +251,12 @@ def cell_result(
         "target_confidence": float(confidences.mean()) if rows else None,
         "detection_rate": float((confidences >= FOUND_SCORE).mean()) if rows else None,
         "n_detections": len(sight.detections.leading),
-        "saturated": frame.saturated,
+        "saturated_share": frame.saturated,
         "applied_exposure_s": taken and taken.exposure_s,
         "applied_gain_db": taken and taken.gain_db,
         "snr_db": frame.snr_db,
         "brightness": frame.brightness,
-        "invented_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
+        "inpainted_share": (float(np.mean(invented)) if any(invented) else 0.0) if rows and at else None,
         "simulate_ms": frame.simulate_ms,
         "infer_ms": sight.infer_ms,
         "error": sight.error,

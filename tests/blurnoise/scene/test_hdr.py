@@ -14,7 +14,7 @@ from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.optics.camera import Capture, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene import hdr
+from blurnoise.scene import fusion, hdr
 from blurnoise.scene.hdr import captured, developed, fuse
 
 IMX250 = Camera.preset("imx250")
@@ -131,7 +131,7 @@ def test_ghosts_of_a_bar(monkeypatch, captures, edges):
     """20 px wide, four times as bright as what saturates capture 1, moving 10 px during it; R = 16. Capture 1
     saturates to +-(w/2 + L(1/2 - 1/4)) = +-12.5; the bar of capture 2 begins at 5.31 - 10; between is a dark notch.
     """
-    monkeypatch.setattr(hdr, "BLEND", (0.999, 1.0))
+    monkeypatch.setattr(fusion, "BLEND", (0.999, 1.0))
     light = torch.where(X.abs() < 10, 4.0, 0.0)[None, None, None]
     seen = fused(light, IMX250, captures, **MOVED).flatten() / WELL_E
     found = X[:-1][(seen[:-1] > 0.5) != (seen[1:] > 0.5)].tolist()
@@ -176,7 +176,7 @@ def test_a_camera_file_states_captures(tmp_path):
     with pytest.raises(ValueError, match="camera: 'mine' makes a picture of 3 captures"):
         simulate(light, camera, **given)
     with pytest.raises(ValueError, match="camera: 'mine' makes a picture of 3 captures"):
-        Exposure(camera, 0.01, 50.0)
+        next(ExposedScene(light).frames([Exposure(camera, 0.01, 50.0)]))
     (tmp_path / "bad.yaml").write_text("base: imx250\ncaptures: [{}, {ratio: 16}]\n")
     with pytest.raises(ValueError, match="captures: figure 'ratio' is unknown"):
         Camera.load(tmp_path / "bad.yaml")
@@ -223,7 +223,7 @@ def test_phase_is_a_draw_of_its_own():
 def test_the_mask_says_where():
     light, mask = torch.full((1, 1, 4, 6), 0.5), torch.zeros(4, 6)
     mask[1, 2], mask[2, 4] = 1.0, 0.25
-    seen = Flicker(LED, mask).on(light, 0.001)  # the pulse has begun: 10 times the mean light
+    seen = light * Flicker(LED, mask).factors((4, 6), 0.001)  # the pulse has begun: 10 times the mean light
     assert float(seen[0, 0, 1, 2]) == pytest.approx(5.0)
     assert float(seen[0, 0, 2, 4]) == pytest.approx(0.5 * (1 + 0.25 * 9))
     assert float((seen != light).sum()) == 2
@@ -231,7 +231,8 @@ def test_the_mask_says_where():
 
 def test_rows_that_begin_later_see_bands():
     """One period of the lamp is 1 / (f t_row) rows."""
-    rows = Flicker(LED, row_time_s=1 / (90 * 100)).on(torch.ones(1, 1, 500, 1), 0.001).flatten()
+    starts_s = torch.arange(500).double() / (90 * 100)
+    rows = Flicker(LED).factors((500, 1), 0.001, starts_s).flatten()
     torch.testing.assert_close(rows[:400], rows[100:])
     assert len(rows[:100].unique()) > 10
     assert float(rows[:100].mean()) == pytest.approx(1.0, abs=0.02)
@@ -256,8 +257,8 @@ ONE = ExposedScene(torch.ones(1, 1, 2, 3))
         (lambda: Pwm(0.0, 0.1), "frequency_hz = 0.0: must be"),
         (lambda: Pwm(90.0, 1.2), "duty = 1.2: must be"),
         (lambda: LED.factor(-1.0), "exposure_s = -1.0: must be"),
-        (lambda: Flicker(LED, torch.ones(3, 2)).on(torch.ones(1, 1, 2, 3), 1.0), "mask: shape is"),
-        (lambda: Flicker(LED, 2 * torch.ones(2, 3)).on(torch.ones(1, 1, 2, 3), 1.0), "mask: must lie"),
+        (lambda: Flicker(LED, torch.ones(3, 2)).factors((2, 3), 1.0), "mask: shape is"),
+        (lambda: Flicker(LED, 2 * torch.ones(2, 3)).factors((2, 3), 1.0), "mask: must lie"),
     ],
 )  # fmt: skip
 def test_bad_input_is_named(call, message):

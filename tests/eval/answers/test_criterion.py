@@ -89,8 +89,8 @@ def looks(names, per_scene, seed=0):
 def test_repeated_scenes_are_noticed_until_a_pattern_clusters_them():
     found = looks([f"scene_{n // 5:02d}_frame_{n % 5}.png" for n in range(60)], 5)
     assert repeated(found) == (
-        "60 pictures show about 12 scenes but count as independent, so intervals are too narrow: give --cluster a "
-        "pattern that finds the same in the file names of one scene"
+        "60 pictures show about 12 scenes but count as independent, so the intervals are too narrow. Give --cluster "
+        "a pattern that finds the same text in the file names of one scene"
     )
     assert repeated(found, r"scene_(\d+)") is None
     names = [f"{n:04d}.png" for n in range(60)]

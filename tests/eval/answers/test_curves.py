@@ -54,7 +54,7 @@ def test_means_leave_out_what_was_not_measured():
             return None
         return None if image == "p0" and speed == 100.0 else {"p0": 1.0, "p1": 0.4}.get(image, 0.1)
 
-    measured = [row | {"saturated": 0.1 * int(row["image"][1:])} for row in rows(some)]
+    measured = [row | {"saturated_share": 0.1 * int(row["image"][1:])} for row in rows(some)]
     (table,) = tables(measured)
     mean = over(table, table.mean)
     assert np.isnan(mean[2, 2])

@@ -100,7 +100,7 @@ def spread(mean, sigma, pictures):
 def test_verdicts(means, pictures, verdict):
     found = answer({0.001 * 10**place: spread(mean, 0.1, pictures) for place, mean in enumerate(means)})
     assert found.verdict == verdict
-    assert (found.pictures_to_tell is None) == (verdict != "cannot tell")
+    assert (found.pictures_needed is None) == (verdict != "cannot tell")
 
 
 @pytest.mark.parametrize(("value", "threshold", "needed"), [(0.95, 0.9, 33), (0.0, 0.05, 34)])
@@ -110,7 +110,7 @@ def test_pictures_all_alike_are_not_certain(value, threshold, needed):
     found = answer({0.01: [value] * 8, 0.1: [value] * 8}, threshold)
     assert (found.verdict, found.sure_windows_s) == ("cannot tell", [])
     assert stats.beta(0.25, needed).ppf(0.975) == pytest.approx(0.05 / max(value, 1 - value), rel=0.04)
-    assert found.pictures_to_tell == pytest.approx(needed, abs=1)
+    assert found.pictures_needed == pytest.approx(needed, abs=1)
     found = answer({0.01: [value] * 40, 0.1: [value] * 40}, threshold)
     assert found.verdict == ("works" if value > threshold else "no exposure works")
 
@@ -151,7 +151,7 @@ def test_pictures_asked_for_tell_as_often_as_said(pictures):
         mean = rng.uniform(0.45, 0.75)
         values = rng.beta(6 * mean, 6 * (1 - mean), 9999)
         found = answer({0.01: values[:pictures]})
-        count = found.pictures_to_tell
+        count = found.pictures_needed
         if found.verdict != "cannot tell" or count is None or count > 3000:
             continue
         cases += 1
@@ -168,7 +168,7 @@ def test_an_end_that_was_refined_at_one_speed_is_limited_by_blur():
     share, known = np.repeat(x[:, None], 2, axis=1), np.isfinite(values).astype(float)
     of = table(np.nan_to_num(values), x, [(0.0, 0.0), (300.0, 0.0)], known, saturated=share)
     _, found = answers(of, Criterion(0.6, kept=False))
-    assert found.limited_high == "blur"
+    assert found.window_to_limited_by == "blur"
 
 
 X_S = (0.001, 0.004, 0.016, 0.064)

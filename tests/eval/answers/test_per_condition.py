@@ -62,11 +62,11 @@ def test_rows_of_a_run(tmp_path):
     first, second = score_rows(tmp_path, results, truth, moves=moves)
     clean, exposed = first.row, second.row
     assert moved == [0.01]
-    shared = ("model", *CONDITIONS, "blur_px", "n_images", "n_targets", "errors", *PICTURES)
+    shared = ("model", *CONDITIONS, "blur_px", "n_pictures", "n_targets", "errors", *PICTURES)
     columns = [f"{score.name}{end}" for score in table.of_conditions() for end in ("", "_low", "_high")]
     assert tuple(clean) == tuple(exposed) == (*shared, *columns)
     assert all(clean[name] is None for name in columns if name.endswith(("_low", "_high")))  # of two pictures
-    assert (clean["clean"], clean["n_images"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)
+    assert (clean["clean"], clean["n_pictures"], clean["n_targets"], clean["errors"]) == (True, 2, 1, 0)
     assert (clean["ap"], clean["target_confidence"], clean["detection_rate"]) == pytest.approx((1, 0.8, 1))
     assert (clean["false_positives_per_image"], clean["exact_match"]) == (0, None)
     assert {name: exposed[name] for name in AT} == AT

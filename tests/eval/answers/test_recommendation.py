@@ -31,12 +31,12 @@ def test_the_exposure_that_keeps_most_on_average_wins_over_the_one_that_is_sures
     found = rows(bright, dim)
     whole = found[None, None]
     assert whole["exposure_s"] == 0.003
-    assert whole["value"] == pytest.approx((0.95 + 0.85) / 2)
-    assert whole["loss"] == pytest.approx((0.01 + 0.03) / 2)
-    assert (whole["sure"], whole["fails"], whole["conditions"]) == (1, 1, 2)
+    assert whole["score"] == pytest.approx((0.95 + 0.85) / 2)
+    assert whole["regret"] == pytest.approx((0.01 + 0.03) / 2)
+    assert (whole["n_works"], whole["n_fails"], whole["n_conditions"]) == (1, 1, 2)
     assert (found[2.0, None]["exposure_s"], found[2.0, None]["verdict"]) == (0.01, FAILS)
     assert (found[1000.0, None]["exposure_s"], found[1000.0, None]["verdict"]) == (0.001, SURE)
-    assert found[2.0, None]["at_common"] == pytest.approx(0.85)
+    assert found[2.0, None]["score_at_overall_exposure"] == pytest.approx(0.85)
 
 
 def test_what_saturates_a_tenth_is_not_used_while_another_works():
@@ -46,7 +46,7 @@ def test_what_saturates_a_tenth_is_not_used_while_another_works():
     assert rows(bright)[None, None]["exposure_s"] == 0.001
     weak = kept_table({0.0: {0.001: 0.5, 0.01: 0.99}}, saturated={0.01: 0.95})
     assert rows(weak)[None, None]["exposure_s"] == 0.01  # nothing else works
-    assert rows(weak)[None, None]["saturated"] == pytest.approx(0.95)
+    assert rows(weak)[None, None]["saturated_share"] == pytest.approx(0.95)
     every = kept_table(values, saturated={0.001: 0.3, 0.01: 0.9})
     assert rows(every)[None, None]["exposure_s"] == 0.001  # all that work saturate: the least of them
 
@@ -64,7 +64,7 @@ def test_the_interval_of_an_average_is_paired_by_picture():
     lights = [kept_table({0.0: {0.001: 0.6}}, lux, pictures=50, spread=0.2) for lux in (2.0, 50.0)]
     (whole,) = [row for row in recommendations(averages(lights, 0.5)) if row["scope"] == "all"]
     spread = np.linspace(-0.2, 0.2, 50).std(ddof=1) / np.sqrt(50)
-    assert whole["value"] - whole["low"] == pytest.approx(2.01 * spread, rel=0.15)
+    assert whole["score"] - whole["score_low"] == pytest.approx(2.01 * spread, rel=0.15)
 
 
 def test_what_is_sure_at_a_speed_is_at_slower_ones_too():

@@ -20,7 +20,7 @@ def estimate(value):
 
 def sized(exposure_s, speed, large, **pictures):
     row = {"model": "m", "exposure_s": exposure_s, "illuminance_lux": 50.0, "velocity_x_px_s": speed, **OWN}
-    row |= {"velocity_y_px_s": 0.0, "saturated": None, "brightness": None, **pictures}
+    row |= {"velocity_y_px_s": 0.0, "saturated_share": None, "brightness": None, **pictures}
     nothing = dict.fromkeys(("all", "small", "medium"), Estimate(None))
     return Scored(row, large, {**nothing, "large": large}, {"all": 9, "small": 0, "medium": 4, "large": 5})
 
@@ -35,7 +35,7 @@ CONDITIONS = {
 
 
 def scored():
-    exposed = [sized(*at, found, saturated=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
+    exposed = [sized(*at, found, saturated_share=at[0], brightness=0.3) for at, found in CONDITIONS.items()]
     return [sized(None, 0.0, CLEAN), *exposed[::-1]]
 
 
@@ -83,5 +83,5 @@ def test_of_many_models_alike_hardly_ever_one_is_behind():
     wrong = 0
     for _ in range(400):
         values = 0.5 + 0.1 * generator.normal(size=(20, 1)) + 0.05 * generator.normal(size=(20, 16))
-        wrong += any((row["mpc_behind_low"] or 0.0) > 0 for row in rows_of(values, values))
+        wrong += any((row["mpc_deficit_low"] or 0.0) > 0 for row in rows_of(values, values))
     assert wrong / 400 <= 0.05 + 0.022

@@ -28,7 +28,7 @@ def test_a_camera_with_sources_and_its_plot(folder, tmp_path, capsys):
     words = ["cameras", "fit", folder, "-o", path, "--bit-depth", "12", "--temperature-c", "31"]
     assert main(words) == 0
     shown = capsys.readouterr().out
-    assert "photon transfer of 16 flat and 16 dark frames" in shown
+    assert "Photon transfer of 16 flat and 16 dark frames" in shown
     assert shown.splitlines()[-2:] == [str(path), str(tmp_path / "mine.png")]
     assert (tmp_path / "mine.png").stat().st_size > 10_000
     camera = Camera.load(path)
@@ -59,13 +59,13 @@ def test_a_dng(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (["-o", "x.yaml"], "folder, --dng, --libcamera: must be one of them"),
-        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, --dng, --libcamera: must be one of them"),
+        (["-o", "x.yaml"], "folder, --dng, --libcamera: exactly one"),
+        (["FOLDER", "--dng", "x.dng", "-o", "x.yaml"], "folder, --dng, --libcamera: exactly one"),
         (["FOLDER", "-o", "x.txt"], "suffix of x.txt"),
         (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "--bit-depth = 17"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: frames hold"),
-        (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "--bit-depth: goes with a folder"),
+        (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "--bit-depth: needs a folder"),
         (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
         (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),
         (["missing", "-o", "x.yaml"], "folder = 'missing'"),

@@ -18,18 +18,24 @@ Output = pytest.CaptureFixture[str]
 COMMANDS = {
     "sweep -o run": [
         ("--exposure-ms -5", "--exposure-ms = -5.0: must be finite and > 0 and <= 3.6e+06"),
-        ("--exposure-ms auto --gain 5", "--exposure-ms: auto sets the gain, too; gain_db must be auto"),
+        (
+            "--exposure-ms auto --gain 5",
+            "--exposure-ms = auto: the camera then sets the gain, too; --gain must be auto",
+        ),
         ("--ego-kmh 500", "--ego-kmh = 500.0: must be finite and >= 0 and <= 360"),
-        ("--ego-kmh 50 --dx 100", "--ego-kmh: a camera that drives"),
+        ("--ego-kmh 50 --dx 100", "excludes --dx"),
         ("--repeats 0", "repeats = 0: must be >= 1"),
-        ("--coco missing.json", "No such file"),
-        ("--coco instances.json", "not a COCO instances file"),
+        ("--coco missing.json", "--coco = 'missing.json': No such file"),
+        ("--labels missing.json", "--labels = 'missing.json': No such file"),
+        ("--plan plan.yaml", "keep = 2.0: must be"),
+        ("--plan plan.yaml --keep 3", "--keep = 3.0: must be"),
+        ("--coco instances.json", "--coco = 'instances.json': is not a COCO instances file"),
         ("-o file", "Not a directory"),
     ],
     "decide -o run": [("--exposure-ms 5:1", "low:high"), ("--lux -1", "--lux = -1"), ("--gain loud", "loud")],
     "simulate street.png -o out.png": [
         ("--exposure-ms -5", "--exposure-ms = -5.0: must be"),
-        ("--lux 1,2", "--lux: must be one value here"),
+        ("--lux 1,2", "--lux: must be one value"),
         ("-o out.txt", "suffix"),
         ("--ego-kmh 80 --dx 3", "--ego-kmh: goes without dx and dy"),
         ("--hdr 0.5", "captures: number 2 saturates at"),
@@ -45,8 +51,8 @@ COMMANDS = {
     "simulate -o out.png": [
         ("missing.png", "missing.png: No such file"),
         ("empty.png", "0 bytes"),
-        ("light.tiff", "not an 8- or 16-bit picture"),
-        ("dark.tiff --picture-tone linear", "holds light that is negative or not finite"),
+        ("light.tiff", "light.tiff: must be an 8- or 16-bit picture"),
+        ("dark.tiff --picture-tone linear", "negative or infinite light"),
     ],
     "inspect": [
         ("missing.onnx", "missing.onnx: no such file"),
@@ -78,10 +84,10 @@ COMMANDS = {
         ("--moves targets", "moves: must be all"),
     ],
     "cameras fit": [
-        ("-o x.yaml", "folder, --dng, --libcamera: must be one of them"),
+        ("-o x.yaml", "folder, --dng, --libcamera: exactly one"),
         ("frames -o x.txt", "suffix of x.txt"),
         ("frames -o x.yaml --bit-depth 17", "--bit-depth = 17"),
-        ("--dng x.dng -o x.yaml --bit-depth 12", "--bit-depth: goes with a folder"),
+        ("--dng x.dng -o x.yaml --bit-depth 12", "--bit-depth: needs a folder"),
         ("missing -o x.yaml", "folder = 'missing'"),
         ("--dng missing.dng -o x.yaml", "missing.dng"),
     ],
@@ -89,7 +95,7 @@ COMMANDS = {
         ("pinhole", "camera = 'pinhole': neither a preset nor a file; presets are ar0132at"),
         ("bad.yaml", "bad.yaml: field 'read_noise' is unknown; did you mean 'read_noise_e'"),
         ("imx250 --save mine.txt", "suffix of mine.txt"),
-        ("--save mine.yaml", "needs a camera"),
+        ("--save mine.yaml", "--save: needs the name of a camera"),
     ],
 }
 WRONG = [(f"{command} {words}", text) for command, rows in COMMANDS.items() for words, text in rows]
@@ -107,7 +113,13 @@ def folder(tmp_path_factory):
     for name, values in {"light.tiff": light, "dark.tiff": -light}.items():
         (folder / name).write_bytes(cv2.imencode(".tiff", values)[1].tobytes())
     (folder / "no_pictures").mkdir()
-    texts = {"text.onnx": "no model", "text.exr": "no picture", "file": "x", "instances.json": "{ no json"}
+    texts = {
+        "plan.yaml": "keep: 2\n",
+        "text.onnx": "no model",
+        "text.exr": "no picture",
+        "file": "x",
+        "instances.json": "{ no json",
+    }
     texts |= {"empty.onnx": "", "empty.png": "", "bad.yaml": "base: imx250\nread_noise: 3\n"}
     texts["hdr.yaml"] = "base: imx250\ncaptures: [{}, {exposure_ratio: 16}]\n"
     texts |= {"pointer.onnx": "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"}

@@ -38,12 +38,12 @@ def test_what_the_file_states(capsys, model):
     assert facts["inputs"] == ["images [1, 3, 64, 64] tensor(float)"]
     assert len(facts["sha256"]) == 64
     assert json.loads(facts["metadata"]["blurnoise.contract"])["family"] == "yolov8"
-    assert facts["recognised"].startswith("stated (metadata blurnoise.contract); the graph agrees: output")
+    assert facts["recognised"].startswith("metadata blurnoise.contract; the graph agrees: output")
     assert facts["assumed"] == facts["unknown"] == facts["warnings"] == []
     assert facts["sources"].keys() == set(Contract.names())
     assert main(["inspect", str(model)]) == 0
     out, err = capsys.readouterr()
-    for words in ("metadata blurnoise.contract", "output0 [1, 5, 84]", "none on a drawn picture", "nms_iou"):
+    for words in ("metadata blurnoise.contract", "output0 [1, 5, 84]", "none with a test picture", "nms_iou"):
         assert words in out
     assert err == ""
 
@@ -52,7 +52,7 @@ def test_what_is_assumed_and_unknown(tmp_path, capsys):
     path = answering(tmp_path / "m.onnx", [[0, 0, 9, 9, 0.5, 2]] * 3, producer="x" * 200)
     facts = told(capsys, "inspect", path)
     assert facts["recognised"] == "graph: output 'output' [1, 3, 6] as b n 6"
-    assert "baked into the graph" in facts["unknown"][0]
+    assert "inside the graph" in facts["unknown"][0]
     assert any(text.startswith("colour = 'rgb' is assumed") for text in facts["assumed"])
     assert main(["inspect", str(path)]) == 0
     out = capsys.readouterr().out
@@ -89,7 +89,7 @@ def test_probe_lists_and_draws(capsys, model, sign):
     ("row", "words"),
     [
         ([32, 32, 9, 9, 0.0], "every score is exactly 0"),
-        ([32, 32, 9, 9, 4.0], "score 4 > 1"),
+        ([32, 32, 9, 9, 4.0], "score = 4: must be <= 1"),
         ([32, 32, 9, float("nan"), 0.5], "84 NaN or"),
     ],
 )
@@ -114,4 +114,4 @@ def test_the_contract_is_kept_beside_the_model_and_found_there(tmp_path, capsys,
     typed = told(capsys, "inspect", path, "--contract", again["--contract"])
     assert typed["contract"] | {"sources": {}} == first["contract"] | {"sources": {}}
     assert main(["inspect", str(path), "--save-contract"]) == 2
-    assert "exists; must be a new file" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err

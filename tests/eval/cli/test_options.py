@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval import cli
-from blurnoise_eval.cli import COMMANDS, given, main
+from blurnoise_eval.cli import COMMANDS, inputs, main
 from blurnoise_eval.cli._options import settings
 from blurnoise_eval.grid import plan_file
 from blurnoise_eval.grid.axes import AXES, axis
@@ -27,7 +27,7 @@ def planned(monkeypatch, *words):
     def ask(plan):
         raise Asked(plan)
 
-    monkeypatch.setattr(given, "subject", ask)
+    monkeypatch.setattr(inputs, "subject", ask)
     with pytest.raises(Asked) as caught:
         main(["sweep", "-o", "run", *words])
     found: PlanFile = caught.value.args[0]
@@ -108,9 +108,9 @@ def test_a_new_axis_is_one_entry(monkeypatch, capsys):
     asked: list[Any] = []
 
     @settings(table, "*")
-    def look(*, given):
+    def look(*, config):
         """Look."""
-        asked.append(given.grid()["fog_m"])
+        asked.append(config.grid()["fog_m"])
 
     for words in ([], ["--fog-km", "4,3"], ["--help"]):
         assert cli.run_alone(look, "look", words) == 0
@@ -133,8 +133,14 @@ def test_options_override_the_plan(monkeypatch, tmp_path):
     ("command", "words"),
     [
         ("sweep -o run --speed 3", "No such option: --speed"),
-        ("sweep -o run --repeats 2", "--repeats; it is the setting 'repeats: ...' in --plan FILE.yaml"),
-        ("simulate a.png -o b.png --pwm 90,1", "--pwm; it is the setting 'pwm: ...' in --scene FILE.yaml"),
+        (
+            "sweep -o run --repeats 2",
+            "--repeats; set 'repeats: ...' in a file and pass it as --plan FILE.yaml",
+        ),
+        (
+            "simulate a.png -o b.png --pwm 90,1",
+            "--pwm; set 'pwm: ...' in a file and pass it as --scene FILE.yaml",
+        ),
         ("sweep", "'--output'"),
         ("paint", "(paint)"),
         ("sweep -o run --limit x", "got 'x'"),
@@ -171,8 +177,8 @@ def test_nothing_is_computed_for_a_place_that_cannot_be_written(command, tmp_pat
     [
         ("lux: 5\nlux: 50\n", "lux: stands twice, again in line 2"),
         ("vehicle: {height_m: 1, height_m: 2}\n", "height_m: stands twice, again in line 1"),
-        ("lux: true\n", "lux = True: must not be true or false"),
-        ("seed: yes\n", "seed = True: must not be true or false"),
+        ("lux: true\n", "lux = True: must be a value"),
+        ("seed: yes\n", "seed = True: must be a value"),
         ("lux: {a: 1}\n", "lux = {'a': 1}: must"),
         ('{"lux": 5,\n "lux": 50}', "lux: stands twice"),
     ],

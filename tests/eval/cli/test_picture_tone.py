@@ -27,7 +27,7 @@ def scene(tmp_path):
 
 
 def test_simulate_takes_it_out(tmp_path, scene, capsys, monkeypatch):
-    """By points, or those of a camera's file: the frame of the light itself, but for what 16 bits round (1e-4)."""
+    """By points, or those of a camera file: the frame of the light itself, but for what 16 bits round (1e-4)."""
     monkeypatch.chdir(tmp_path)
     usual = ("--camera", "imx250m", "--exposure-ms", 20, "--lux", 20, "--bit-depth", "native", "--seed", 5)
     told(capsys, "simulate", "light.png", "-o", "truth.png", "--picture-tone", "linear", *usual)
@@ -44,7 +44,7 @@ def test_simulate_takes_it_out(tmp_path, scene, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("tone", "why"),
     [
-        ("gamma", "--picture-tone = 'gamma': must be srgb, linear, filmic, a camera's file"),
+        ("gamma", "--picture-tone = 'gamma': must be srgb, linear, filmic, a camera file"),
         ("0:0,1", "--picture-tone = [['0', '0'], ['1']]: must be"),
         ("0:0,0.5:1", "--picture-tone = "),
         ("empty.yaml", "this file has no 'tone:'"),

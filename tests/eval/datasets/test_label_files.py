@@ -58,14 +58,16 @@ def test_coco_boxes_become_targets(tmp_path):
         for size in ("medium (32-96 px)", "large (> 96 px)", "medium (32-96 px)", "small (< 32 px)")
     ]
     assert b.targets == ()  # annotated as holding nothing, which differs from not annotated
-    assert found.notes == ("1 box of no area left out",)
+    assert found.notes == ("1 box without area left out",)
 
 
 def test_coco_keeps_what_an_annotation_says(tmp_path):
-    """Ids that COCO's tools could not use, or that stand twice, are forgotten."""
+    """Ids that COCO's tools could not use, or that occur before, are forgotten; the targets stay, with a note."""
     beside = {"segmentation": [[1, 2, 4, 2, 4, 6]], "score": 0.5, "iscrowd": 0, "area": 6}
     entries = [{**ANNOTATION, **beside, "id": entry_id} for entry_id in (5, 5, 0, "x", 2**70, 6)]
-    targets = coco(instances(tmp_path, annotations=entries)).pictures[0].targets or ()
+    found = coco(instances(tmp_path, annotations=entries))
+    targets = found.pictures[0].targets or ()
+    assert found.notes[-1].endswith("as a target of its own: 1")
     kept = [dict(target.annotation) for target in targets]
     assert kept == [{**beside, "id": 5}, *[beside] * 4, {**beside, "id": 6}]
 
@@ -84,9 +86,9 @@ def test_coco_boxes_that_cannot_be_found_are_counted(tmp_path):
     assert placed == [(99.0, 0.0), (-4.5, -4.5), (0.0, 79.5)]
     assert found.notes == (
         "4 boxes outside the picture left out",
-        "3 boxes with numbers not finite or beyond 1e6 px left out",
-        "1 box of no area left out",
-        "1 box of pictures that are not listed left out",
+        "3 boxes with coordinates that are not finite or beyond 1e6 px left out",
+        "1 box without area left out",
+        "1 box of pictures that are not in images left out",
     )
     for size in (
         {},
@@ -106,7 +108,7 @@ def test_labels_choose_pictures_and_name_groups(tmp_path):
         "stop sign, small (< 32 px)",
     ]
     kept = coco(instances(tmp_path), labels=["stop sign"], keep_empty=True)
-    assert (len(kept), kept.chosen) == (3, "stop sign, pictures without them")
+    assert (len(kept), kept.chosen) == (3, "stop sign, pictures without targets")
     crowd = {**ANNOTATION, "image_id": 8, "iscrowd": 1}
     file = instances(tmp_path, annotations=[ANNOTATION, crowd])
     assert [picture.name for picture in coco(file, labels=["stop sign"])] == ["a.png"]
@@ -179,8 +181,8 @@ def test_places_are_boxes_around_their_points(tmp_path):
     assert [target.crowd for target in unreadable] == [True, True]
     assert found.pictures[1].targets == ()
     assert found.notes == (
-        "1 box of no area left out",
-        "1 box with numbers not finite or beyond 1e6 px left out",
+        "1 box without area left out",
+        "1 box with coordinates that are not finite or beyond 1e6 px left out",
     )
 
 
@@ -232,7 +234,7 @@ def test_shares_become_pixels(tmp_path):
     assert triangle.label == "<b>car</b>"
     assert triangle.box_xyxy == (100.0, 20.0, 150.0, 60.0)
     assert found.pictures[1].targets == ()
-    assert found.notes == ("without a label file, and so without an object: 1 of the pictures",)
+    assert found.notes == ("pictures without a label file, used as pictures without objects: 1",)
     assert found.pictures[1].load().shape == (64, 64, 3)
 
 
@@ -301,7 +303,7 @@ def test_pictures_may_lie_elsewhere_where_the_user_says_so(tmp_path):
     make(tmp_path / "moved", {"images/a.png": (8, 8), "labels/a.txt": LINE})
     for path in ("/nowhere", "..", "../moved", f"{tmp_path}/../moved"):  # named by the file, not by the user
         make(tmp_path, {"data.yaml": described(path=path, val="images")})
-        with pytest.raises(ValueError, match=r"leaves the folder .*--images"):
+        with pytest.raises(ValueError, match=r"leaves the folder .*images"):
             yolo(tmp_path / "data.yaml")
     assert len(yolo(tmp_path / "data.yaml", images=tmp_path / "moved" / "images")) == 1
     make(tmp_path, {"data.yaml": described(path=str(tmp_path / "moved"), val="images")})
@@ -339,20 +341,20 @@ def folder(tmp_path):
     [
         (coco, "", "not a COCO instances file"),
         (coco, {}, "has no 'images'"),
-        (coco, {**COCO, "images": [IMAGE, IMAGE]}, "images: id 7 twice"),
+        (coco, {**COCO, "images": [IMAGE, IMAGE]}, "images: id = 7 occurs twice"),
         (coco, {**COCO, "images": [{"id": 1}]}, r"images\[0\]: has no 'file_name'"),
-        (coco, {**COCO, "images": [], "annotations": []}, "lists no pictures"),
+        (coco, {**COCO, "images": [], "annotations": []}, "contains no pictures"),
         (coco, of_coco("images", file_name="\ud800.png"), r"images\[0\]: file_name = .*: must be a valid string"),
         (coco, of_coco("images", file_name="sub/../../secret.png"), "leaves the folder"),
         (coco, of_coco("categories", name=None), r"categories\[0\]: name = None: must be a valid string"),
         (coco, of_coco("annotations", bbox=[1, 2, 3]), r"annotations\[0\]: bbox = \[1, 2, 3\]: must have at least 4"),
-        (coco, of_coco("annotations", category_id=99), r"annotations\[0\]: category_id = 99: not among"),
+        (coco, of_coco("annotations", category_id=99), r"annotations\[0\]: category_id = 99: must be"),
         (bdd, {}, "frames = None: must be a list"),
-        (bdd, [{"name": "a.jpg"}, {"name": "./a.jpg"}], r"lists 'a\.jpg' twice"),
+        (bdd, [{"name": "a.jpg"}, {"name": "./a.jpg"}], r"'a\.jpg' is listed twice"),
         (bdd, [{"name": "a.jpg", "labels": [{"box2d": {"x1": 1}}]}], r"labels\[0\]: box2d: has no 'y1'"),
-        (texts, "a.png STOP", "line 1: 'a.png STOP': must be a picture's name, a tab and its text"),
-        (texts, "a.png\tA\n./a.png\tB", r"lists 'a\.png' twice"),
-        (texts, f"{of_text()}\nb.png\tB", "line 2: not a list of texts and points"),
+        (texts, "a.png STOP", "line 1: 'a.png STOP': must be the name of a picture, a tab"),
+        (texts, "a.png\tA\n./a.png\tB", r"'a\.png' is listed twice"),
+        (texts, f"{of_text()}\nb.png\tB", "line 2: is not a list of texts and points"),
         (texts, of_text(transcription=5), r"texts\[0\]: transcription = 5: must be a valid string"),
         (texts, of_text(points=[[1, 2]]), r"points = \[\[1, 2\]\]: must have at least 2 items"),
     ],
@@ -360,8 +362,7 @@ def folder(tmp_path):
 def test_the_fault_is_named(folder, read, content, fault):
     file = folder / "labels"
     file.write_text(content if isinstance(content, str) else json.dumps(content))
-    name = "text" if read is texts else read.__name__
-    with pytest.raises(ValueError, match=rf"^{name} = '.*labels': .*{fault}") as caught:
+    with pytest.raises(ValueError, match=rf"^labels = '.*labels': .*{fault}") as caught:
         read(file)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
@@ -371,13 +372,13 @@ def test_the_fault_is_named(folder, read, content, fault):
     ("line", "fault"),
     [
         ("0 0.5 0.5 0.5", "must be 'class x y width height' or"),
-        ("2 0.5 0.5 0.5 0.5", "class 2: not among the 2 names"),
-        ("0 320 240 50 60", "no pixels"),
+        ("2 0.5 0.5 0.5 0.5", "class = 2: must be one of the 2"),
+        ("0 320 240 50 60", "not pixels"),
     ],
 )
 def test_a_bad_line_of_yolo_is_named(folder, line, fault):
     (folder / "a.txt").write_text(f"{LINE}\n{line}\n")
-    with pytest.raises(ValueError, match=rf"yolo = .*a\.txt': line 3: .*{fault}") as caught:
+    with pytest.raises(ValueError, match=rf"labels = .*a\.txt': line 3: .*{fault}") as caught:
         yolo(folder)
     assert "\n" not in str(caught.value)
 
@@ -389,7 +390,7 @@ def data_yaml(**entries):
 @pytest.mark.parametrize(
     ("content", "fault"),
     [
-        (None, "holds neither data.yaml nor classes.txt"),
+        (None, "data.yaml or classes.txt"),
         ("names: [", "while parsing"),
         ("!!python/object:os.system {}", "constructor"),
         ("val: images", "has no 'names'"),
@@ -400,7 +401,7 @@ def data_yaml(**entries):
         ),  # which YAML takes for truth values
         (data_yaml(val="missing"), "missing': no such folder or list"),
         (data_yaml(val="list.txt"), r"list\.txt': line 1: .*leaves the folder"),
-        (data_yaml(val="."), "no label file for any of 1 pictures"),
+        (data_yaml(val="."), "none of the 1 pictures in .* has a label file"),
         (data_yaml(kpt_shape=[17, 3]), "poses"),
     ],
 )
@@ -412,7 +413,7 @@ def test_what_is_no_data_set_of_yolo_is_named(folder, content, fault):
         (folder / "data.yaml").write_text(content)
     if "twice" in str(content):
         (folder / "a.txt").write_text(LINE)
-    with pytest.raises(ValueError, match=rf"yolo = .*{fault}") as caught:
+    with pytest.raises(ValueError, match=rf"labels = .*{fault}") as caught:
         yolo(folder)
     assert "\n" not in str(caught.value)
 

@@ -72,7 +72,7 @@ def test_a_picture_depends_on_seed_and_number_alone():
     ("given", "message"),
     [
         ({"sizes_px": (400,)}, "inside the picture, 320 x 320 px"),
-        ({"sizes_px": (200, 100)}, r"sizes_px = \[200, 100\]: must fit beside each other"),
+        ({"sizes_px": (200, 100)}, r"sizes_px = \[200, 100\]: must fit side by side"),
         ({"count": 0}, "count = 0: must be >= 1"),
     ],
 )

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from blurnoise_eval import datasets
-from blurnoise_eval.cli import given
+from blurnoise_eval.cli import inputs
 from blurnoise_eval.datasets import PictureSet, UnreadablePicture
 from blurnoise_eval.grid.plan_file import PlanFile
 from blurnoise_eval.system.urls import location
@@ -119,7 +119,7 @@ def test_pictures_that_cannot_be_read(folder):
 def chosen(*, reads=False, **settings):
     """What a sweep with these settings would see. Raises what the choice raises."""
     stated = {name: str(value) if isinstance(value, Path) else value for name, value in settings.items()}
-    return given.pictures(PlanFile().stating(stated), reads=reads)
+    return inputs.pictures(PlanFile().stating(stated), reads=reads)
 
 
 FILES = {"coco": "coco.json", "bdd": "bdd.json", "yolo": "data.yaml", "text": "whole.txt"}
@@ -143,9 +143,9 @@ def test_without_labels(folder):
 @pytest.mark.parametrize(
     ("settings", "fault"),
     [
-        ({"target": "sign"}, "target: goes with --labels of COCO, YOLO or BDD100K"),
-        ({"labels": "a.txt", "target": "sign"}, "target: goes with --labels of COCO"),
-        ({"labels": "a.json", "reads": True}, "take PP-OCR's labels"),
+        ({"target": "sign"}, "target: needs labels"),
+        ({"labels": "a.txt", "target": "sign"}, "target: needs labels"),
+        ({"labels": "a.json", "reads": True}, "PP-OCR labels"),
         ({"limit": 0}, "limit = 0: must be >= 1"),
         ({"images": ""}, "images = '': must name a file or folder"),
     ],

@@ -93,7 +93,7 @@ def test_where_the_plane_does_not_hold_it_is_the_grid(detector, tmp_path):
     small = {**GRID, "illuminance_lux": (5.0,)}
     done = decide(tmp_path, detector, small, camera=warm, pictures=some)
     assert ["dark current" in reason for reason in done.decided["because"]] == [True]
-    assert "A grid of 10 conditions, not a search: dark current" in done.how()[0]
+    assert "The full grid of 10 conditions was computed: dark current" in done.how()[0]
     assert done.data.axes[0].count == 5  # half a stop apart
     assert {len(row["exposures_s"]) for row in done.answers} <= {5, 6}  # and the best one refined
     with Store(tmp_path) as store:
@@ -122,6 +122,6 @@ def test_nothing_is_searched_for_a_model_without_answers(detector, tmp_path):
     with Store(tmp_path) as store:
         assert len(asked(store)) == 1
         with pytest.raises(
-            ValueError, match=f"{detector.name}: no exposure is recommended, because its AP50"
+            ValueError, match=f"{detector.name}: no exposure is recommended, because the AP50"
         ):
             inputs_of(store, told.criterion)

@@ -168,11 +168,14 @@ def test_yolo_fastest_v2_is_recognised_and_decoded_as_its_own_code_does(form, tm
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"head": None}, "family 'anchors' needs the head's anchors in its contract, for example .head."),
+        (
+            {"head": None},
+            "family 'anchors' needs the anchors of its head in the contract, for example .head.",
+        ),
         ({"head": {"strides": [8], "anchors": [[1, 2, 3]]}}, "head: anchors = .*widths and heights in turn"),
-        ({"head": {"strides": [8, 16], "anchors": [[1, 2]]}}, "head: anchors .*equally many"),
+        ({"head": {"strides": [8, 16], "anchors": [[1, 2]]}}, "head: anchors .*same number"),
         ({"head": {"strides": [8], "anchors": [[1, 2]], "boxes": "yolov2"}}, "head: boxes = 'yolov2'"),
-        ({"family": "yolov8", "head": {"strides": [8], "anchors": [[1, 2]]}}, "head: goes with the families"),
+        ({"family": "yolov8", "head": {"strides": [8], "anchors": [[1, 2]]}}, "head: is for the families"),
     ],
 )
 def test_bad_heads_say_what_is_wrong(change, message, tmp_path):

@@ -70,7 +70,7 @@ def test_logits_are_noticed(tmp_path):
     assert 0.7 < expected.confidence < 0.8
     assert got.confidence == pytest.approx(expected.confidence, abs=1e-6)
     with pytest.raises(
-        ModelError, match=r"output = 'probabilities' \(given\): must be 'logits', as the rows"
+        ModelError, match=r"output = 'probabilities' \(given\): must be 'logits', because the rows"
     ):
         Recogniser(tmp_path / "l.onnx", contract={"output": "probabilities"})
 

@@ -80,10 +80,10 @@ def test_processes_take_functions_of_modules(tmp_path):
 @pytest.mark.parametrize(
     ("answer", "words"),
     [
-        (([[0, 0, 5, 5]], [1.5], ["a"]), "score 1.5"),
+        (([[0, 0, 5, 5]], [1.5], ["a"]), "score = 1.5"),
         (([[0, 0, 5, 5]], [np.nan], ["a"]), "finite"),
-        (([[0, 0, 5, 5]], [0.5, 0.6], ["a"]), "equally many"),
-        (([[0, 0, 5, 5]], [0.5], [7]), "class 7"),
+        (([[0, 0, 5, 5]], [0.5, 0.6], ["a"]), "must be equal"),
+        (([[0, 0, 5, 5]], [0.5], [7]), "class = 7"),
         (None, "TypeError"),
     ],
 )

@@ -37,7 +37,7 @@ def test_commands_name_model_limit_and_option(command, tmp_path, monkeypatch, ca
     endless = endless_below(Path("endless.onnx"), 2.0)
     endless.with_suffix(".contract.json").write_text('{"base": "yolov8"}')
     assert main([*command.split(), str(endless), "--model-timeout-s", "0.3"]) == 2
-    told = "blurnoise: error: endless.onnx: gives no answer within 0.3 s; --model-timeout-s allows more"
+    told = "blurnoise: error: endless.onnx: did not finish an inference within 0.3 s; --model-timeout-s allows more"
     assert capsys.readouterr().err.splitlines() == [told]
     assert not Path("seen.png").exists()
 

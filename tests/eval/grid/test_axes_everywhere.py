@@ -124,7 +124,7 @@ def test_rows_read_back_and_conditions_stay_apart(grid):
             for cell_id, one in expected.items():
                 assert {name: found[cell_id][name] for name in one.cell} == one.cell
             means = queries.condition_counts(store, "m")
-            assert [row["n_images"] for row in means] == [1] * len(scores)
+            assert [row["n_pictures"] for row in means] == [1] * len(scores)
             sums = {
                 tuple(row[name] for name in CONDITIONS): row["target_confidence"]
                 for row in queries.target_sums(store, "m")
@@ -147,7 +147,9 @@ def test_every_cell_is_in_one_table_and_in_one_curve_over_each_axis(grid):
         store, scores = filled(Path(folder), plan)
         with store:
             rows = (
-                {**row, "saturated": None, "brightness": None} for row in store.targets() if not row["clean"]
+                {**row, "saturated_share": None, "brightness": None}
+                for row in store.targets()
+                if not row["clean"]
             )
             found = list(tables(queries.as_set(store, rows)))
     exposed = Counter(score for at, score in scores.items() if at is not None)

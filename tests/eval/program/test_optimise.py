@@ -61,7 +61,7 @@ def test_departures_are_those_of_pictures_drawn_again():
 
 
 def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():
-    with pytest.raises(ValueError, match=r"lux = 2: no exposure is left.*30 frames/s.*gain up to 6 dB"):
+    with pytest.raises(ValueError, match=r"lux = 2: no tested exposure at .*30 frames/s.*gain up to 6 dB"):
         optimise(made_problem(Limits(gain_max_db=6.0)))
 
 

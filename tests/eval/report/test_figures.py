@@ -74,5 +74,5 @@ def test_a_further_axis_has_a_figure_of_its_own(tmp_path):
     assert _lines(figure, 3)["4 ms"] == ([1.4, 2.0, 2.8], _near([a["confidence"][1] for a in own]))
     assert figure.axes[0].get_xscale() == "log"
     assert list(figure.axes[0].get_xticks()) == [1.4, 2.0, 2.8]
-    assert figure.get_supxlabel().splitlines()[:2] == ["f-number", "Held: 600 px/s."]
+    assert figure.get_supxlabel().splitlines()[:2] == ["f-number", "At 600 px/s."]
     assert _drawn(data, "temperature").axes[0].get_title() == "stop sign 100 px\n10 lux · f/1.4 · n = 12"

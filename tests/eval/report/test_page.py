@@ -42,7 +42,13 @@ def test_writes_the_page_and_real_pictures(reported):
 def test_the_answer_comes_first_and_is_complete(reported):
     data, page = reported
     text = Page(page).text
-    order = ["Best single exposure: 16 ms", "any speed", "?: cannot tell", "Limits:", "Surer:"]
+    order = [
+        "Set the exposure by the light",
+        "any speed",
+        "?: cannot tell",
+        "What limits it:",
+        "What to do next:",
+    ]
     order += ["Curves", "Heat map: ", "Scores", "How it was measured"]
     assert [text.index(part) for part in order] == sorted(text.index(part) for part in order)
     for answer in data.answers:

@@ -35,7 +35,7 @@ def told(**facts):
 def ranked(data):
     for row, mpc, behind in zip(data.models, (0.30, 0.41, 0.40), (0.11, None, 0.01), strict=True):
         low, high = (None, None) if behind is None else (behind - 0.02, behind + 0.02)
-        row |= {"mpc": mpc, "mpc_behind": behind, "mpc_behind_low": low, "mpc_behind_high": high}
+        row |= {"mpc": mpc, "mpc_deficit": behind, "mpc_deficit_low": low, "mpc_deficit_high": high}
     data.models[1].update(ap50=None, p=None, false_positives_per_image=0.5)
     return data
 
@@ -93,7 +93,7 @@ def text_of(name, folder):
     shown = opening(data)
     lines = [f"== {name}", *shown.sentences, *(f"{title}: {text}" for title, text in shown.notes)]
     heads, rows, _ = table_rows(shown, 9, 9) if shown.rows else ([], [], 0)
-    lines += [" | ".join(row) for row in (heads, *rows) if row] + [shown.legend]
+    lines += [" | ".join(row) for row in ([shown.caption], heads, *rows) if row] + [shown.legend]
     for title, _, cells in tables.model_rows(data) if shape.keys() & {"models", "kind"} else ():
         lines.append(
             f"{title}: {' | '.join(' '.join([kind, text, *more]).strip() for kind, text, more in cells)}"
@@ -145,7 +145,10 @@ def test_window_text(windows_s, low, high, opens, expected):
         "windows_high_s": high,
         "exposures_s": EXPOSURES_S,
     }
-    assert words.window_text(answer | dict(zip(("open_low", "open_high"), opens, strict=True))) == expected
+    assert (
+        words.window_text(answer | dict(zip(("window_from_open", "window_to_open"), opens, strict=True)))
+        == expected
+    )
 
 
 def test_intervals_hold_their_value():

@@ -1,8 +1,10 @@
 """Results survive: whole or not at all, one writer, errors in words, exports as people read them."""
 
 import csv
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from itertools import product
 
 import numpy as np
@@ -11,7 +13,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.schema import CONDITIONS, RENAMED
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
@@ -115,6 +117,30 @@ def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path):
         pass
 
 
+def test_a_run_with_the_columns_of_an_earlier_version(tmp_path):
+    """They get their names of today; a file with other columns is refused and stays as it was."""
+    with Store(tmp_path, create=True) as store:
+        store.add([result(0, targets=2)])
+        held = list(store.cells()), list(store.targets())
+    of_tables = {"cells": ("saturated", "invented_share"), "targets": ("invented_share",)}
+    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as db:
+        for table, names in of_tables.items():
+            for name in names:
+                db.execute(f"ALTER TABLE {table} RENAME COLUMN {RENAMED[name]} TO {name}")
+        db.execute("PRAGMA user_version = 1")
+    for _ in range(2):
+        with Store(tmp_path) as store:
+            assert (list(store.cells()), list(store.targets())) == held
+    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as db:
+        db.execute("ALTER TABLE cells RENAME COLUMN saturated_share TO saturated")
+        db.execute("ALTER TABLE cells ADD COLUMN weather TEXT")
+        db.execute("PRAGMA user_version = 1")
+    before = (tmp_path / RUN_FILE).read_bytes()
+    with pytest.raises(StoreError, match="another version of blurnoise"):
+        Store(tmp_path)
+    assert (tmp_path / RUN_FILE).read_bytes() == before
+
+
 def test_the_time_of_a_frame_is_the_median(tmp_path):
     with Store(tmp_path, create=True) as store:
         assert queries.median_simulate_ms(store) is None
@@ -129,7 +155,7 @@ def test_targets_as_columns(tmp_path):
     """Of every target the values of its own row and of its cell's; anew once the store has grown."""
     taken = [result(number, targets=2) for number in range(3)]
     for place, each in enumerate(taken):
-        each.cell.update(saturated=0.1 * place, brightness=0.5 + 0.1 * place)
+        each.cell.update(saturated_share=0.1 * place, brightness=0.5 + 0.1 * place)
     with Store(tmp_path, create=True) as store:
         store.add(taken[:2])
         assert len(queries.target_columns(store, "m").condition) == 4
@@ -146,7 +172,7 @@ def test_targets_as_columns(tmp_path):
             assert columns.confidence[place] == row["confidence"]
             cell = cells[row["cell_id"]]
             assert (columns.saturated[place], columns.brightness[place]) == (
-                cell["saturated"],
+                cell["saturated_share"],
                 cell["brightness"],
             )
 

@@ -119,7 +119,7 @@ def test_what_nothing_states_is_chosen_and_its_source_says_so(taken, tmp_path, r
     found = compared(detector, PICTURES)
     assert {name: getattr(found.contract, name) for name in fields(*taken)} == fields(*taken)
     assert found.contract.sources["colour"].startswith("chosen by comparing 11 variants on 4 pictures")
-    assert "do not tell it from others, by which much the same" in found.contract.sources["resize"]
+    assert "do not decide, as others find much the same" in found.contract.sources["resize"]
     assert found.doubts == ()
     assert found.inferences <= 120
     assert found == compared(detector, PICTURES)
@@ -131,7 +131,8 @@ def test_what_is_stated_is_only_doubted(tmp_path, reds):
     found = compared(stated, PICTURES)
     assert found.contract == OWN
     (doubt,) = found.doubts
-    assert "(given): read as rgb, 0-255, " in doubt
+    assert "values may be wrong (given). " in doubt
+    assert " with rgb, 0-255, " in doubt
     right = Detector(path, contract=replace(OWN, value_range="0-255"))
     assert compared(right, PICTURES).doubts == ()
 
@@ -140,15 +141,19 @@ def test_what_the_pictures_leave_open_is_doubted(reds):
     """Of red and blue squares the network finds the red ones, and as many blue ones where it is fed with bgr."""
     found = compared(assumed(reds, OWN), squares(8, (RED, BLUE)))
     (doubt,) = found.doubts
-    assert f"colour may be wrong ({ASSUMED}): read as " in doubt
-    assert "; if the former is right: --contract yolox,classes=red," in doubt
+    assert f"colour may be wrong ({ASSUMED}). " in doubt
+    assert "If the former is right, use --contract yolox,classes=red," in doubt
     assert found.contract.sources["colour"].startswith("assumed, doubtful: ")
     assert found.contract.sources["value_range"].startswith("chosen")
 
 
 @pytest.mark.parametrize(
     ("value", "top", "words"),
-    [(0.5, 0.0, "every score is exactly 0"), (0.5, 1.5, "score 2.25 > 1"), (np.nan, 0.5, "336 NaN or")],
+    [
+        (0.5, 0.0, "every score is exactly 0"),
+        (0.5, 1.5, "score = 2.25: must be <= 1"),
+        (np.nan, 0.5, "336 NaN or"),
+    ],
 )
 def test_outputs_that_no_picture_explains(value, top, words, tmp_path):
     """An int8 export whose scores are all 0 is doubted, and nothing is said to be chosen for it."""

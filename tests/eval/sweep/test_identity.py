@@ -98,7 +98,7 @@ def test_a_picture_that_changes_under_the_sweep_ends_it(detector, photos, tmp_pa
     shown = replace(image_folder(photos), pictures=pictures)
     with Store(tmp_path / "run") as store:
         before = [row for row in store.cells() if row["image"] == "a.bmp"]
-        with pytest.raises(StoreError, match=r"picture 'a\.bmp' is not what it was"):
+        with pytest.raises(StoreError, match=r"picture 'a\.bmp' has changed since"):
             sweep.run([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
         assert [row for row in store.cells() if row["image"] == "a.bmp"] == before
 

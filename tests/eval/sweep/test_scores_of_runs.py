@@ -44,14 +44,14 @@ def test_on_pictures_of_ones_own_it_is_what_is_kept(run):
     assert [answer["group"] for answer in done.answers] == ["a stop sign"] * 2
     measured = []
     for answer in done.answers:
-        assert answer["clean_value"] == pytest.approx(np.mean(list(untouched.values())))
+        assert answer["clean_score"] == pytest.approx(np.mean(list(untouched.values())))
         for exposure_s in answer["exposures_s"]:
             at = exposure_s, answer["velocity_x_px_s"]
             here = [row for row in targets if (row["exposure_s"], row["velocity_x_px_s"]) == at]
             seen, known = np.array([(row["confidence"], untouched[row["image"]]) for row in here]).sum(axis=0)
             assert len(here) == 18
             measured.append(seen / known)
-        assert answer["best_value"] == max(answer["confidence"])
+        assert answer["best_score"] == max(answer["confidence"])
     slow, fast = np.split(np.array(measured), 2)
     pooled = [np.where(slow < fast, (slow + fast) / 2, own) for own in (slow, fast)]
     assert (slow < fast).any()
@@ -95,7 +95,7 @@ def test_ap_of_a_run_is_that_of_its_scores(run):
         rows = [row["ap50"] / untouched["ap50"] for row in exposed if row["exposure_s"] == exposure_s]
         kept = [each["confidence"][each["exposures_s"].index(exposure_s)] for each in every]
         assert sum(kept) == pytest.approx(sum(rows))
-    assert [(each["clean_value"], each["n_targets"]) for each in every] == [(untouched["ap50"], 18)] * 2
+    assert [(each["clean_score"], each["n_targets"]) for each in every] == [(untouched["ap50"], 18)] * 2
 
 
 def test_dark_is_half_of_what_auto_exposure_aims_at():
@@ -139,7 +139,7 @@ def test_scores_are_computed_once_for_each_question(run):
 def test_conditions_are_left_for_training_with_saturation_and_what_is_recommended(tmp_path):
     """Those for each light at each speed, at the gain that they are for; not what a light's or all average says."""
     plan = swept((0.002, 0.01), (5.0, 50.0), (0.0, 400.0), gain_db=(6.0, 12.0))
-    every = [{"clean": False, "saturated": 0.25, **at.on(IMX250)} for at in plan.conditions()]
+    every = [{"clean": False, "saturated_share": 0.25, **at.on(IMX250)} for at in plan.conditions()]
     rows = 2 * [{"clean": True}, *every]  # of two models
     names = ("scope", "illuminance_lux", "gain_db", "speed", "exposure_s")
     told = [

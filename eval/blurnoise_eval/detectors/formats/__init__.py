@@ -14,7 +14,7 @@ BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
     (ends.YOLOV10, ends.YOLOV7),  # rows of six or seven
     (grids.ANCHORS,),  # none: the contract's head tells
 )
-"""The surest evidence first: where one kind of it is there, later ones are not asked."""
+"""Families by their evidence, the surest first. If families of one kind match, later kinds are not tried."""
 
 FAMILIES = {each.name: each for group in BY_EVIDENCE for each in group}
 PRESETS = {name: each.preset for name, each in FAMILIES.items()}

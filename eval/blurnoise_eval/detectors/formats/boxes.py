@@ -173,9 +173,9 @@ def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:
     """Return (height, width). Raises ``TypeError`` or ``ValueError`` for anything but RGB (H, W, 3), uint8."""
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
         kind = getattr(image, "dtype", type(image).__name__)
-        raise TypeError(f"image: must be a numpy array of uint8, shape (H, W, 3), got {kind}")
+        raise TypeError(f"image: must be a NumPy array of uint8, shape (H, W, 3); got {kind}")
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
-        raise ValueError(f"image: shape must be (H, W, 3), none of them 0, got {image.shape}")
+        raise ValueError(f"image: shape must be (H, W, 3), not empty; got {image.shape}")
     return image.shape[0], image.shape[1]
 
 

@@ -17,8 +17,8 @@ from blurnoise_eval.detectors.formats.boxes import Candidates, select, sigmoid
 from blurnoise_eval.detectors.formats.family import Decode, Family
 from blurnoise_eval.detectors.records import FloatArray
 
-BAKED = "the score threshold and the overlap that are baked into the graph: weaker answers never leave it"
-"""What families that suppress double answers themselves leave unsaid."""
+BAKED = "the score threshold and the overlap inside the graph; weaker detections are removed there"
+"""The unknowns of families that suppress duplicates themselves."""
 BACKGROUND_FIRST = (
     f"{BAKED}; whether 'classes' begins with a name for 0, which its numbers keep for the background"
 )

@@ -50,7 +50,7 @@ class Signature:
         lines = [f"  input {entry}" for entry in self.inputs]
         lines += [f"  output {entry}" for entry in self.outputs]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
-        stated = "to state what it is, write <model>.contract.json beside it, for example"
+        stated = "to set the contract, write <model>.contract.json beside the model, for example"
         return "\n".join([*lines, f"  {stated} {Contract.EXAMPLE}"])
 
 
@@ -85,16 +85,16 @@ def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
     height, width = (a if isinstance(a, int) else usual for a, usual in zip(known, size_px, strict=True))
     extras = extra_feeds(inputs[1:], (height, width), model.batch)
     if not model.axes or not outputs or extras is None:
-        must = "must take one RGB picture, beside it inputs of known names alone, and give an answer"
+        must = "must have one RGB picture as input, no other inputs but those with known names, and an output"
         unread = Signature(inputs, outputs, model.metadata, size_px)
-        raise ModelError(f"the graph fits no output family known here: {must}\n{unread.describe()}")
+        raise ModelError(f"the graph matches none of the known families: {must}\n{unread.describe()}")
     answer = partial(model.infer, extras=extras)
     fixed = all(output.shape and all(isinstance(n, int) for n in output.shape[1:]) for output in outputs)
     if known != (height, width) or not fixed:
         try:
             answers = answer(np.full(blob_shape(model.axes, (height, width)), 0.5, np.float32))
         except ModelError as error:
-            must = "state the size that it takes, input_size_px, in its contract"
+            must = "set the size of the input, input_size_px, in the contract"
             raise ModelError(f"{error}; {must}") from None
         outputs = tuple(TensorInfo(o.name, a.shape, o.type) for o, a in zip(outputs, answers, strict=True))
     return Signature(inputs, outputs, model.metadata, (height, width), answer)

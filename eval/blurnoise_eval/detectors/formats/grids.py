@@ -155,7 +155,7 @@ YOLOX = Family(
     ),
     ("b A 5+C",),
     partial(_decode_rows, raw=True),
-    unknown="whether it is YOLOX 0.1.0, which shows the same but takes rgb, 0-1, mean and std of ImageNet",
+    unknown="whether it is YOLOX 0.1.0, whose graph is the same, but with rgb, 0-1, mean and std of ImageNet",
 )  # fmt: skip
 # Its handle_preds: argmax over the classes.
 FASTESTDET = Family(
@@ -307,7 +307,7 @@ YOLOFASTESTV2 = Family(
     _layouts(["A 15+C"], ["H W 15+C"], YOLO_FASTEST_V2),
     _decode_fastest_v2,
     strides=(YOLO_FASTEST_V2.strides,),
-    unknown="whether it was trained with anchors of its own, which the contract's head then states",
+    unknown="whether it was trained with other anchors; if so, set them as 'head' of the contract",
     several_classes=True,
     takes_head=True,
 )  # fmt: skip

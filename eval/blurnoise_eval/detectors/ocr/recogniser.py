@@ -1,4 +1,4 @@
-"""Text recognisers, their contracts, and their answers: the text in known boxes, and how wrong it is.
+"""Text recognisers and their contracts: the text in known boxes, and its error rate.
 
 A network takes one picture and gives class probabilities (T, C) float32, a row per step along the text; class 0 is
 the blank of connectionist temporal classification (CTC), decoded greedily. Source: Graves et al. (2006); dictionary
@@ -101,7 +101,7 @@ class SpottingContract:
 
     @property
     def assumptions(self) -> list[str]:
-        """One sentence per field that nothing stated."""
+        """A sentence for each assumed field."""
         return [*self.regions.assumptions, *self.text.assumptions]
 
     def to_dict(self) -> dict[str, Any]:
@@ -193,7 +193,7 @@ class TextNetwork(OnnxModel):
         floats = [entry.type in ("tensor(float)", "tensor(float16)") for entry in inputs]
         if floats != [True] or len(outputs) != 1 or len(shape) != 4 or shape[1] != 3:
             raise ModelError(
-                f"{self.path.name}: must take one picture [N, 3, height, width] of floats and give one answer; "
+                f"{self.path.name}: must have one input [N, 3, height, width] of floats and one output; "
                 f"has {len(inputs)} inputs and {len(outputs)} outputs: {', '.join(map(str, [*inputs, *outputs]))}"
             )
         height, width = (side if isinstance(side, int) else None for side in shape[2:])
@@ -203,8 +203,8 @@ class TextNetwork(OnnxModel):
         """The answer to one input (1, 3, H, W) as float32, without the batch axis; what is not finite is counted."""
         (output,) = self.infer(blob)
         if output.ndim < 1 or len(output) != self.batch:
-            answers = f"answers {list(output.shape)} to {self.batch} picture(s)"
-            raise ModelError(f"{self.path.name}: {answers}: the first axis must be the batch")
+            answers = f"the output for {self.batch} picture(s) is {list(output.shape)}"
+            raise ModelError(f"{self.path.name}: {answers}; its first axis must be the batch")
         found = np.asarray(output[0], np.float32)
         self._count_non_finite([found])
         return found
@@ -243,14 +243,14 @@ class Recogniser(TextNetwork):
         rows = self._answer(self.prepare(np.full((48, 48, 3), 128, np.uint8)))
         if rows.ndim != 2 or rows.shape[1] != len(self._characters):
             raise ModelError(
-                f"{self.path.name}: answers {list(rows.shape)}, steps and classes, to a picture, but the "
+                f"{self.path.name}: the output has {list(rows.shape)} steps and classes, but the "
                 f"dictionary ({self.contract.dictionary or f'metadata {DICTIONARY_KEY}'}) makes "
                 f"{len(self._characters)} classes: the blank, {len(self._characters) - 2} lines and the space"
             )
         if np.isfinite(rows).all():
             sure = are_probabilities(rows)
             why = "sum to 1" if sure else "do not sum to 1, so softmax is applied"
-            why = f"the rows of its answer to a grey picture {why}"
+            why = f"the rows of the output for a grey picture {why}"
             output = "probabilities" if sure else "logits"
             self.contract = settled(self.contract, {"output": output}, f"graph: {why}", why)
 
@@ -260,8 +260,8 @@ class Recogniser(TextNetwork):
         if given is None and name is None:
             if DICTIONARY_KEY not in self.metadata:
                 raise ModelError(
-                    f"{self.path.name}: nothing says which characters its classes are: "
-                    f"give a dictionary file, or state 'dictionary' in {self.path.stem}.contract.json beside it"
+                    f"{self.path.name}: the characters of its classes are unknown; "
+                    f"name a dictionary file, or set 'dictionary' in {self.path.stem}.contract.json beside it"
                 )
             file, source = None, f"metadata {DICTIONARY_KEY}"
         elif given is not None:
@@ -277,7 +277,7 @@ class Recogniser(TextNetwork):
         try:
             lines = read_text(file)
         except (OSError, ValueError) as error:
-            raise ModelError(f"dictionary {file.name}: cannot be read: {error}") from None
+            raise ModelError(f"dictionary = {file.name!r}: cannot be read: {error}") from None
         both = self.sha256 + hashlib.sha256(lines.encode()).hexdigest()
         self.sha256 = hashlib.sha256(both.encode()).hexdigest()
         return lines

@@ -121,9 +121,9 @@ class TextSpotter(TextNetwork):
         found = np.nan_to_num(self._answer(blob), nan=0.0, posinf=0.0, neginf=0.0)
         least, most = found.min(initial=0.0), found.max(initial=0.0)
         if found.ndim != 3 or len(found) != 1 or least < -0.01 or most > 1.01:
-            seen = f"answers {list(found.shape)}, {least:g} to {most:g}"
-            must = "a text detector answers [1, height, width], a map of probabilities within 0 and 1"
-            raise ModelError(f"{self.path.name}: {seen}, to a picture; {must}")
+            seen = f"its output is {list(found.shape)}, {least:g} to {most:g}"
+            must = "must be [1, height, width], a map of probabilities >= 0 and <= 1"
+            raise ModelError(f"{self.path.name}: {seen}; {must}")
         return np.asarray(found[0], np.float32)
 
 

@@ -102,7 +102,7 @@ function drawMap(panel, now) {
   const t = Math.min(Math.max(run.threshold / most, 0.01), 0.99);
   const colorscale = !measure ? [[0, "#8c4a0b"], [t - 0.001, "#fbeedd"], [t, "#d5e5f1"], [1, "#1f5f99"]]
     : better === "lower" ? [[0, "#faf5ee"], [1, "#8c4a0b"]] : [[0, "#f1f5f9"], [1, "#1f5f99"]];
-  // A tile cannot tell where its interval holds the threshold, or there is none.
+  // Cannot tell: the interval includes the criterion, or there is none.
   const unsure = p => !measure && (p.low === null || p.high === null || p.low < run.threshold && p.high >= run.threshold);
   const ticks = ({title, texts, count}, most) => {
     const shown = texts.slice(0, count).map((_, i) => i).filter(i => i % Math.ceil(count / most) === 0);
@@ -144,10 +144,10 @@ function layLegend({view}) {
 function layWords({view, up, measure, held, mapHeld}) {
   const text = axesHeld => axesHeld.filter(axis => axis <= VELOCITY && several(axis)).map(axis => `, at ${axes[axis].texts[Number(selectOf(axis).value)]}`).join("");
   byId("reading").textContent = `One line per ${axes[view.lines].word}${text(held)}. ${view.reading} Dotted: the original pictures. `
-    + (measure ? "Of all targets together." : "Dashed: the threshold.");
+    + (measure ? "Over all targets." : "Dashed: the criterion.");
   byId("map-axes").textContent = `exposure × ${axes[up].word}`;
-  byId("colours").textContent = `${measures[measure].name}, for the choice above: a column per exposure${text(mapHeld)}. ` + (measure ? "Darker is more."
-    : `Blue: at or above the threshold ${run.threshold}; brown: below; “?”: its 95 % interval holds the threshold, or there is none.`);
+  byId("colours").textContent = `${measures[measure].name} for the selection above, a column per exposure${text(mapHeld)}. ` + (measure ? "Darker is more."
+    : `Blue: at or above the criterion ${run.threshold}; brown: below; “?”: cannot tell, as the 95 % interval includes the criterion or is missing.`);
   axes.forEach((_, axis) => {
     if (selectOf(axis)) selectOf(axis).parentElement.hidden = !held.includes(axis) && !mapHeld.includes(axis);
   });

@@ -1,4 +1,4 @@
-"""Objects that a file of settings and options name: a camera, models, pictures, threads."""
+"""Opens what options and files of settings name: the camera, the models and the pictures."""
 
 from __future__ import annotations
 
@@ -18,23 +18,25 @@ if TYPE_CHECKING:
     from blurnoise_eval.scoring.on_picture import Model
     from blurnoise_eval.system.urls import Location
 
-_HEAD = 4096  # bytes of a file of labels that show which kind it is
+_HEAD = 4096  # bytes of a file of labels from which its format is recognised
 
 
 def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> Camera:
-    """The camera of a preset's name or a file, with the colour filters if these are given; without a name the default
-    for pictures in colour or grey."""
+    """The camera of a preset or a file, with other colour filters if ``cfa`` is not None.
+
+    Without a name, the default camera for pictures in colour or in grey.
+    """
     from blurnoise_eval.cameras import find
     from blurnoise_eval.default_camera import default_camera
 
     camera = default_camera(colour=colour, cfa=cfa) if name is None else find(name)
     if cfa is None:
         return camera
-    return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "given on the command line"})
+    return replace(camera, cfa=cfa, sources={**camera.sources, "cfa": "from the command line"})
 
 
 def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | None]:
-    """The camera that is named, or the default of these pictures; and a line on it for the terminal."""
+    """The camera of the plan, or the default for these pictures; and a line about it for the terminal."""
     from blurnoise_eval.default_camera import camera_text, default_for, in_colour
 
     named = plan.camera is not None
@@ -43,13 +45,13 @@ def camera_of_run(plan: PlanFile, pictures: PictureSet) -> tuple[Camera, str | N
     return chosen, "; ".join(filter(None, [about, about_lux(plan, chosen)])) or None
 
 
-def about_lux(given: Taking, camera: Camera) -> str | None:
-    """A line on what lux rest on, where they are asked for of a camera of the user's own file."""
+def about_lux(config: Taking, camera: Camera) -> str | None:
+    """A line on how lux are calibrated, if the user sets lux for a camera of their own file."""
     from blurnoise.optics.camera import PRESETS
     from blurnoise_eval.calibration.light import lux_text
 
-    asked = getattr(given, "lux", None) is not None
-    return lux_text(camera) if asked and given.camera not in (None, *PRESETS) else None
+    has_lux = getattr(config, "lux", None) is not None
+    return lux_text(camera) if has_lux and config.camera not in (None, *PRESETS) else None
 
 
 def detector(model: Path | None, contract: str | None) -> Detector:
@@ -72,17 +74,19 @@ def models(plan: PlanFile) -> list[Model]:
     finder = _place("text_detector", plan.text_detector)
     if packaged := [path for path in map(str, paths) if path in ("ppocr", "ppocr-find")]:
         if len(paths) > 1 or finder:
-            raise ValueError(f"model: {packaged[0]} stands alone, with its own text detector")
+            raise ValueError(f"model: {packaged[0]} cannot be combined with other models or a text detector")
         found = rapidocr_models()
         if found is None:
-            raise ValueError("model = 'ppocr': needs the package rapidocr: pip install --no-deps rapidocr")
+            raise ValueError(
+                f"model = {packaged[0]!r}: needs the package rapidocr: pip install --no-deps rapidocr"
+            )
         paths, finder = [found[1]], found[0] if packaged[0] == "ppocr-find" else None
     further: Any = {"dictionary": _place("dictionary", plan.dictionary), "text_detector": finder}
     return list(open_models(paths, plan.contract or [None], **further, timeout_s=plan.model_timeout_s))
 
 
 def _place(name: str, text: str | None) -> Any:
-    """The file, folder or URL of a setting. Raises ``ValueError`` naming it."""
+    """The file, folder or URL of a setting. Raises ``ValueError`` that names the setting."""
     from blurnoise_eval.system.urls import location
 
     try:
@@ -92,7 +96,7 @@ def _place(name: str, text: str | None) -> Any:
 
 
 def kind_of(labels: Location) -> str:
-    """Which labels a file or folder holds, coco, yolo, bdd or text, by its name and first bytes."""
+    """The format of labels, coco, yolo, bdd or text, from the name and the first bytes of the file."""
     suffix = labels.suffix.lower()
     if suffix in (".yaml", ".yml") or labels.is_dir():
         return "yolo"
@@ -106,9 +110,9 @@ def kind_of(labels: Location) -> str:
 
 
 def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
-    """The first ``limit`` pictures of a labelled set, of a folder, or rendered signs. reads: text.
+    """The first ``limit`` pictures of a labelled set, of a folder, or rendered signs. reads: the models read text.
 
-    Notes of the set are written to standard error. Raises ``ValueError`` for settings that do not go together.
+    Notes about the set are written to standard error. Raises ``ValueError`` for settings that exclude each other.
     """
     from blurnoise_eval import datasets
 
@@ -117,9 +121,9 @@ def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
     if plan.limit is not None and plan.limit < 1:
         raise ValueError(f"limit = {plan.limit}: must be >= 1")
     if plan.target and kind in (None, "text"):
-        raise ValueError("target: goes with --labels of COCO, YOLO or BDD100K, whose classes it names")
+        raise ValueError("target: needs labels in COCO, YOLO or BDD100K format, with the class that it names")
     if reads and kind not in (None, "text"):
-        raise ValueError("labels: text recognisers take PP-OCR's labels, or --images alone")
+        raise ValueError(f"labels = {plan.labels!r}: must be PP-OCR labels (.txt) for a text recogniser")
     if kind == "text":
         found = datasets.texts(labels, images=images)
     elif kind is not None:
@@ -142,14 +146,14 @@ def subject(plan: PlanFile) -> tuple[list[Model], PictureSet]:
 
 
 def command() -> str:
-    """The command as it was typed, without passwords of URLs."""
+    """The command line, without the passwords of URLs."""
     from blurnoise_eval.system.urls import without_secrets
 
     return without_secrets(" ".join(["blurnoise", *sys.argv[1:]]))
 
 
 def threads(count: int | None) -> int:
-    """As many as specified, else one per usable core. Raises ``ValueError`` below 1."""
+    """The number of workers; None: one per usable core. Raises ``ValueError`` below 1."""
     from blurnoise_eval.system.machine import usable_cores
 
     count = count if count is not None else usable_cores()
