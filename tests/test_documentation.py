@@ -22,8 +22,9 @@ _ABROAD = re.compile(
 
 
 @pytest.fixture
-def parse(monkeypatch):
-    """The command line, which parses all that it is given and runs none of it."""
+def parse(tmp_path, monkeypatch):
+    """The command line, which parses all that it is given and runs none of it; '--save-plan' writes all the same."""
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(TyperCommand, "invoke", lambda self, ctx: None)
     return cli.main
 
