@@ -126,6 +126,9 @@ class Taking(Settings):
         "srgb|linear|filmic|FILE.yaml|POINTS",
         read=tone_of,
     )
+    hdr_white: float = setting(
+        1.0, "the light that is white in the merged picture of a camera of several captures, times white"
+    )
     seed: int = setting(0, "of the noise, and of the order in which decide takes pictures", "N")
 
 
@@ -208,7 +211,7 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
         from blurnoise_eval.grid.conditions import SweepPlan
         from blurnoise_eval.grid.lamps import Lamps
 
-        names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure")
+        names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure", "hdr_white")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
         held["repeats"] = repeats if self.repeats is None else self.repeats
         if lamps := {name: value for name in LAMPS if (value := getattr(self, name)) is not None}:
@@ -240,7 +243,6 @@ class SceneFile(with_axes("Conditions, a number each", "NUMBER", SCENE), Taking)
     pwm: str | None = setting(None, "HZ,DUTY[,PHASE]: a lamp of pulses; phase 0 to 1 (default: by the seed)")
     pwm_mask: str | None = setting(None, "a mask of where that lamp is, white alone (default: everywhere)")
     hdr: str | None = setting(None, "further captures, each shorter by its ratio, fused", "RATIO,...")
-    hdr_white: float = setting(1.0, "the light that is white in a fused picture, times white")
     bit_depth: Literal["8", "native"] = setting(
         "8", "8: sRGB to look at; native: the camera's digital numbers, in a 16-bit PNG", "8|native"
     )
