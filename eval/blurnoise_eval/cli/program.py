@@ -28,6 +28,7 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
     Writes DIR/program.csv (a row per light), program.json, libcamera.json (an exposure mode for a Raspberry Pi tuning
     file) and program.png.
     """
+    from blurnoise.optics.camera import longest_first_s
     from blurnoise_eval.program import report
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
@@ -41,11 +42,13 @@ def program(run: RunRead, *, given: ProgramFile, output: Folder) -> None:
         inputs = inputs_of(store, *question, given.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
+        within_s = 1 / given.fps - given.readout_ms / 1e3
         limits = of.Limits(
             frame_rate_hz=given.fps,
             readout_s=given.readout_ms / 1e3,
             mains_hz=float(given.anti_flicker or 0),
             led=given.led,
+            longest_s=longest_first_s(camera.captures, within_s) if camera.captures else 3600.0,
             gain_max_db=given.most_gain_db,
             row_time_s=given.line_time_us / 1e6,
             least_exposure_s=shortest_s if given.least_exposure_us is None else given.least_exposure_us / 1e6,
