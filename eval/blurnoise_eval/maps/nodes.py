@@ -85,7 +85,7 @@ def nodes_of(store: Store) -> Nodes:
         "its camera drives": plan.get("ego") is not None,
         "its pictures follow a trajectory": plan.get("trajectory") is not None,
         "it has lamps": plan.get("lamps") is not None,
-        "its camera takes several captures": bool(manifest["camera"].get("captures")),
+        "its camera takes several captures": bool(manifest.get("camera", {}).get("captures")),
     }
     if reason := next((text for text, holds in others.items() if holds), None):
         raise StoreError(
