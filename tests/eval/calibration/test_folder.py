@@ -105,7 +105,7 @@ def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path):
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.04)
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.1)
     assert measure(folder, cfa="none").flat[-1].pixels == 128 * 160
-    assert any(note.startswith("noticed: mosaic XGGX") for note in measure(folder).notes)
+    assert any(note.startswith("detected: colour filters XGGX") for note in measure(folder).notes)
 
 
 def test_the_camera_behind_a_mosaic(tmp_path):
