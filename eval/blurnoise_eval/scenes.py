@@ -1,4 +1,4 @@
-"""``python -m blurnoise_eval.scenes``: rendered road-sign scenes, as COCO."""
+"""``python -m blurnoise_eval.scenes``: render road-sign scenes with labels in COCO format."""
 
 from __future__ import annotations
 
@@ -17,18 +17,25 @@ from blurnoise_eval.system.terminal import say
 def scenes(
     *,
     output: Annotated[
-        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="pictures and instances.json")
+        Path,
+        Option(
+            "-o",
+            "--output",
+            parser=new_folder,
+            metavar="DIR",
+            help="folder for the pictures and instances.json",
+        ),
     ],
-    count: Annotated[int, Option(metavar="N", help="how many")] = 100,
-    size: Annotated[int, Option(metavar="PX", help="width and height")] = 320,
-    seed: Annotated[int, Option(metavar="N", help="which scenes")] = 2,
+    count: Annotated[int, Option(metavar="N", help="number of scenes")] = 100,
+    size: Annotated[int, Option(metavar="PX", help="width and height of a scene, px")] = 320,
+    seed: Annotated[int, Option(metavar="N", help="seed of the scenes")] = 2,
 ) -> None:
-    """Render labelled road-sign scenes, as COCO.
+    """Render road-sign scenes with labels in COCO format.
 
       python -m blurnoise_eval.scenes -o scenes --count 100
       blurnoise sweep --coco scenes/instances.json -o run
 
-    The same seed draws the same scenes. Trainings use 1, so those of 2, the default, are unseen.
+    The same seed gives the same scenes. The training uses seed 1, so scenes of the default seed are unseen.
     """
     from blurnoise_models.scenes import write_coco
 

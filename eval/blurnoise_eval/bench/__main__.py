@@ -1,4 +1,4 @@
-"""``python -m blurnoise_eval.bench``: what this machine and these methods do, measured."""
+"""``python -m blurnoise_eval.bench``: benchmarks of speed and error on this machine."""
 
 from __future__ import annotations
 
@@ -22,14 +22,15 @@ OF_MODELS = ("decide", "sweep")
 
 
 def bench(
-    what: Annotated[What, Argument(metavar="WHAT", help="see above")],
+    what: Annotated[What, Argument(metavar="WHAT", help="benchmark, see above")],
     *,
     model: Annotated[
-        Path | None, Option(metavar="M.onnx", help="for sweep and decide (default: the built-in one)")
+        Path | None,
+        Option(metavar="M.onnx", help="detector for sweep and decide (default: the built-in detector)"),
     ] = None,
     contract: Contract = None,
     images: Annotated[
-        Path | None, Option(metavar="DIR", help="for sweep and decide: photographs (default: rendered signs)")
+        Path | None, Option(metavar="DIR", help="pictures for sweep and decide (default: rendered signs)")
     ] = None,
     threads: Threads = None,
     output: Annotated[
@@ -39,30 +40,30 @@ def bench(
             "--output",
             parser=new_folder,
             metavar="DIR",
-            help="table, JSON and chart (default: bench-blur, bench-motion, ...)",
+            help="folder for table, JSON and chart (default: bench-WHAT)",
         ),
     ] = None,
-    quick: Annotated[bool, Option("--quick", help="fewer cases, in seconds or minutes")] = False,
+    quick: Annotated[bool, Option("--quick", help="run fewer cases, in seconds or minutes")] = False,
     as_json: Json = False,
 ) -> None:
-    """Measure on this machine: who does the same work, in which time and with which error.
+    """Benchmark methods for the same task on this machine: time and error of each.
 
-      blur     ways to blur by straight motion, beside Kornia and OpenCV
-      motion   ways to blur by a hand's shake, and by a road before a car
-      noise    ways to draw a noisy digital number, beside the exact law
-      edges    ways to measure MTF50 of a slanted edge
-      decide   the search of 'blurnoise decide' beside grids: conditions asked, and how far off the windows are
-      sweep    a sweep beside bare onnxruntime
-      augment  the augmentation beside a training step, and beside Kornia's, albumentations' and nrtk's
+      blur     straight motion blur; also Kornia and OpenCV
+      motion   blur by camera shake, and by ego-motion on a road
+      noise    noisy digital numbers, compared with the exact distribution
+      edges    MTF50 of a slanted edge
+      decide   'blurnoise decide' and grids: number of conditions, error of the windows
+      sweep    a sweep and plain onnxruntime
+      augment  the augmentation, a training step, Kornia, and albumentations and nrtk if installed
 
-      python -m blurnoise_eval.bench motion --quick          in half a minute
-      python -m blurnoise_eval.bench sweep --model m.onnx    what your network costs in a sweep
+      python -m blurnoise_eval.bench motion --quick          half a minute
+      python -m blurnoise_eval.bench sweep --model m.onnx    your own network
 
-    Open DIR/WHAT.png: down and left is better. DIR/WHAT.csv has a row per contender and case.
+    DIR/WHAT.png is a chart of time and error; down and left is better. DIR/WHAT.csv has a row per method and case.
     """  # fmt: skip
     for name, value in (("model", model), ("contract", contract), ("images", images)):
         if value is not None and what not in OF_MODELS:
-            raise ValueError(f"{name}: goes with '{' and '.join(OF_MODELS)}'")
+            raise ValueError(f"{name}: is for '{' and '.join(OF_MODELS)}' only")
     workers = inputs.threads(threads)
     folder = output or new_folder(f"bench-{what}")
 
@@ -88,7 +89,7 @@ def bench(
         say_json(result.document())
         return
     say(*result.table())
-    say(f"open {folder / f'{what}.png'}")
+    say(f"chart: {folder / f'{what}.png'}")
 
 
 if __name__ == "__main__":

@@ -101,7 +101,7 @@ class Result:
 
     def table(self) -> list[str]:
         """A line per case and contender."""
-        heads = ("case", "contender", self.contest.cost_unit, "to first", self.contest.error_unit)
+        heads = ("case", "method", self.contest.cost_unit, "to first", self.contest.error_unit)
         rows = [
             (row.case, row.contender, digits(row.cost), f"{row.to_first:.2f}", digits(row.error))
             for row in self.rows

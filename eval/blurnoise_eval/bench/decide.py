@@ -52,7 +52,9 @@ def decide(
         tables = score_tables(store, Criterion(0.9, kept=True), None)
         groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
-        raise ValueError(f"model = {detector.name!r}: finds too little of these targets for a window")
+        raise ValueError(
+            f"model = {detector.name!r}: must find more of these targets; its scores are too low for a window"
+        )
     known = (np.array([getattr(each, name) for each in groups]) for name in ("mean", "standard_error"))
     return Contest(
         "decide", f"Windows of {detector.name}", [partial(case, Truth(groups[0].places, *known))],

@@ -59,11 +59,11 @@ def remarks(dark: Sequence[Level], flat: Sequence[Level]) -> list[str]:
     every = (
         (
             dim,
-            f"left out: {len(dim)} flat levels too dim to tell a steady lamp from the dark frames' scatter: {names}",
+            f"left out: {len(dim)} flat levels that are too dim to check the lamp: {names}",
         ),
         (
             lamp > LEAST_LAMP,
-            f"the lamp's light differs by up to {lamp:.1%} within a level: taken off the noise",
+            f"the light of the lamp varies by up to {lamp:.1%} within a level; this is subtracted from the noise",
         ),
     )
     return [text for applies, text in every if applies]
@@ -75,25 +75,27 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
         zero, noise = level.share(0), math.sqrt(level.variance_dn2)
         cut = level.highest_dn == 0 or (zero > PILED and level.mean_dn + 0.5 < 3 * noise)
         share = f"{100 * zero:.3g} % of its pixels are 0"
-        refuse(cut, f"{level}: clipped, {share}; raise the camera's black level")
+        refuse(cut, f"{level}: is clipped, {share}; raise the black level of the camera")
     rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
-    lamp = "use a steady lamp, or exposures of whole periods"
+    lamp = "use a constant lamp, or exposures of whole periods"
     for level in flat:
-        differs = f"its frames' light differs by {level.lamp_spread:.2%}; must be below {MOST_FLICKER:.0%}"
-        refuse(level.lamp_spread > MOST_FLICKER, f"{level}: flickering, {differs}: {lamp}")
+        differs = (
+            f"the light of its frames varies by {level.lamp_spread:.2%}; must be below {MOST_FLICKER:.0%}"
+        )
+        refuse(level.lamp_spread > MOST_FLICKER, f"{level}: flicker: {differs}; {lamp}")
         bands = level.row_share > rows + 5 / math.sqrt(level.pixels) and level.share(level.highest_dn) < PILED
-        share = f"its rows share {level.row_share:.2%} of the noise"
-        refuse(bands, f"{level}: flickering in bands, {share}: {lamp}")
+        share = f"rows have {level.row_share:.2%} of the noise in common"
+        refuse(bands, f"{level}: flicker in bands: {share}; {lamp}")
 
 
 def check_noise(flat: Sequence[Level]) -> None:
     """Raise ``ValueError`` where neighbours' noise is alike, as demosaicing, denoising and lossy formats leave it."""
     for level in flat:
         alike = abs(level.correlation) > MOST_CORRELATION + 5 / math.sqrt(level.pixels)
-        raw = "must be the sensor's own numbers, not demosaiced, denoised, resized or compressed"
-        why = f"filtered or lossy, the noise of neighbouring pixels correlates by {level.correlation:.2f}"
+        raw = "must be raw numbers of the sensor, not demosaiced, denoised, resized or compressed"
+        why = f"the noise of neighbouring pixels has a correlation of {level.correlation:.2f}"
         refuse(alike and level.variance_dn2 > 0.5, f"{level}: {why}; {raw}")
-        same = f"{level}: all frames are the same; must be taken one after the other"
+        same = f"{level}: all frames are equal; each frame must be a new exposure"
         refuse(level.variance_dn2 == 0, same)
 
 
@@ -101,8 +103,8 @@ def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
     """Raise ``ValueError`` where a level is off the line by more than 5 %."""
     worst, over = found.deviation[found.worst], "exposure" if found.light == "s" else "light"
     why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
-    raw = "raw numbers without gamma, and a steady lamp"
-    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: not linear, {why}: {raw}")
+    raw = "use raw numbers without gamma, and a constant lamp"
+    refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: is not linear: {why}; {raw}")
 
 
 def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tuple[float | None, list[int]]:
@@ -129,8 +131,8 @@ def clipping(flat: Sequence[Level], dark_dn: float, full_scale_dn: float) -> tup
         linear = [place for place in whole if flat[place].mean_dn - dark_dn <= USED * (clip - dark_dn)]
         whole = linear if len(linear) >= FEWEST_FLAT else whole
     lost = f"{len(flat) - len(whole)} of {len(flat)} flat levels reach {limit:g} DN"
-    must = f"must be {FEWEST_FLAT} or more below it: shorter exposures, or less light"
-    refuse(len(whole) < FEWEST_FLAT, f"frames: clipped, {lost}; {must}")
+    must = f"{FEWEST_FLAT} or more must stay below it; use shorter exposures or less light"
+    refuse(len(whole) < FEWEST_FLAT, f"frames: are clipped: {lost}; {must}")
     return clip, whole
 
 
@@ -165,8 +167,8 @@ def warming(dark: Sequence[Level], fit: Transfer) -> Doubt | None:
     does, get = ("warms", "brighter") if rate > 0 else ("cools", "darker")
     return Doubt(
         ("dark_current_e_s", "black_level_dn", "read_noise_e"),
-        f"the sensor {does}: dark frames of one exposure get {get} one after the other, and dark current changes by "
-        f"about {change / fit.gain:.2g} e-/s over all; take them once the camera has settled",
+        f"the sensor {does}: successive dark frames of one exposure get {get}, and the dark current changes by "
+        f"about {change / fit.gain:.2g} e-/s in all; wait until the temperature is constant",
         (change / 2 if fit.dark.change else (1 + 1 / len(dark)) * change) / fit.gain,
     )
 
@@ -184,10 +186,8 @@ def _settling(dark: Sequence[Level]) -> Doubt | None:
             continue
         does, get = ("warms", "brighter") if slope > 0 else ("cools", "darker")
         change = abs(slope) * (level.frames - 1)
-        text = (
-            f"the sensor {does}: frames of {level} get {get} one after the other, by {change:.2g} DN in all"
-        )
-        return Doubt(("black_level_dn",), f"{text}; take them once the camera has settled", change / 2)
+        text = f"the sensor {does}: successive frames of {level} get {get}, by {change:.2g} DN in all"
+        return Doubt(("black_level_dn",), f"{text}; wait until the temperature is constant", change / 2)
     return None
 
 
@@ -199,8 +199,8 @@ def hot_pixels(pattern: Pattern, fit: Transfer) -> Doubt | None:
     share = 100 * pattern.outliers / pattern.pixels
     return Doubt(
         ("dsnu_e", "dark_current_e_s"),
-        f"hot pixels: {pattern.outliers} ({share:.2g} %) are far outside the dark pattern; DSNU and PRNU are "
-        f"those of the others (DSNU {with_them / fit.gain:.3g} e- with them), dark current is the mean with them",
+        f"hot pixels: {pattern.outliers} ({share:.2g} %) are far outside the dark pattern; DSNU and PRNU exclude "
+        f"them (DSNU would be {with_them / fit.gain:.3g} e- with them), the mean dark current includes them",
     )
 
 
@@ -223,9 +223,9 @@ def tone_curve(dark: Sequence[Level], flat: Sequence[Level], fit: Transfer) -> D
         return None
     return Doubt(
         ("system_gain_dn_per_e", "read_noise_e", "dark_current_e_s", "dsnu_e"),
-        f"not linear: the variance over the signal goes with the signal to the power {power:+.2f}, as behind a tone "
-        f"curve (gamma {1 / (1 - power):.2f}) or noise reduction; gain and all figures in electrons may be off by "
-        f"{100 * abs(power) * span:.0f} %: take raw frames",
+        f"not linear: variance / signal is proportional to the signal to the power {power:+.2f}, as after a tone "
+        f"curve (gamma {1 / (1 - power):.2f}) or noise reduction; gain and all values in electrons may be off by "
+        f"{100 * abs(power) * span:.0f} %; use raw frames",
         fit.gain * abs(power) * span,
     )
 
@@ -261,15 +261,15 @@ def stray_light(
     true_share = 1 - noise / signal**2 * len(seen) / power  # of what varies over the response
     if found > SURELY * error and found > LEAST_STRAY * true_share * black.slope and true_share > 0.05:
         of_dark = min(1.0, found / true_share / black.slope)
-        what = f"{100 * of_dark:.0f} % of the dark current grows with the pixels' sensitivity to light"
+        what = f"{100 * of_dark:.0f} % of the dark current is proportional to the sensitivity of the pixels to light"
     else:
         one, other = (_blocks(each) for each in (growth, again))
         common, own = float(np.cov(one, other)[0, 1]), float((one - other).var()) / 2
         of_dark = math.sqrt(max(0.0, common)) / black.slope
         if of_dark <= LEAST_UNEVEN or common <= own:
             return None
-        what = f"dark current differs over the picture by {100 * of_dark:.0f} % RMS, unless the camera itself glows"
-    text = f"light in dark frames: {what}: cover the lens"
+        what = f"the dark current varies over the picture by {100 * of_dark:.0f} % RMS (or the sensor itself glows)"
+    text = f"light in dark frames: {what}; cover the lens"
     return Doubt(("dark_current_e_s", "dsnu_e"), text, of_dark * black.slope / fit.gain)
 
 

@@ -99,7 +99,8 @@ def measure(
     highest_dn = max(level.highest_dn for each in (taken, *others) for level in (*each.dark, *each.flat))
     bits = bit_depth or next(bits for bits in (8, 10, 12, 14, 16) if highest_dn < 2**bits)
     refuse(
-        highest_dn >= 2**bits, f"bit_depth = {bits}: frames hold {highest_dn}; must be at most {2**bits - 1}"
+        highest_dn >= 2**bits,
+        f"bit_depth = {bits}: allows numbers up to {2**bits - 1}, but the frames contain {highest_dn}",
     )
     fitted = _fitted(taken, 2.0**bits - 1)
     found, clip_dn, dark, flat = fitted.fit, fitted.clip_dn, taken.dark, taken.flat
@@ -230,7 +231,7 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     checks.check_levels(dark, [level for place, level in enumerate(flat) if place not in dim])
     clip_dn, used = checks.clipping(flat, taken.line.offset, full_scale_dn)
     used = [place for place in used if place not in dim]
-    few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; must be {FEWEST_FLAT} or more that are not"
+    few = f"frames: {len(dim)} of {len(flat)} flat levels are too dim; {FEWEST_FLAT} brighter ones are needed"
     refuse(len(used) < FEWEST_FLAT, few)
     checks.check_noise([flat[place] for place in used])
     pattern = levels.dark_pattern(taken.stack.halves)
@@ -247,14 +248,14 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
 
 def _notes(fit: Transfer, step: int) -> list[str]:
     """What was assumed, and what else to know of the figures."""
-    bounds = ", and are bounds only, with black level and dark current"
+    bounds = "; these, black level and dark current are bounds only"
     bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
-    dark = f"noise in the dark is {fit.noise_dn:.2g} DN before rounding, which rules there"
-    hidden = "the camera takes dark charge off the mean: dark current is that of the variance"
+    dark = f"the noise in the dark, {fit.noise_dn:.2g} DN, is smaller than the rounding"
+    hidden = "the camera subtracts the dark signal; the dark current is measured from the variance"
     every = (
-        (step > 1, f"all numbers are multiples of {step}: counted in steps of {step}"),
-        (fit.rounding, f"{dark}: read noise and DSNU rest on the noise being normal{bounds}"),
+        (step > 1, f"all digital numbers are multiples of {step}; they are counted in steps of {step}"),
+        (fit.rounding, f"{dark}; read noise and DSNU assume normal noise{bounds}"),
         (fit.hidden_dn2_s[0] > 0, hidden),
-        (fit.widened, "the variances scatter beyond chance about the line: intervals are widened for that"),
+        (fit.widened, "the variances scatter more than expected about the line; the intervals are widened"),
     )
     return [text for applies, text in every if applies]

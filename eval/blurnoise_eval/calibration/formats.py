@@ -78,7 +78,9 @@ class RawLayout:
             width, height = (int(side) for side in size.split("x"))
             (row,) = [int(each) for each in stride] or [0]
         except ValueError:
-            must = "must be PACKING,WIDTHxHEIGHT or PACKING,WIDTHxHEIGHT,STRIDE, as in mipi10,4056x3040,5072"
+            must = (
+                "must be PACKING,WIDTHxHEIGHT or PACKING,WIDTHxHEIGHT,STRIDE, such as mipi10,4056x3040,5072"
+            )
             raise ValueError(f"raw_layout = {text!r}: {must}") from None
         packing = PACKINGS[one_of("raw_layout", name, PACKINGS)]
         for side, pixels in (("width", width), ("height", height)):
@@ -136,13 +138,16 @@ def read_plane(path: Path, layout: RawLayout | None = None, page: int = 0) -> Pl
     """
     with naming(path):
         with path.open("rb") as file:
-            lossy = "JPEG is lossy, which alters noise; must be PNG, TIFF, NPY, FITS or raw"
+            lossy = "is a JPEG file, whose compression changes the noise; must be PNG, TIFF, NPY, FITS or raw"
             refuse(file.read(3) == _JPEG, lossy)
         plane = format_of(path).read(path, layout, page)
-        colours = f"shape {plane.shape}: must be one plane, as the sensor gives it, not colours"
+        colours = f"shape = {plane.shape}: must be one channel of raw numbers, not colours"
         refuse(plane.ndim != 2, colours)
         size = "{1} x {0}".format(*plane.shape)
-        refuse(min(plane.shape) < SMALLEST_PX, f"{size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}")
+        refuse(
+            min(plane.shape) < SMALLEST_PX,
+            f"size = {size} px: must be at least {SMALLEST_PX} x {SMALLEST_PX}",
+        )
     return plane if plane.dtype == np.uint8 else plane.astype(np.uint16)
 
 
@@ -178,7 +183,7 @@ def _tiff_pages(path: Path, _: RawLayout | None) -> int:
             entries = int.from_bytes(file.read(count_bytes), order)
             file.seek(place + count_bytes + entry * entries)
             found = file.read(link)
-            refuse(len(found) < link, f"cut short: page {len(pages) + 1} cannot be read")
+            refuse(len(found) < link, f"is incomplete; page {len(pages) + 1} cannot be read")
             pages.append(place)
             place = int.from_bytes(found, order)
     return max(1, len(pages))
@@ -188,28 +193,26 @@ def _array(path: Path) -> NDArray[Any]:
     try:
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise ValueError(f"is no NPY file: {error}") from None
-    refuse(values.ndim not in (2, 3), f"shape {values.shape}: must be (H, W), or (N, H, W) of N frames")
-    refuse(not values.size, f"shape {values.shape}: holds no frame")
+        raise ValueError(f"is not an NPY file: {error}") from None
+    refuse(values.ndim not in (2, 3), f"shape = {values.shape}: must be (H, W), or (N, H, W) for N frames")
+    refuse(not values.size, f"shape = {values.shape}: must not be empty")
     return values if values.ndim == 3 else values[None]
 
 
 def _whole(plane: NDArray[Any]) -> NDArray[Any]:
     number = plane.dtype.kind in "uif"
     whole = number and ((plane >= 0) & (plane <= 65535) & (plane == np.round(plane))).all()
-    refuse(not whole, "must hold whole numbers from 0 to 65535, as the converter gives them, not averages")
+    refuse(not whole, "must contain integers from 0 to 65535, not averages")
     return plane
 
 
 def _bytes(path: Path, layout: RawLayout | None) -> NDArray[np.uint8]:
     if layout is None:
         names = ", ".join(PACKINGS)
-        raise ValueError(
-            f"a file without a header: state --raw-layout PACKING,WIDTHxHEIGHT (packing: {names})"
-        )
+        raise ValueError(f"has no header; set --raw-layout PACKING,WIDTHxHEIGHT (packing: {names})")
     held, of = path.stat().st_size, layout.frame_bytes
     rows = f"{layout.height} rows of {layout.stride} bytes"
-    refuse(not held or held % of, f"{held} bytes: must be {of}, {rows}, or a multiple of it")
+    refuse(not held or held % of, f"has {held} bytes; must have {of}, {rows}, or a multiple of it")
     return np.memmap(path, np.uint8, "r").reshape(-1, of)
 
 
@@ -233,8 +236,8 @@ def _fits_header(path: Path) -> tuple[dict[str, Any], int]:
                 elif card[8:10] == "= ":
                     text = value.split("/")[0].strip().replace("D", "E")
                     header[name] = float(text) if text[-1:].isdigit() or text[-1:] == "." else text
-            refuse("SIMPLE" not in header, "is no FITS file: it does not begin with SIMPLE")
-    raise ValueError("is no FITS file: its header has no END")
+            refuse("SIMPLE" not in header, "is not a FITS file; it does not begin with SIMPLE")
+    raise ValueError("is not a FITS file; its header has no END")
 
 
 def _number(header: Mapping[str, Any], key: str, default: float) -> float:
@@ -251,13 +254,16 @@ def _fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
         int(_number(header, f"NAXIS{axis}", 0)) for axis in range(int(_number(header, "NAXIS", 0)), 0, -1)
     ]
     two = len(axes) in (2, 3) and min(axes) > 0
-    refuse(not two, f"axes {axes}: must be 2 or 3 in the primary array (no compressed or tabular extension)")
+    refuse(
+        not two,
+        f"axes = {axes}: must be 2 or 3 in the primary array (compressed extensions and tables are not supported)",
+    )
     bits = int(_number(header, "BITPIX", 0))
     kind = _FITS_NUMBERS.get(bits, "")
     refuse(not kind, f"BITPIX = {bits}: must be one of {', '.join(map(str, _FITS_NUMBERS))}")
     needed = start + np.dtype(kind).itemsize * math.prod(axes)
     held = path.stat().st_size
-    refuse(held < needed, f"{held} bytes: must be {needed}, by its header")
+    refuse(held < needed, f"has {held} bytes; must have {needed} according to its header")
     values: NDArray[Any] = np.memmap(path, kind, "r", start, tuple(axes))
     return values.reshape(-1, *axes[-2:]), header
 
@@ -294,7 +300,7 @@ def _opened(path: Path) -> Iterator[Any]:
         with rawpy.imread(str(path)) as raw:
             yield raw
     except rawpy.LibRawError as error:
-        raise ValueError(f"is no picture that OpenCV or LibRaw reads ({error})") from None
+        raise ValueError(f"must be a picture that OpenCV or LibRaw can read ({error})") from None
 
 
 def _raw(path: Path, *_: object) -> NDArray[Any]:

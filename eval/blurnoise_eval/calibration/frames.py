@@ -54,25 +54,26 @@ class Folder:
         alone = [frames[0].file.name for frames in every if len(frames) == 1]
         if alone:
             self.notes.append(
-                f"left out: {len(alone)} frames alone at their exposure, as {alone[0]}; two tell noise from pattern"
+                f"left out: {len(alone)} frames that are single at their exposure, such as {alone[0]}; two are needed"
             )
         self.dark = [frames for frames in levels if frames[0].kind == "dark"]
         self.flat = [frames for frames in levels if frames[0].kind == "flat"]
         refuse(
-            not self.dark, "frames: no dark ones; must be two or more of one exposure, with the lens covered"
+            not self.dark,
+            "frames: dark frames are missing; take two or more at one exposure, with the lens covered",
         )
-        few = f"frames: {len(self.flat)} flat exposures of two frames or more; must be 3, better 8 or more"
+        few = f"frames: {len(self.flat)} flat exposures with two frames or more; must be 3 or more, better 8"
         refuse(len(self.flat) < FEWEST_FLAT, few)
         for gain_db in sorted({frames[0].gain_db for frames in levels} - {*self.gains_db}):
             self.notes.append(
-                f"left out: the frames at {gain_db:g} dB: must be dark levels and {FEWEST_FLAT} flat ones"
+                f"left out: the frames at {gain_db:g} dB; dark levels and {FEWEST_FLAT} flat levels are needed"
             )
-        none = f"frames: dark levels and {FEWEST_FLAT} flat ones must be of one gain_db; they are of none"
+        none = f"frames: no gain_db has dark levels and {FEWEST_FLAT} flat levels"
         refuse(not self.gains_db, none)
         celsius = [frame.temperature_c for frame in ordered if frame.temperature_c is not None] or [0.0]
         if max(celsius) - min(celsius) > _SETTLED_C:
-            warmed = f"the sensor was at {min(celsius):g} to {max(celsius):g} degrees C"
-            self.notes.append(f"{warmed}: its dark current is that of no one temperature")
+            warmed = f"the temperature of the sensor varies from {min(celsius):g} to {max(celsius):g} °C"
+            self.notes.append(f"{warmed}; the dark current is a mean over it")
         before = ""
         held = np.zeros(1 << 16, bool)
         pictures: dict[int, Frame] = {}
@@ -84,7 +85,7 @@ class Folder:
             height, width = plane.shape
             here = f"{width} x {height} px, {8 * plane.itemsize} bits"
             before = before or here
-            mixed = f"{frame.file}: mixed frames, this is {here}; those before it {before}"
+            mixed = f"{frame.file}: frames differ in size or depth: {here}, but {before} before"
             refuse(here != before, mixed)
             means = [plane[row::2, column::2].mean() for row in (0, 1) for column in (0, 1)]
             places[frame.kind].append(np.array(means))
@@ -92,14 +93,14 @@ class Folder:
         stated = {frame.cfa for frame in ordered} - {None}
         refuse(
             not cfa and len(stated) > 1,
-            f"frames: of several mosaics, {sorted(map(str, stated))}; state --cfa",
+            f"frames: have several colour filter arrays, {sorted(map(str, stated))}; set --cfa",
         )
         # of the frame that shows it best: neither dim nor clipped
         light = max(places["flat"], key=np.ptp) - np.mean(places["dark"])
         self.cfa: str | None = cfa or next(iter(stated), None) or _noticed(light)
         self.place: tuple[int, int] | None = None
         if self.cfa not in (None, "none"):
-            self._take_apart(str(self.cfa), light, "" if cfa or stated else "noticed: ")
+            self._take_apart(str(self.cfa), light, "" if cfa or stated else "detected: ")
 
     def _take_apart(self, cfa: str, light: Floats, how: str) -> None:
         """light (4,): mean signal of the four places."""
@@ -110,8 +111,8 @@ class Folder:
         )
         name = {"G": "green", "C": "clear"}[cfa[used]]
         where = f"those in row {self.place[0] + 1}, column {self.place[1] + 1} of each 2 x 2"
-        figures = f"{how}mosaic {cfa}: figures are of the {name} pixels, {where}"
-        self.notes.append(f"{figures}; signal of the others over theirs: {others}")
+        figures = f"{how}colour filters {cfa}: values are for the {name} pixels, {where}"
+        self.notes.append(f"{figures}; relative signal of the others: {others}")
 
     @property
     def gains_db(self) -> list[float]:
@@ -150,7 +151,7 @@ def _check_new(plane: Plane, frame: Frame, before: dict[int, Frame]) -> None:
     if first is frame or np.bincount(plane.ravel()).max() > _EVEN * plane.size:
         return
     same = f"page {frame.page}: is the same picture as {first.file.name}, page {first.page}"
-    raise ValueError(f"{frame.file}: {same}; each must be taken anew")
+    raise ValueError(f"{frame.file}: {same}; each frame must be a new exposure")
 
 
 def _noticed(light: Floats) -> str | None:

@@ -1,4 +1,4 @@
-"""Cameras of libcamera's tuning files for Raspberry Pi: figures that its tool (utils/raspberrypi/ctt) measured.
+"""Cameras from tuning files of libcamera for Raspberry Pi, with values measured by its tool (utils/raspberrypi/ctt).
 
 ``rpi.noise``: noise over the root of the mean, 16-bit DN, whose square is K. ``rpi.lux``: mean of a chart's picture,
 balanced to green, black still in it, at a stated light, time and gain. ``rpi.ccm``, ``rpi.awb``: by colour
@@ -42,10 +42,11 @@ def camera_of_libcamera(path: Path, *, base: str, bit_depth: int | None = None) 
         document = read_document(path)
         listed: Any = document.get("algorithms") if isinstance(document, Mapping) else None
         refuse(
-            not isinstance(listed, list), "is no tuning file of libcamera for Raspberry Pi: has no algorithms"
+            not isinstance(listed, list),
+            "must be a tuning file of libcamera for Raspberry Pi, with 'algorithms'",
         )
         algorithms = {name: of for each in listed if isinstance(each, Mapping) for name, of in each.items()}
-        bits: Known = {} if bit_depth is None else {"bit_depth": (bit_depth, "stated with the file")}
+        bits: Known = {} if bit_depth is None else {"bit_depth": (bit_depth, "from --bit-depth")}
         camera = on_base(path.stem, bits, base)
         camera = changed(camera, _levels(algorithms, camera, path.name))
         camera = changed(camera, _colours(algorithms, camera, path.name))
@@ -59,18 +60,18 @@ def _levels(of: Algorithms, camera: Camera, file: str) -> Known:
     """Gain, noise and levels."""
     per_dn = 2.0 ** (16 - camera.bit_depth)
     slope, constant = (float(of["rpi.noise"][f"reference_{name}"]) for name in ("slope", "constant"))
-    refuse(not slope > 0, f"rpi.noise: reference_slope = {slope:g}; must be > 0")
+    refuse(not slope > 0, f"rpi.noise: reference_slope = {slope:g}: must be > 0")
     black = float(of["rpi.black_level"]["black_level"]) / per_dn
     gain = slope**2 / per_dn
     found: Known = {
         "system_gain_dn_per_e": (
             gain,
-            f"derived: rpi.noise of {file}, slope squared; of patches, with their pattern",
+            f"derived: rpi.noise of {file}, slope squared; measured on patches, fixed pattern included",
         ),
         "black_level_dn": (black, f"derived: rpi.black_level of {file}"),
         "full_well_e": (
             (camera.full_scale_dn - black) / gain,
-            "derived: full scale less black over K; the well may hold more",
+            "derived: (full scale - black) / K; the full well may be larger",
         ),
     }
     if constant > 0:
@@ -114,8 +115,8 @@ def _light(of: Algorithms, camera: Camera, file: str) -> Known:
     per_dn = 2.0 ** (16 - camera.bit_depth) * camera.system_gain_dn_per_e * gain
     mean_e = (lit["reference_Y"] - of["rpi.black_level"]["black_level"]) / per_dn
     source = (
-        f"derived: rpi.lux of {file}, a ColorChecker of mean reflectance {_CHART:g} (assumed; the picture's is not "
-        "stated, by a third either way)"
+        f"derived: rpi.lux of {file}, a ColorChecker with mean reflectance {_CHART:g} (assumed, to within a third; "
+        "the file does not contain it)"
     )
     return found | tied(camera, mean_e / (lux_s * _CHART), source, _LIT_BY)
 

@@ -62,8 +62,8 @@ def tied(camera: Camera, measured: float, source: str, illuminant: str | Curve =
             found["quantum_efficiency"] = (scaled(camera.quantum_efficiency, share), f"{by}; {own}")
         except ValueError:
             held = ", ".join(f"{name} = {getattr(camera, name):g}" for name in ("f_number", "pixel_pitch_um"))
-            needs = f"need {share:.3g} times the quantum efficiency, above 1: {held} must be the camera's own"
-            raise ValueError(f"{measured:.4g} {_TIED}: {needs}; a file for --base states them") from None
+            needs = f"need {share:.3g} times the quantum efficiency, above 1; {held} may be wrong"
+            raise ValueError(f"{measured:.4g} {_TIED}: {needs}; set them in a file for --base") from None
     return found
 
 
@@ -108,7 +108,7 @@ def of_grey_card(found: Measurement, camera: Camera, grey_card: str | None) -> K
     if not lit:
         if grey_card is not None:
             raise ValueError(
-                f"grey_card = {grey_card!r}: needs lux, as in 500,0.18, or illuminance_lux in frames.csv"
+                f"grey_card = {grey_card!r}: needs lux, such as 500,0.18, or illuminance_lux in frames.csv"
             )
         return {}
     exposure_s, mean_dn = columns([level for level, _ in lit], "exposure_s", "mean_dn")
@@ -120,17 +120,21 @@ def of_grey_card(found: Measurement, camera: Camera, grey_card: str | None) -> K
     error = Z * per_lux_s * math.hypot(scatter, found.fit.error(1) / found.fit.gain)
     interval = "-".join(ends(Estimate(per_lux_s, per_lux_s - error, per_lux_s + error)))
     of_card = f"reflectance {reflectance:g}" + (" (assumed)" if grey_card is None else "")
-    source = f"measured: {len(lit)} levels of a grey card, {of_card}, 95 % {interval} without the lux meter's"
+    source = f"measured: {len(lit)} levels of a grey card, {of_card}, 95 % {interval} (without the lux meter's error)"
     return tied(camera, per_lux_s, source)
 
 
 def lux_text(camera: Camera) -> str | None:
-    """A line on the figures that lux rest on and that were assumed of this camera; None where none was."""
+    """A line on the assumed values on which lux of this camera depend; None if there are none."""
     sources = {name: camera.sources.get(name, "") for name in RESTS_ON}
     tied_by = {name: before for name in RESTS_ON for before, of, _ in [sources[name].partition(_TIED)] if of}
     assumed = [name for name, source in (tied_by or sources).items() if "assum" in source]
     shown = [
         name if name == "quantum_efficiency" else f"{name} {getattr(camera, name):.4g}" for name in assumed
     ]
-    measures = "a grey card under a lux meter measures them: 'blurnoise cameras fit --grey-card'"
-    return f"camera: {camera.name}, lux rest on assumed {', '.join(shown)}; {measures}" if shown else None
+    measures = "measure them with a grey card and a lux meter: 'blurnoise cameras fit --grey-card'"
+    return (
+        f"camera: {camera.name}, lux depend on assumed values of {', '.join(shown)}; {measures}"
+        if shown
+        else None
+    )

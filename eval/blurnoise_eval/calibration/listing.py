@@ -92,7 +92,7 @@ class _Headers:
         """The frames with their gains. Raises ``ValueError`` for settings whose gains are unknown."""
         different = sorted({*self._settings.values()})
         numbers = ", ".join(f"{setting:g}" for setting in different)
-        unit = "their unit is the maker's: state the column gain_db in frames.csv"
+        unit = "their unit depends on the manufacturer; add the column gain_db to frames.csv"
         refuse(len(different) > 1, f"GAIN in the headers = {numbers}: {unit}")
         if not self._isos:
             return Listing(frames, notes)
@@ -101,7 +101,7 @@ class _Headers:
         with_gain = [
             each.model_copy(update={"gain_db": gains.get(each.file, each.gain_db)}) for each in frames
         ]
-        return Listing(with_gain, [*notes, f"ISO {base:g}, the lowest, counts as 0 dB of gain"])
+        return Listing(with_gain, [*notes, f"ISO {base:g}, the lowest, is used as 0 dB of gain"])
 
 
 def _frame(fields: dict[str, Any]) -> Frame:
@@ -140,8 +140,8 @@ def list_frames(folder: Path, layout: RawLayout | None = None) -> Listing:
         found = _described(descriptors[0])
     else:
         found = _named(folder, layout)
-    must = f"must hold {_LIST}, a descriptor of EMVA 1288, or files named like flat_10ms_1.png, or raw files"
-    refuse(not found.frames, f"{folder}: no frames: {must}")
+    must = f"must contain {_LIST}, a descriptor of EMVA 1288, files with names such as flat_10ms_1.png, or raw files"
+    refuse(not found.frames, f"{folder}: no frames; {must}")
     return found
 
 
@@ -158,24 +158,24 @@ def _listed(source: Path, layout: RawLayout | None) -> Listing:
                 for frame in _row(source.parent, headers, names, cells, layout):
                     page = frame.file, frame.page
                     twice = (
-                        f"file {frame.file.name!r}, page {frame.page}: is in line {lines.get(page)} already"
+                        f"file {frame.file.name!r}, page {frame.page}: is already in line {lines.get(page)}"
                     )
                     refuse(page in lines, twice)
                     lines[page] = rows.line_num
                     frames.append(frame)
         except (ValueError, csv.Error) as error:
             raise ValueError(f"line {rows.line_num}: {error}") from None
-        refuse(not frames, "no frames: must have a line for each file")
+        refuse(not frames, "no frames; must have a line for each file")
         return headers.apply(frames)
 
 
 def _columns(header: Sequence[str]) -> list[str]:
     """Names of the columns, in small letters."""
     names = [name.strip().lower() for name in header]
-    separated = "columns must be separated by commas, and decimals written with a point"
+    separated = "columns must be separated by commas, with a decimal point in numbers"
     refuse(len(names) == 1 and re.search(r"[;\t]", names[0]), f"{header[:1]}: {separated}")
     twice = [name for name in names if name and names.count(name) > 1]
-    refuse(twice, f"column {', '.join(twice[:1])!r}: must be there once")
+    refuse(twice, f"column {', '.join(twice[:1])!r}: must occur once")
     return names
 
 
@@ -183,7 +183,9 @@ def _row(
     folder: Path, headers: _Headers, names: Sequence[str], cells: Sequence[str], layout: RawLayout | None
 ) -> Iterator[Frame]:
     """The frames of a line of frames.csv."""
-    refuse(len(cells) > len(names), f"{len(cells)} cells; must be at most {len(names)}, as the header has")
+    refuse(
+        len(cells) > len(names), f"{len(cells)} values; must be at most {len(names)}, the number of columns"
+    )
     given: dict[str, Any] = {
         name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()
     }
@@ -216,7 +218,7 @@ def _described(source: Path) -> Listing:
             raise ValueError(f"{source}: line {number}: {text}") from None
     here = [frame for frame in frames if frame.file.is_file()]
     absent = len(frames) - len(here)
-    notes = [f"{source.name} lists {len(frames)} pictures, {absent} of which are not there and left out"]
+    notes = [f"{source.name} lists {len(frames)} pictures; {absent} of them are missing and left out"]
     return Listing(here, notes if absent else [], bits or None)
 
 
@@ -242,7 +244,5 @@ def _named(folder: Path, layout: RawLayout | None) -> Listing:
             unknown += [path.name] if kind else []
         elif kind or len(fields) > 1 + len(given):
             frames += _pages({"kind": "flat", **fields}, layout)
-    none = (
-        f"left out: {len(unknown)} files that state no exposure, by name or header, as {''.join(unknown[:1])}"
-    )
+    none = f"left out: {len(unknown)} files without an exposure in name or header, such as {''.join(unknown[:1])}"
     return headers.apply(frames, [none] if unknown else [])

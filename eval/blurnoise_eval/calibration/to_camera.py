@@ -59,7 +59,7 @@ def camera_of(
     for figure, estimate in estimates.items():
         source = f"measured: photon transfer of {found.frames}, 95 % {'-'.join(ends(estimate))}"
         if figure == "full_well_e" and (found.clip_dn or 0) >= full_scale:
-            source += "; the converter clips there, the well may hold more"
+            source += "; the converter clips there, the full well may be larger"
         source += "; 0 is within" if estimate.low <= 0 == estimate.value else ""
         doubted = [doubt.text for doubt in found.doubts if figure in doubt.figures]
         known[figure] = (estimate.value, "; doubtful: ".join([source, *doubted]))
@@ -79,10 +79,10 @@ def camera_of(
         known["quantum_efficiency"] = (preset.quantum_efficiency, source)
     if "full_well_e" not in known:
         gain, black = (estimates[each].value for each in ("system_gain_dn_per_e", "black_level_dn"))
-        limit = "assumed: the converter's limit; no frame clips"
+        limit = "assumed: the limit of the converter, as no frame clips"
         known["full_well_e"] = ((full_scale - black) / gain, limit)
     if "dark_current_e_s" not in estimates:
-        part = "assumed: dark frames of one exposure do not show it; part of the black level"
+        part = "assumed: not measurable with one dark exposure; part of the black level"
         known["dark_current_e_s"] = (0.0, part)
     elif temperature_c is not None:
         known["dark_reference_c"] = (temperature_c, "stated with the frames")
@@ -93,7 +93,7 @@ def _gains(found: Measurement, preset: Camera) -> Known:
     """What was measured at gains, or that nothing was."""
     lowest = f"; {_COUNTED}{found.lowest_db:g} dB, the lowest measured" if found.lowest_db else ""
     if not found.gains:
-        law = f"assumed: frames of one gain do not show it, so the law of the preset {preset.name} holds{lowest}"
+        law = f"assumed: from the preset {preset.name}, as the frames have one gain{lowest}"
         return {"read_noise_post_share": (preset.read_noise_post_share, law)}
     rows = [
         MeasuredGain(gain_db, **{name: estimate.value for name, estimate in figures.items()})
@@ -172,7 +172,7 @@ def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
 def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     """Gain, noise and levels, with their sources."""
     profile = _numbers(tags, NOISE_PROFILE)
-    refuse(not profile, "states no NoiseProfile (tag 51041); measure frames: blurnoise cameras fit FOLDER")
+    refuse(not profile, "has no NoiseProfile (tag 51041); use frames: blurnoise cameras fit FOLDER")
     pairs = len(profile) % 2 == 0 and np.isfinite(profile).all() and min(profile[::2]) > 0
     refuse(not pairs, f"NoiseProfile = {profile}: must be pairs of S > 0 and O")
     planes = np.reshape(profile, (-1, 2)).tolist()
@@ -192,7 +192,7 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     return {
         "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),
         "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}, less the rounding of 1/12 DN²"),
-        "full_well_e": (span / gain, f"derived: white less black over K, {of}; the well may hold more"),
+        "full_well_e": (span / gain, f"derived: (white - black) / K, {of}; the full well may be larger"),
         "black_level_dn": (black, f"{level} {of}"),
         "bit_depth": (max(1, math.ceil(math.log2(white + 1))), f"{depth} {of}"),
     }
@@ -204,7 +204,7 @@ def _directories(path: Path) -> list[Tags]:
     with path.open("rb") as file, warnings.catch_warnings():
         warnings.simplefilter("error")  # of entries that are cut short
         head = file.read(8)
-        refuse(head[:4] not in (b"II*\0", b"MM\0*"), "is no DNG file: it does not begin as TIFF does")
+        refuse(head[:4] not in (b"II*\0", b"MM\0*"), "is not a DNG file; it does not begin like a TIFF file")
         places = [int.from_bytes(head[4:8], "little" if head[:2] == b"II" else "big")]
         for place in places:  # which grows
             directory = ImageFileDirectory_v2(head)
@@ -213,10 +213,10 @@ def _directories(path: Path) -> list[Tags]:
                 directory.load(file)
                 found.append(dict(directory))
             except Exception as error:  # Pillow raises all sorts
-                raise ValueError(f"is no sound DNG file: {error}") from None
+                raise ValueError(f"is not a valid DNG file: {error}") from None
             below = [*_numbers(directory, _SUB), *_numbers(directory, _EXIF), directory.next]
             places += [int(each) for each in below if each and each not in places]
-    refuse(not any(found), "is no DNG file: it has no tags")
+    refuse(not any(found), "is not a DNG file; it has no tags")
     return found
 
 

@@ -96,10 +96,10 @@ def _of_bracket(folder: Path) -> Tone:
         stack[:, ((stack >= _DARKEST) & (stack <= _BRIGHTEST)).sum(0) > 1].ravel(), minlength=256
     )
     held = np.flatnonzero(overlap[_DARKEST : _BRIGHTEST + 1]) + _DARKEST
-    must = (
-        f"must be {_LEAST_SEEN} or more: a scene with dark and bright places, exposures a stop or two apart"
+    must = f"must be {_LEAST_SEEN} or more; use a scene with dark and bright areas, exposures one or two stops apart"
+    refuse(
+        len(held) < _LEAST_SEEN, f"{folder}: two pictures have {len(held)} of 256 values in common; {must}"
     )
-    refuse(len(held) < _LEAST_SEEN, f"{folder}: two pictures share {len(held)} of 256 values; {must}")
     text = f"measured: bracket of {len(files)} pictures, residual {off:.2g} of 255"
     if len(files) > FEWEST:
         others = [
@@ -111,9 +111,7 @@ def _of_bracket(folder: Path) -> Tone:
     worst, doubts = int(np.abs(offsets).argmax()), list[str]()
     if abs(offsets[worst]) > _OFF:
         off_by = f"{math.expm1(offsets[worst]):+.0%}"
-        doubts.append(
-            f"{files[worst].name} is {off_by} off the light of its exposure time, as the curve has it"
-        )
+        doubts.append(f"{files[worst].name}: by the curve, its light is {off_by} off its exposure time")
     if held[0] > _DARK or held[-1] < 255 - _DARK:
         doubts.append(f"values below {held[0]} and above {held[-1]} are extrapolated")
     return Tone(_points(logs), text, tuple(doubts))
@@ -171,7 +169,7 @@ def _stack(files: Sequence[Path]) -> NDArray[np.uint8]:
         picture = decode(file)
         refuse(
             picture.shape != (shape or picture.shape),
-            f"{file}: of another size or depth of colour than those before it",
+            f"{file}: must have the size and the channels of the pictures before",
         )
         shape = picture.shape
         values = picture if picture.dtype == np.uint8 else np.rint(picture / 257).astype(np.uint8)
@@ -186,14 +184,16 @@ def _listed(folder: Path) -> tuple[list[Path], Floats]:
         try:
             taken = [(folder / inside(row["file"].strip()), float(row["exposure_s"])) for row in rows]
         except (KeyError, TypeError, ValueError, AttributeError):
-            raise ValueError(f"{folder / _LIST}: must have columns file and exposure_s, a number") from None
+            raise ValueError(
+                f"{folder / _LIST}: must have the columns file and exposure_s (a number)"
+            ) from None
     else:
         files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in _SUFFIXES]
         taken = [(path, _exposure_of(path)) for path in files]
     for path, exposure in taken:
         refuse(
             not 0 < exposure < math.inf,
-            f"{path}: no exposure; its EXIF or {_LIST} (file, exposure_s) must have it",
+            f"{path}: the exposure time is missing; add it to EXIF or to {_LIST} (file, exposure_s)",
         )
     return [path for path, _ in taken], np.array([exposure for _, exposure in taken])
 

@@ -30,6 +30,7 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     The command writes DIR/program.csv (one row per light), program.json, program.png, and libcamera.json, an exposure
     mode for the tuning file of a Raspberry Pi camera.
     """
+    from blurnoise._core.checks import in_range
     from blurnoise.optics.camera import longest_first_s
     from blurnoise_eval.program import report
     from blurnoise_eval.program import scenario as of
@@ -39,6 +40,8 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.sweep.score_tables import question_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
+    in_range("fps", config.fps, 0.0, 1e6, above=True)
+    in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
     with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
         question = question_of(store, config.threshold, config.keep, config.score, config.cluster)
         inputs = inputs_of(store, *question, config.model)

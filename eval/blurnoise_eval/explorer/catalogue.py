@@ -58,7 +58,7 @@ class Catalogue:
         self.arguments = {
             name: value if value is True else str(value) for name, value in given.items() if value
         }
-        """What the catalogue was made with."""
+        """The arguments of the catalogue."""
         self._uploads: dict[str, Picture] = {}
         self._subject: Callable[[str], Subject] = lru_cache(2)(lambda name: self._entry("picture", name)[1]())
         self._model: Callable[[str], Detector | None] = cache(lambda name: self._entry("model", name)[1]())
@@ -67,7 +67,7 @@ class Catalogue:
         if path and (path.is_dir() or path.name == RUN_FILE):
             self.run = Run(path if path.is_dir() else path.parent, images, trusted=trust)
         elif images or trust:
-            raise ValueError(f"{'images' if images else 'trust'}: goes with a run")
+            raise ValueError(f"{'images' if images else 'trust'}: needs a run")
         pictures, cameras, models = dict[str, Entry](), dict[str, Entry](), dict[str, Entry]()
         self._entries = {"picture": pictures, "camera": cameras, "model": models}
         if run := self.run:
@@ -113,7 +113,7 @@ class Catalogue:
         if not state.cell:
             return state
         if self.run is None:
-            raise ValueError("cell: goes with a run")
+            raise ValueError("cell: needs a run")
         return self.of_cell(self.run.cell(cell_id=state.cell), state)
 
     def of_cell(self, cell: Cell, state: State) -> State:
@@ -148,7 +148,7 @@ class Catalogue:
             return entry
         if kind == "picture" and (upload := self._uploads.get(name)):
             return upload.name, partial(Subject, upload)
-        raise ValueError(f"{kind} = {name[:60]!r}: is not here (any more)")
+        raise ValueError(f"{kind} = {name[:60]!r}: is not available (any more)")
 
     def take(self, title: str, content: bytes) -> str:
         """Take an uploaded picture; returns its name here. Raises ``ValueError`` that names the file, for what is no
@@ -192,7 +192,9 @@ write_picture(Path('seen.png'), found.frame.image)
 
     def _query(self, state: State) -> str:
         if state.picture in self._uploads:
-            raise ValueError("picture: an uploaded one has no command; `blurnoise explore FILE` has")
+            raise ValueError(
+                "picture: an uploaded picture has no command; start with `blurnoise explore FILE` instead"
+            )
         return state.query(self.base)
 
 
@@ -203,5 +205,5 @@ def _picture_of(run: Run, name: str) -> Subject:
 def _detector(path: Path, timeout_s: float) -> Detector:
     (found,) = open_models([path], timeout_s=timeout_s)
     if not isinstance(found, Detector):
-        raise ValueError(f"model = {path.name!r}: reads text; the explorer shows detectors")
+        raise ValueError(f"model = {path.name!r}: must be a detector, not a text recogniser")
     return found

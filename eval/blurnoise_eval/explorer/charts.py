@@ -53,11 +53,11 @@ def _box(box: Sequence[float], kind: str, text: str, size: tuple[int, int]) -> s
     )
 
 
-def confidences(curve: Sequence[Point], at_ms: float, enough: float) -> dict[str, Any]:
-    """Mean confidences along the exposure. at_ms: of the picture; enough: the level."""
-    works = window(curve, enough, at_ms)
+def confidences(curve: Sequence[Point], at_ms: float, required: float) -> dict[str, Any]:
+    """Mean confidences along the exposure. at_ms: of the picture; required: the level."""
+    works = window(curve, required, at_ms)
     lines = [
-        {"yAxis": enough, "lineStyle": {"type": "dashed"}},
+        {"yAxis": required, "lineStyle": {"type": "dashed"}},
         {"xAxis": at_ms, "lineStyle": {"type": "solid", "width": 2}},
     ]
     area = [[{"xAxis": works[0]}, {"xAxis": works[1]}]] if works else []

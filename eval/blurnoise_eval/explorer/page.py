@@ -131,7 +131,7 @@ class Page:
             curve.append(point)
         if curve:
             at_ms = 1e3 * found.exposure.exposure_s
-            self._curve.options.update(charts.confidences(curve, at_ms, found.standard.enough))
+            self._curve.options.update(charts.confidences(curve, at_ms, found.standard.required))
             self._curve.update()
             self._window.set_text(window_sentence(curve, at_ms, found.standard))
 
@@ -271,17 +271,17 @@ class Page:
         self._window = ui.label().classes("window")
         self._message = ui.label().classes("message").props("role=alert")
         with ui.element("section").classes("panes") as self._panes:
-            self._seen = _pane("seen", "As the camera takes it")
+            self._seen = _pane("seen", "Simulated picture")
             self._original = _pane("original", "Original")
         self._seen.on("loaded", self._painted.set, args=[])
         with ui.card().classes("curve-card later") as self._curve_card:
-            ui.label("Mean confidence along the exposure, ms")
+            ui.label("Mean confidence over the exposure time, ms")
             self._curve = ui.echart({}, renderer="svg")
         self._curve_card.set_visibility(False)
         self._numbers = ui.html("", sanitize=False, tag="dl").classes("numbers q-card later")
         if self.run:
             with ui.card():
-                ui.label("The run: mean confidence over its pictures. Click a cell to show its picture.")
+                ui.label("Mean confidence over the pictures of the run. Click a cell to show its picture.")
                 self._heat = ui.element("div").classes("map")
 
     def _build_controls(self) -> None:
@@ -301,7 +301,7 @@ class Page:
                 label="Upload a picture", auto_upload=True, on_upload=lambda event: page.uploaded(event)
             )
             upload.props("accept=image/* flat bordered")
-        with ui.expansion("Figures of the camera").classes("q-card"):
+        with ui.expansion("Values of the camera").classes("q-card"):
             self._rows += [Row(each, self.moved) for name, each in every.items() if name not in self.state.at]
 
 

@@ -76,7 +76,7 @@ class Standard:
         return cls(criterion.level, criterion.kept, unit, frozenset(row["target_id"] for row in rows))
 
     @property
-    def enough(self) -> float:
+    def required(self) -> float:
         """The mean confidence from which the detector works."""
         return self.level * self.unit
 
@@ -89,12 +89,12 @@ class Standard:
         return f"{100 * mean / self.unit:.0f} %" if self.kept else f"{mean:.2f}"
 
 
-def window(curve: Sequence[Point], enough: float, at_ms: float) -> tuple[float, float] | None:
+def window(curve: Sequence[Point], required: float, at_ms: float) -> tuple[float, float] | None:
     """From where to where along a curve the mean is enough, around ``at_ms`` or else the widest; None: nowhere.
 
     The ends are those of a run's windows, see :func:`~blurnoise_eval.answers.curves.windows`.
     """
-    found = windows([point.exposure_ms for point in curve], [point.mean for point in curve], enough)
+    found = windows([point.exposure_ms for point in curve], [point.mean for point in curve], required)
     around = [each for each in found if each[0] <= at_ms <= each[1]]
     return next(iter(around or sorted(found, key=lambda each: each[0] - each[1])), None)
 
@@ -105,14 +105,14 @@ def window_sentence(curve: Sequence[Point], at_ms: float, standard: Standard) ->
     values = [point.mean / standard.unit for point in curve]
     counted = without_saturated(values, [point.saturated for point in curve], standard.level)
     best = curve[best_exposure([point.exposure_ms for point in curve], counted) or 0]
-    most = f"most, {standard.text(best.mean)} at {best.exposure_ms:g} ms"
-    found, level = window(curve, standard.enough, at_ms), standard.text(standard.enough)
+    most = f"best: {standard.text(best.mean)} at {best.exposure_ms:g} ms"
+    found, level = window(curve, standard.required, at_ms), standard.text(standard.required)
     if found is None:
-        return f"Exposure: none of the {len(curve)} values tried reaches {level}; {most}."
+        return f"Exposure: none of the {len(curve)} tested values reaches {level}; {most}."
     low, high = (f"{float(f'{end:.2g}'):g}" for end in found)
     ends = [f"from about {low}"] if found[0] > curve[0].exposure_ms else []
     ends += [f"{'to' if ends else 'up to about'} {high}"] if found[1] < curve[-1].exposure_ms else []
-    where = f"{' '.join(ends)} ms" if ends else "at every value tried"
+    where = f"{' '.join(ends)} ms" if ends else "at every tested value"
     here = "" if found[0] <= at_ms <= found[1] else ", not here"
     return f"Exposure: {level} or more {where}{here}; {most}."
 
@@ -156,7 +156,7 @@ class Subject:
         full one. Raises ``ValueError`` where parts of the picture move apart."""
         n, at = self.smaller, state.at
         if at[EGO.name] or at[MOVES.name] or self.scene.lamps is not None:
-            raise ValueError("preview: shows one motion of all the picture, and no lamps")
+            raise ValueError("preview: needs one motion of the whole picture, and no lamps")
         slower = {name: (at[name] or 0.0) / n for name in VELOCITY}
         defocus_px = at.exposure(camera).camera.defocus_radius_px / n
         cell = Cell("preview", 0, Conditions(**{**at, **slower, "defocus_radius_px": defocus_px}), state.seed)
@@ -208,18 +208,18 @@ def verdict(found: Rendered) -> tuple[bool, str]:
         return True, "No model."
     sight, standard = found.sight, found.standard
     if sight.error:
-        return False, f"The model fails on this picture: {sight.error[:160]}"
+        return False, f"The model failed on this picture: {sight.error[:160]}"
     if not sight.targets:
-        return False, "No score: the model finds nothing in the original picture. Choose another model."
+        return False, "No score, as the model finds nothing in the original picture. Choose another model."
     mean = mean_confidence(sight)
     hits = sum(row["confidence"] >= FOUND_SCORE for row in sight.targets)
     text = f"Mean confidence {mean:.2f}"
     if standard.kept:
         kept = f"Keeps {standard.text(mean)} of its confidence in the original"
         text = f"{kept} ({mean:.2f} of {standard.unit:.2f})"
-    good = mean >= standard.enough
-    enough = "" if good else f"; enough is {standard.text(standard.enough)}"
-    return good, f"{text}, {hits} of {len(sight.targets)} found{enough}."
+    good = mean >= standard.required
+    required = "" if good else f"; required: {standard.text(standard.required)}"
+    return good, f"{text}, {hits} of {len(sight.targets)} found{required}."
 
 
 def rendered(state: State, subject: Subject, frame: Frame, model: Detector | None) -> Rendered:

@@ -30,7 +30,7 @@ from blurnoise_eval.sweep.score_tables import question_of
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 USUAL = Criterion(KEPT, kept=True)
-"""What is enough where no run says it in confidences."""
+"""The criterion where no run has one in confidences."""
 _LABELS = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd}
 
 
@@ -62,7 +62,7 @@ class Run:
             self._held = run.store.pictures()
             asked, _ = question_of(run.store)
         if any(model["kind"] != "detector" for model in self.manifest["models"]):
-            raise ValueError(f"run = {str(folder)!r}: is of text recognisers; the explorer shows detectors")
+            raise ValueError(f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers")
         self.criterion = asked if asked.score == CONFIDENCE else USUAL
         self.means = cache(self._read_means)
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
@@ -99,7 +99,7 @@ class Run:
             rows = [*queries.cells_with(store, clean=0, **columns)]
         if not rows:
             text = ", ".join(f"{name} = {value!r}" for name, value in columns.items())
-            raise ValueError(f"{text}: no simulated picture of the run; they stand in results.csv")
+            raise ValueError(f"{text}: must be a simulated picture of the run, as listed in results.csv")
         row = rows[len(rows) // 2]
         planned = [Conditions(**{name: row[name] for name in {*CORE, *self._grid}})] if self._grid else []
         planned += [at for batch in self._batches for at in batch.conditions]
@@ -107,7 +107,7 @@ class Run:
             cell = Cell(row["image"], row["repeat"], at, row["seed"])
             if cell.cell_id == row["cell_id"]:
                 return cell
-        raise ValueError(f"cell = {row['cell_id']!r}: its conditions are not those of the run's plan")
+        raise ValueError(f"cell = {row['cell_id']!r}: its conditions are not in the plan of the run")
 
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""
@@ -125,7 +125,7 @@ class Run:
         """A picture of the run, opened again. Raises ``ValueError`` where it is not there, or another by now, and for
         files outside of a run that is not trusted."""
         if name not in self._held:
-            raise ValueError(f"picture = {name!r}: is none of the run's")
+            raise ValueError(f"picture = {name!r}: must be a picture of the run")
         identity, content, *_ = self._held[name]
         rendered = _RENDERED.fullmatch(identity)
         if rendered:
@@ -139,7 +139,7 @@ class Run:
         if picture is None:
             raise ValueError(f"picture = {name!r}: is not in {pictures.source}")
         if datasets.content(picture.load()) != content:
-            raise ValueError(f"picture = {name!r}: is not what it was when the run was computed")
+            raise ValueError(f"picture = {name!r}: has changed since the run was computed")
         return picture
 
     @cached_property
@@ -150,7 +150,7 @@ class Run:
             return datasets.image_folder(folder or self._trusted("images", source))
         labels = self._trusted("images", source)
         if kind not in _LABELS or not labels.exists():
-            raise ValueError(f"images = {source!r}: the run's pictures are no longer there")
+            raise ValueError(f"images = {source!r}: must be a folder with the pictures of the run")
         opener: Any = _LABELS[kind]
         found: PictureSet = opener(labels, **({"images": folder} if folder else {}))
         return found
@@ -164,7 +164,7 @@ class Run:
         built_in = note["sha256"] == model_sha256(STOP_SIGN)
         path = STOP_SIGN if built_in else self._trusted("model", note["file"])
         if not path.is_file() or model_sha256(path) != note["sha256"]:
-            raise ValueError(f"model = {note['file']!r}: is not there, or another than in the run")
+            raise ValueError(f"model = {note['file']!r}: is missing, or has changed since the run")
         contract = parse_contract(note["contract"], "the run's contract")
         return Detector(path, contract=contract, timeout_s=timeout_s)
 
@@ -172,5 +172,5 @@ class Run:
         """A path that the run names. Raises ``ValueError`` unless the run is trusted."""
         if not self.trusted:
             other = "--trust opens files of a run of your own, --images a folder, --model a model"
-            raise ValueError(f"{name} = {place!r}: outside the run's folder; {other}")
+            raise ValueError(f"{name} = {place!r}: is outside the folder of the run; {other}")
         return Path(place).expanduser()

@@ -1,4 +1,4 @@
-"""``python -m blurnoise_eval.maps``: which image-quality metric tells how a run's detectors do."""
+"""``python -m blurnoise_eval.maps``: find image-quality metrics that predict the scores of a run."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ def maps(
     threads: Threads = None,
     output: Folder,
 ) -> None:
-    """Which image-quality metric ranks a run's conditions as its detectors do, over light and motion blur together,
-    and which misleads: charts exposed by the run's camera under the run's conditions, beside the run's scores.
+    """Find the image-quality metric that ranks the conditions of a run as its detectors do, and metrics that mislead.
 
       python -m blurnoise_eval.maps run -o maps
       python -m blurnoise_eval.maps run -o maps --score ap50 --keep 0.8
 
-    Writes DIR/maps.csv (model, score, group, metric: rank correlation with its interval over pictures, share of
-    nodes at which the metric is known), DIR/nodes.csv and DIR/figures: the score over light and motion, and its
-    scatter on each metric. No detector runs; a condition takes about 0.1 s.
+    The metrics are measured on charts, simulated with the camera and under the conditions of the run. Each metric is
+    compared with the scores of the run over light and motion blur together. No model is evaluated; a condition takes
+    about 0.1 s.
+
+    The command writes DIR/maps.csv (for each model, score, group and metric the rank correlation, its interval over
+    pictures, and the share of nodes at which the metric is available), DIR/nodes.csv, and DIR/figures: the score over
+    light and motion, and scatter plots of the score against each metric.
     """
     workers = inputs.threads(threads)
     from blurnoise_eval.maps import figures
@@ -50,8 +53,8 @@ def maps(
     for sentence in sentences(found):
         say_wrapped(sentence)
     show(*tables(found))
-    say("known: share of nodes; in brackets 95 % over pictures, none below 8 of them")
-    say(f"open {output / 'figures'}, {output / 'maps.csv'}")
+    say("available: share of nodes; in brackets: 95 % interval over pictures, from 8 pictures on")
+    say(f"figures: {output / 'figures'}, table: {output / 'maps.csv'}")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from blurnoise_eval.quality.measure import METRICS
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
-_MOTION = f"Motion / px (at rest: {STILL_PX:g})"
+_MOTION = f"Motion blur / px (at rest: {STILL_PX:g})"
 
 
 def write(maps: Maps, folder: Path) -> None:
@@ -46,7 +46,7 @@ def performance(maps: Maps, groups: list[Map]) -> Figure:
         places, which = same_places(maps.nodes.places[known])
         score = np.bincount(which, each.table.mean[known]) / np.bincount(which)
         x, y = 2.0**places.T
-        tidy(axes, title=each.table.group, x="Light on the scene / lux s")
+        tidy(axes, title=each.table.group, x="Illuminance x exposure / lux s")
         axes.set_xscale("log")
         axes.set_yscale("log")
         spread = places - places.mean(axis=0)

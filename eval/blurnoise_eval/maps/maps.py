@@ -188,18 +188,20 @@ def sentences(maps: Maps) -> Iterator[str]:
         for each in groups:
             yield f"{model}, {each.table.group}: {_best(each.ranks)}{_misleading(each.ranks)}"
     for name in maps.too_little:
-        yield f"{name}: cannot tell; its targets score too little in the original pictures."
+        yield f"{name}: cannot tell, as the scores in the original pictures are too low."
 
 
 def _best(ranks: tuple[Rank, ...]) -> str:
     known = [row for row in ranks if row.spearman is not None and row.share_told >= 0.5]
     if not known:
-        return f"cannot tell which metric ranks conditions: none is known at {FEWEST_NODES} and half of the nodes."
+        return f"cannot tell which metric ranks conditions; none is known at {FEWEST_NODES} and half of the nodes."
     best = max(known, key=lambda row: row.lower)
-    text = f"rank correlation {best.text}; known at {best.share_told:.0%} of {best.n_nodes} nodes"
+    text = f"rank correlation {best.text}; available at {best.share_told:.0%} of {best.n_nodes} nodes"
     title = _TITLE_OF[best.metric]
     sure = (
-        f"{title} ranks conditions best" if best.lower > 0 else f"no metric surely ranks; the best is {title}"
+        f"{title} ranks conditions best"
+        if best.lower > 0
+        else f"no metric surely ranks conditions; the best is {title}"
     )
     return f"{sure} ({text})."
 

@@ -81,7 +81,7 @@ def nodes_of(store: Store) -> Nodes:
     plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
     grid = plan.get("grid") or {name: [value] for name, value in plan["further"].items()}
     others = {
-        "its targets or background move alone": any(map(MOVES.place_of, grid.get(MOVES.name, ()))),
+        "targets or background move separately": any(map(MOVES.place_of, grid.get(MOVES.name, ()))),
         "its camera drives": plan.get("ego") is not None,
         "its pictures follow a trajectory": plan.get("trajectory") is not None,
         "it has lamps": plan.get("lamps") is not None,
@@ -89,11 +89,11 @@ def nodes_of(store: Store) -> Nodes:
     }
     if reason := next((text for text, holds in others.items() if holds), None):
         raise StoreError(
-            f"{run}: {reason}; maps are of runs in which the whole picture moves straight, in one capture"
+            f"{run}: {reason}; maps need a run with straight motion of the whole picture, in one capture"
         )
     nodes = nodes_at(queries.exposed_conditions(store), Camera.from_dict(manifest["camera"]), list(grid))
     if not len(nodes):
-        raise StoreError(f"{run}: has no picture that was exposed to light")
+        raise StoreError(f"{run}: has no pictures with light")
     return nodes
 
 

@@ -1,4 +1,4 @@
-"""``python -m blurnoise_eval.paper``: the paper that this project starts from, rerun."""
+"""``python -m blurnoise_eval.paper``: reproduce the paper by Lin et al. (2024)."""
 
 from __future__ import annotations
 
@@ -18,33 +18,32 @@ from blurnoise_eval.system.terminal import say
 def paper(
     *,
     only: Annotated[
-        list[str] | None, Option(metavar="ITEM", help="only this item of the page, may be repeated")
+        list[str] | None, Option(metavar="ITEM", help="compute only this item of the page; repeatable")
     ] = None,
     quick: Annotated[
-        bool, Option("--quick", help="one noise field for each condition instead of three")
+        bool, Option("--quick", help="simulate one noise field per condition instead of three")
     ] = False,
     model: Annotated[
         Path | None,
-        Option(metavar="M.onnx", help="the detector that finds the signs (default: the built-in one)"),
+        Option(metavar="M.onnx", help="detector of signs (default: the built-in stop-sign detector)"),
     ] = None,
     contract: Contract = None,
     threads: Threads = None,
     output: Annotated[
-        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="for page and table")
+        Path, Option("-o", "--output", parser=new_folder, metavar="DIR", help="folder for page and table")
     ],
 ) -> None:
-    """Rerun the paper that this project starts from, Lin et al., Sensors 2024, 24(16), 5135: its tables and figures
-    item by item beside what is found here, what should agree and by which rule.
+    """Reproduce the tables and figures of Lin et al., Sensors 2024, 24(16), 5135, and compare them with the paper.
 
-      python -m blurnoise_eval.paper -o paper                             everything: minutes
-      python -m blurnoise_eval.paper -o paper --quick                     one noise field
-      python -m blurnoise_eval.paper -o paper --only table-2 --only sic   two items
+      python -m blurnoise_eval.paper -o paper            all items: minutes
+      python -m blurnoise_eval.paper -o paper --quick    one noise field
+      python -m blurnoise_eval.paper -o paper --only table-2 --only sic
       python -m blurnoise_eval.paper -o paper --model yolov5m.onnx
 
-    Pictures go to networks in two chains side by side: as the paper makes them (grey of coded values, taken for
-    light, linear 8 bits), and as a camera does. Writes DIR/paper.csv (item, expected, found, rule, verdict) and
-    DIR/paper.html. Exit code 1 where an item that should agree does not. Text is read with PP-OCR of the package
-    rapidocr; where that is missing, its items are "not run".
+    Networks receive the pictures in two ways: as in the paper (grey from coded values, used as light, linear 8 bits),
+    and as from a camera. The command writes DIR/paper.csv (item, expected, found, rule, verdict) and DIR/paper.html.
+    The exit code is 1 if an item that should agree does not. Text is read with PP-OCR of the package rapidocr;
+    without it, these items are "not run".
     """
     workers = inputs.threads(threads)
     from blurnoise_eval.detectors.ocr import Recogniser, rapidocr_models
@@ -68,7 +67,7 @@ def paper(
     for row in rows:
         chain = f" ({row['chain']})" if row["chain"] else ""
         say(f"{row['verdict']:10}  {row['place']}, {row['what']}{chain}: {row['found']}")
-    say("", page.summary(outcomes), f"open {output / 'paper.html'}")
+    say("", page.summary(outcomes), f"page: {output / 'paper.html'}")
     if any(row["verdict"] == "differs" for row in rows):
         raise typer.Exit(1)
 

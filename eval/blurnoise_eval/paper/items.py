@@ -291,17 +291,17 @@ ITEMS = (
     Item("ocr-dx", "STOP read over speed", "Figure 31", f"{_READ}; 30 ms", reading_over_speed, "paper"),
 )
 NOT_COMPARED = {
-    "Figure 2": "a real photograph, not published with its light",
-    "section 4.2.1": "the frequencies of a sign are of its drawing, not of exposure",
-    "Figures 10, 11": "pictures of BDD100K, whose exposures and lights are not known",
-    "Figure 14, the peak at DX 20": "the tool's blur has integer lengths, and none up to 1.5 px",
-    "Figures 12 to 19, the numbers": "Imatest's, of its own charts; here: the shapes, by open methods",
-    "Figures 22, 23, the confidences": "weights of the paper's YOLOv5m; here: the order of the sizes",
-    "Figures 24 to 29, with lin2024": "its black level is 0 DN: where noise limits the detector its charts clip, and "
-    "only blur is left to rank",
-    "Figures 30, 31, the confidences": "another version of PP-OCR; here: where STOP is read",
+    "Figure 2": "a real photograph; its light was not published",
+    "section 4.2.1": "the spatial frequencies of a sign do not depend on exposure",
+    "Figures 10, 11": "pictures of BDD100K; their exposures and lights are unknown",
+    "Figure 14, the peak at DX 20": "the blur of the paper's tool has integer lengths, and is 0 to 1.5 px",
+    "Figures 12 to 19, the numbers": "measured with Imatest on its own charts; only shapes are compared",
+    "Figures 22, 23, the confidences": "unknown weights of YOLOv5m; only the order of sizes is compared",
+    "Figures 24 to 29, with lin2024": "its black level is 0 DN, so its charts clip where noise limits detection, and "
+    "only blur remains",
+    "Figures 30, 31, the confidences": "another version of PP-OCR; only where STOP is read is compared",
 }
-"""Place, and why nothing is held to it."""
+"""Parts of the paper that cannot be compared, and why."""
 
 
 def chosen(names: Sequence[str]) -> tuple[Item, ...]:

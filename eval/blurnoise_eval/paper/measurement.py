@@ -79,7 +79,7 @@ class Measurements:
         }
         if not found:
             where = f"{dx:g} px/s" if ms is None else f"{ms:g} ms"
-            raise NotRun(f"{what} is withheld everywhere at {where} and {of.illuminance_lux:g} lux")
+            raise NotRun(f"{what} is not available at {where} and {of.illuminance_lux:g} lux")
         return dict(sorted(found.items()))
 
 
@@ -117,7 +117,7 @@ class Grid:
             return {(row.metric, *_place(row.at)): row.estimate for row in rows}
         model = using.reader if self.read else using.detector
         if model is None:
-            raise NotRun("needs PP-OCR's networks: pip install 'blurnoise[ocr]'")
+            raise NotRun("the networks of PP-OCR are missing: pip install 'blurnoise[ocr]'")
         shown, camera = signs(self.chain, self.sizes_px, read=self.read), camera_of(self.chain, self.camera)
         scores: dict[tuple[str, float, float], list[float]] = {}
         with TemporaryDirectory() as folder, Store(Path(folder, "signs"), create=True) as store:

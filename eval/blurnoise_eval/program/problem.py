@@ -162,8 +162,8 @@ class Problem:
         lights = ":".join(dict.fromkeys(f"{light:g}" for light in lights_lux))
         speeds = ", ".join(f"{speed:g}" for speed in self.scenario.speeds_px_s)
         return ValueError(
-            f"lux = {lights}: no tested exposure at {speeds} px/s is left that is not longer in more light and "
-            f"within the limits ({', '.join(self.limits.words)}); the run covers light x exposure {light_low:.3g} to "
+            f"lux, speeds: at {lights} lux, no exposure meets all of: tested at {speeds} px/s; not longer in more "
+            f"light; {', '.join(self.limits.words)}; the run covers light x exposure {light_low:.3g} to "
             f"{light_high:.3g} lux s, motion {motion_low:.3g} to {motion_high:.3g} px"
         )
 

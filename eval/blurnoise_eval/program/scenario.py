@@ -60,7 +60,7 @@ class Scenario:
         if not lights or lights[0] <= 0 or any(a >= b for a, b in pairwise(lights)):
             raise ValueError(f"lights_lux = {self.lights_lux!r}: must be above 0 and rise")
         for speed in self.speeds_px_s:
-            limited("speed_px_s", speed)
+            limited("speeds", speed, "speed_px_s")
         for field, name in (("speeds_px_s", "speeds"), ("targets", "targets")):
             weights = getattr(self, field)
             total = sum(weights.values())

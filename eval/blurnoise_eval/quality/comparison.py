@@ -1,4 +1,4 @@
-"""A simulated picture beside a real one of the same chart: is each quantity the same but for chance?
+"""Comparison of a simulated picture of a chart with a real one: does each quantity agree within chance?
 
 Domain: two linear pictures of one size as shares of full scale, black level removed; colour as luminance. Quantities
 agree where they are no further apart than noise puts any of them in 5 of 100 comparisons (Bonferroni).
@@ -86,9 +86,9 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
     """
     one, other = ("{1} x {0} px, {2} bits".format(*x.shape[:2], 8 * x.itemsize) for x in (simulated, real))
     if one != other:
-        raise ValueError(f"simulated is {one}; real {other}: must be alike, of the same chart")
+        raise ValueError(f"simulated, real: are {one} and {other}; must have the same size and depth")
     if min(simulated.shape[:2]) < SMALLEST_PX:
-        raise ValueError(f"simulated and real are {one}: must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
+        raise ValueError(f"simulated, real: are {one}; must be at least {SMALLEST_PX} x {SMALLEST_PX} px")
     return linear(simulated, coding, **levels), linear(real, coding, **levels)
 
 
@@ -98,18 +98,16 @@ def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
     shares = np.stack([light.grey / (light.full_scale - light.black_level) for light in pair])
     noise = _noise(shares)
     if not noise:
-        notes.append("no squares that are even in both pictures: noise is not compared")
+        notes.append("noise is not compared, as no area is uniform in both pictures")
     for each in noise:
         if each.noise_share < _LEAST_NOISE:
-            share = (
-                f"{100 * (1 - each.noise_share):.0f} % of what is compared is texture that both pictures show"
-            )
+            share = f"{100 * (1 - each.noise_share):.0f} % of the compared variance is texture of the scene"
             notes.append(
-                f"{each.name}: {share}: compare an even surface, or flat frames with 'blurnoise validate'"
+                f"{each.name}: {share}; use a uniform surface, or flat frames with 'blurnoise validate'"
             )
     sharpness = _sharpness(pair)
     if not sharpness:
-        notes.append("no slanted edge that both pictures show usably: sharpness is not compared")
+        notes.append("sharpness is not compared, as no slanted edge can be measured in both pictures")
     simulated, real = shares.mean((1, 2)).tolist()
     # chance of the mean: by the noise of the levels alone, the same in every pixel
     variance = sum(each.simulated**2 + each.real**2 for each in noise) / max(1, len(noise))

@@ -1,4 +1,4 @@
-"""Slanted edges that can be measured, found in a picture of a chart or of anything else.
+"""Detection of slanted edges in a picture of a chart or of any scene.
 
 Domain: linear pictures, finite. A line detector proposes, :func:`slanted_edge` and a check of
 what lies beside the edge decide, and each region grows while both agree. Regions are (left, top, width, height), px.

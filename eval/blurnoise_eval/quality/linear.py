@@ -1,4 +1,4 @@
-"""Pictures made linear: by sRGB's curve, as they are, or by the camera's own curve of a grey scale.
+"""Linear pictures: decoded by the sRGB curve, used as they are, or corrected by a curve from a grey scale.
 
 Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit.
 """
@@ -29,7 +29,9 @@ from blurnoise_eval.datasets import Image
 Coding = Literal["auto", "srgb", "linear"]
 FEWEST_FIELDS = 3
 """Of a grey scale: two make a straight line."""
-_UNSEEN = "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out"
+_UNSEEN = (
+    "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it"
+)
 _FEWEST_LEVELS = 255  # of a converter
 
 
@@ -73,7 +75,7 @@ def read_oecf(path: Path) -> Oecf:
     for name, values in (("numbers", numbers), ("light", light)):
         rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
         if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, from 0 on and rising")
+            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, >= 0 and increasing")
     return tuple(numbers), tuple(light)
 
 
@@ -93,32 +95,37 @@ def linear(
     given = [f"{name} = {value:g}" for name, value in levels.items() if value is not None]
     if oecf is not None:
         if given or coding != "auto":
-            raise ValueError(f"{[*given, 'coding'][0]}: goes without --oecf, which tells every number")
+            raise ValueError(
+                f"{[*given, 'coding'][0]}: cannot be combined with --oecf, which covers all numbers"
+            )
         numbers, fields = oecf
         least, most = fields[0], fields[-1]  # beyond them as if clipped
         light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
         note = f"made linear by a grey scale of {len(fields)} fields"
         return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
-    notes = ["colour: measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
+    notes = ["colours are measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
-        usual = "sRGB-coded and made linear; --linear takes the numbers as they are"
-        usual = usual if coded else "linear; --srgb if the picture is sRGB-coded"
-        notes.append(f"{bits} bits: taken as {usual}")
+        coding_text = (
+            "sRGB-coded (use --linear if it is linear)"
+            if coded
+            else "linear (use --srgb if it is sRGB-coded)"
+        )
+        notes.append(f"the picture has {bits} bits and is read as {coding_text}")
     if coded and given:
-        raise ValueError(f"{given[0]}: belongs to linear numbers, but these are taken as sRGB; add --linear")
+        raise ValueError(f"{given[0]}: needs linear numbers, but the picture is read as sRGB; add --linear")
     if coded:
         return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
     largest, most = float(planes.max()), 2.0**bits - 1
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
     if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
         full_scale = largest  # that of a converter of fewer bits
-        notes.append(f"full scale taken as {largest:g}: many pixels stand exactly there")
+        notes.append(f"full scale is set to {largest:g}, the value of many pixels")
     top = most if full_scale is None else checks.in_range("full_scale", full_scale, 1.0, most)
     if largest > top:
-        raise ValueError(f"full_scale = {top:g}: must not be below the picture's largest number, {largest:g}")
+        raise ValueError(f"full_scale = {top:g}: must be >= {largest:g}, the largest number of the picture")
     black = checks.in_range("black_level", black_level or 0.0, 0.0, top - 1)
     if full_scale is None and largest <= most / 4:
-        text = f"full scale taken as {most:g}, the largest number is {largest:g}"
-        notes.append(f"{text}: clipping at fewer bits goes unseen without --full-scale")
+        text = f"full scale is set to {most:g}; the largest number is {largest:g}"
+        notes.append(f"{text}. If the camera has fewer bits, set --full-scale to detect clipping")
     return Linear(planes, top, black, "DN", (*notes, _UNSEEN))

@@ -1,4 +1,4 @@
-"""Image quality against exposure, light and motion: charts as a camera would take them, and every metric of them.
+"""Image quality over exposure, light and motion: simulated charts, and all metrics measured on them.
 
 Domain: charts are linear reflectance; measured are the camera's digital numbers with the black level removed, before
 any development but a digital gain. Edges, patches and signs have the same two levels, so they saturate together:
@@ -202,11 +202,11 @@ METRICS: tuple[Metric, ...] = (
         lambda charts: estimates_of(charts.snr[1]), "log",
     ),
     Metric(
-        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, as if all blur were that across x",
+        "sic_radial_x", "SIC, radial, of x", "bits/px", "Lin et al. eq. 7, for the blur across x in all directions",
         _edge(0, information.capacity_radial),
     ),
     Metric(
-        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, as if all blur were that across y",
+        "sic_radial_y", "SIC, radial, of y", "bits/px", "Lin et al. eq. 7, for the blur across y in all directions",
         _edge(1, information.capacity_radial),
     ),
     Metric(
@@ -298,8 +298,8 @@ def measure(
 def check(camera: Camera, plan: SweepPlan) -> None:
     """Raise ``ValueError`` for conditions that charts or the camera cannot take."""
     needed = {
-        MOVES.name: "all; a chart has no targets that move by themselves",
-        EGO.name: "0; a chart is no road",
+        MOVES.name: "all, as a chart has no moving targets",
+        EGO.name: "0, as a chart is not a road",
     }
     for name, must in needed.items():
         if any(plan.values(name)):

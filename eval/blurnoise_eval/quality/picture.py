@@ -1,4 +1,4 @@
-"""A picture's slanted edges in numbers: sharpness, contrast, noise and what both leave of the information.
+"""Measurement of slanted edges in a picture: sharpness, contrast, noise and information.
 
 Domain: linear pictures; frequencies in cycles/px. Regions are (left, top, width, height), px.
 """
@@ -20,9 +20,9 @@ from blurnoise_eval.system.tables import finite
 
 LARGEST_TARGET_PX = 64
 _DOUBTS = {
-    "noiseless": "no noise: what is measured against it has no bound",
-    information.NOT_WHITE: "noise is not white: NEQ(0) takes its power at frequency 0, SIC, NEQ sum and SNRI take it "
-    "for white",
+    "noiseless": "there is no noise, so values relative to noise are unbounded",
+    information.NOT_WHITE: "noise is not white: NEQ(0) uses its power at frequency 0; SIC, NEQ sum and SNRI "
+    "assume white noise",
 }
 """Flags of numbers, in words."""
 RESAMPLES = 200
@@ -140,9 +140,9 @@ def found_regions(light: Linear) -> list[Roi]:
     if not found.rois:
         reasons = "; ".join(f"{count} x {flag.value}" for flag, count in found.turned_down.items())
         raise ValueError(
-            f"image: no usable slanted edge: looked for straight edges of {SHORTEST_PX} px or more, at most "
-            f"{STEEPEST_DEG:g} degrees off rows or columns but not along them, alone between two even sides that do "
-            f"not clip ({reasons or 'no straight line at all'}); name a region with --roi x,y,w,h to see its flags"
+            f"image: no slanted edge can be measured; needs straight edges of {SHORTEST_PX} px or more, tilted by "
+            f"at most {STEEPEST_DEG:g} degrees from rows or columns, with uniform sides that are not clipped "
+            f"(found: {reasons or 'no straight line'}); use --roi x,y,w,h to see the flags of a region"
         )
     return found.rois
 

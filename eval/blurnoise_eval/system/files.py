@@ -73,7 +73,7 @@ def inside(name: str) -> str:
     windows, path = PureWindowsPath(name), os.path.normpath(PurePosixPath(name))
     leaves = path in (".", "..") or path.startswith(("/", "../"))
     if leaves or windows.drive or windows.root or "\\" in name or "\0" in name:
-        must = "must lead into it, as sub/picture.png (no root, drive or backslash)"
+        must = "must stay in it, such as sub/picture.png (no root, drive or backslash)"
         raise ValueError(f"file name {name[:200]!r} leaves the folder; {must}")
     return path
 

@@ -72,13 +72,13 @@ def say_wrapped(text: str, indent: int = 0, hanging: int = 0, *, error: bool = F
 
 
 def show(*tables: Table) -> None:
-    """Print tables of rich as they fit into the terminal: their titles, headings, cells and captions, plain."""
+    """Print tables of rich in the width of the terminal, else in 80 columns: titles, headings, cells and captions."""
     for table in tables:
         title, caption = table.title, table.caption
         table.title = table.caption = None
         if title:
             say_wrapped(str(title))
-        say(*_lines_of(table, width()))
+        say(*_lines_of(table, width() or PROSE + 1))
         if caption:
             say_wrapped(str(caption))
         say("")

@@ -62,7 +62,7 @@ def location(text: str | Location) -> Any:
     if not isinstance(text, str):
         return text
     if text == "":
-        raise ValueError("'': must name a file or folder")
+        raise ValueError("'': must be the name of a file or folder")
     if not is_url(text):
         return Path(text)
     scheme, _, rest = text.partition("://")
@@ -73,9 +73,11 @@ def location(text: str | Location) -> Any:
         raise ValueError(f"{shown}: must begin with s3://, gs://, hf:// or file:///")
     bucket, path = rest.partition("/")[0], posixpath.normpath(rest)
     if "@" in bucket or "?" in rest:
-        raise ValueError(f"{shown}: must hold no user, password or query; set credentials in the environment")
+        raise ValueError(
+            f"{shown}: must not contain a user, password or query; set credentials in the environment"
+        )
     if "\0" in rest or not bucket.strip(".") or path.partition("/")[0] != bucket:
-        raise ValueError(f"{shown!r}: must name a bucket and stay in it, as {scheme}://bucket/folder")
+        raise ValueError(f"{shown!r}: must be a path in a bucket, such as {scheme}://bucket/folder")
     with explained(f"{scheme}://{path}"):
         from fsspec.config import conf
         from upath import UPath
@@ -212,9 +214,9 @@ def _download(url: UPath, known: str, copy: Path) -> None:
     with explained(url), written_whole(copy) as unfinished:
         url.fs.get_file(url.path, str(unfinished))
         if version(url) != known:
-            raise OSError(errno.ESTALE, "has changed since it was looked up", str(url))
+            raise OSError(errno.ESTALE, "has changed while it was read", str(url))
         if known.partition(" ")[0] not in (str(unfinished.stat().st_size), "None"):
-            raise OSError(errno.EIO, "was cut off while it was read", str(url))
+            raise OSError(errno.EIO, "was incomplete when it was read", str(url))
 
 
 def cache_folder() -> Path:

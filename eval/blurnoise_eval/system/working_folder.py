@@ -34,7 +34,7 @@ def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
     """A folder of this machine. Raises ``ValueError`` for a URL, which is opened by the functions below."""
     if is_url(where):
         shown = without_secrets(str(where))
-        raise ValueError(f"run = {shown!r}: at a URL; open it with written_run or read_run")
+        raise ValueError(f"run = {shown!r}: is a URL; open it with written_run or read_run")
     return where if isinstance(where, WorkingFolder) else WorkingFolder(Path(where))
 
 
@@ -64,8 +64,10 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
         raise type(error)(folder.told(error)) from None
     finally:
         if results and _found(where).get(RUN_FILE) != found.get(RUN_FILE):
-            met = "another process has put results there meanwhile; those of this one are in"
-            raise ValueError(f"run = {str(where)!r}: {met} {path}")
+            conflict = (
+                "another process has written results there meanwhile; the results of this process are in"
+            )
+            raise ValueError(f"run = {str(where)!r}: {conflict} {path}")
         changed = [name for name, held in listing(path).items() if held != before.get(name)]
         left_out = (".", f"{RUN_FILE}-", *([] if results else [RUN_FILE]))  # SQLite's own, unfinished files
         changed = [name for name in changed if not Path(name).name.startswith(left_out)]
@@ -75,7 +77,7 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
                     [str(path / name) for name in changed], [(where / name).path for name in changed]
                 )
         except OSError as error:
-            why = f"{error.strerror}; what was not put is in {path}"
+            why = f"{error.strerror}; files that were not uploaded are in {path}"
             raise type(error)(error.errno, why, error.filename) from None
         shutil.rmtree(path)
 

@@ -1,4 +1,4 @@
-"""How well a linear classifier tells real from simulated patches by their statistics: 0.5, not at all; 1, always.
+"""How well a linear classifier separates real from simulated patches: AUC 0.5 is not at all, 1 is perfectly.
 
 Domain: frames of levels (N, H, W), DN. It learns on one half of the picture and every other frame, and is scored on
 the other half of both (AUC, mean of all ways). Real frames against real ones are the floor that no simulation beats.

@@ -1,4 +1,4 @@
-"""Real frames of levels that a camera was not fitted on beside frames that are simulated at the same light.
+"""Comparison of real frames with simulated frames at the same light, at levels that the fit did not use.
 
 Simulated is the sensor alone (:func:`blurnoise.sensor.readout.read_out`): its light has the smooth shading of the
 real mean frame, and the mean that a straight line through the other levels predicts.
@@ -99,7 +99,7 @@ class Validation:
 
     @property
     def answer(self) -> str:
-        """The first sentences: how close, what differs, and how well a classifier tells them apart."""
+        """The first sentences: largest differences, significant differences, and the result of the classifier."""
         differ = any(each.verdict == DIFFERS for each in self.comparisons if each.measure.name in HEADLINE)
         verb = "differ from" if differ else "behave like"
         held = "levels" if self.fitted is None else "held-out levels"
@@ -113,18 +113,20 @@ class Validation:
         near = f"{', '.join(close)} at {count} {held}" + (f" (and {dim} dim ones)" if dim else "")
         rest = [self._differing(kind) for kind in ("flat", "dark")]
         rest = [text for text in rest if text]
-        beyond = f"Beyond chance differ {'; '.join(rest)}" if rest else "Nothing differs beyond chance"
+        beyond = (
+            f"Significant differences: {'; '.join(rest)}" if rest else "There are no significant differences"
+        )
         scores = [
-            f"{tell.value:.2f} on {kind} frames (real from real {floor.value:.2f})"
+            f"{tell.value:.2f} on {kind} frames ({floor.value:.2f} for real frames among themselves)"
             for kind, (tell, floor) in self.apart.items()
             if tell.told
         ]
-        told = (
-            f" A classifier tells them apart with AUC {' and '.join(scores)}; 0.5 is not at all."
+        classifier = (
+            f" A classifier separates them with AUC {' and '.join(scores)}; 0.5 means not at all."
             if scores
             else ""
         )
-        return f"Simulated frames {verb} these: {near}. {beyond}.{told}"
+        return f"Simulated frames {verb} the real frames: {near}. {beyond}.{classifier}"
 
     def _differing(self, kind: str) -> str:
         """What differs, and at how many levels; the octaves of spectra together."""
@@ -153,7 +155,7 @@ def validate(
     lowest_db, notes = every.gains_db[0], list[str]()
     files, fitted = every.at_gain(lowest_db), None
     if len(every.gains_db) > 1:
-        notes.append(f"several gains: compared at {lowest_db:g} dB")
+        notes.append(f"the frames have several gains; those at {lowest_db:g} dB are compared")
     dark, flat = files.dark, files.flat
     lit = flat
     if camera is None:
@@ -164,17 +166,19 @@ def validate(
         if len(dark) >= FEWEST_DARK:
             half.dark, dark = dark[::2], dark[1::2]
         else:
-            notes.append("dark levels: the camera was fitted on them, too")
+            notes.append("the dark levels were also used for the fit")
         fitted = fit.measure(half)
         camera = to_camera.camera_of(fitted, "fitted on every other level", base=base)
         lit = half.flat
     else:
-        unlike = f"camera: {camera.name} has the mosaic {camera.cfa}, the frames none; must have none as they"
-        refuse(files.place is None and camera.cfa not in PLANES, f"{unlike}, or state --cfa")
+        unlike = f"camera = {camera.name}: has the colour filters {camera.cfa}, but the frames have none"
+        refuse(
+            files.place is None and camera.cfa not in PLANES, f"{unlike}; use another camera, or set --cfa"
+        )
         camera = _at_gain(camera, lowest_db)
     light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
     if not light.told:
-        notes.append("the light is taken from each level's own mean, which is not compared for that")
+        notes.append("the light is taken from the mean of each level, so the means are not compared")
     pairs, found = [], list[Comparison]()
     stacks: dict[str, list[tuple[Stack, Stack]]] = {"dark": [], "flat": []}
     means = [[float(plane.mean()) for plane in files.planes(frames)] for frames in files.dark]
@@ -184,7 +188,7 @@ def validate(
         first, planes = frames[0], _frames(files, frames)
         name = f"{first.kind} {first.exposure_s * 1e3:g} ms"
         if (planes >= camera.clip_dn).mean() > CLIPPED:
-            notes.append(f"{name}: clips, not compared")
+            notes.append(f"{name}: is clipped and not compared")
             continue
         real = Stack(planes)
         taken = _simulated(camera, first, real, light, seed)
@@ -194,7 +198,7 @@ def validate(
         errors = _errors(camera, first, simulated, light, fitted, wandering)
         level = compare(name, first.kind, real, simulated, errors)
         found += level if light.told or first.kind == "dark" else level[1:]
-    refuse(not stacks["flat"], "frames: every flat level clips; must be one or more below saturation")
+    refuse(not stacks["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
     if stacks["dark"]:
         found.append(compare_scatter("dark", *zip(*stacks["dark"], strict=True)))
     apart = {}

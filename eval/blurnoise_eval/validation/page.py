@@ -1,4 +1,4 @@
-"""The page of a validation: one HTML file with pictures of both, photon transfer and every comparison."""
+"""The page of a validation: one HTML file with pictures, photon transfer and all comparisons."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_other_tags(tmp_path):
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"t51041": None}, "states no NoiseProfile"),
+        ({"t51041": None}, "has no NoiseProfile"),
         ({"t51041": (12, (S, O, S))}, "must be pairs of S > 0"),
         ({"t50714": (4, 5000)}, "must be 0 <= black < white"),
     ],

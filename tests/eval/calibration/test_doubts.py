@@ -104,7 +104,8 @@ def test_levels_too_dim_for_a_black_level_that_wanders_are_left_out(tmp_path):
     taken["flat", 1e-5] = [lit(2.0, 0.1), lit(2.0, -0.1)]
     found = measure(made_frames.save(tmp_path / "frames", taken), bit_depth=12)
     assert any(
-        note.startswith("left out: 1 flat levels too dim") and "flat 0.01 ms" in note for note in found.notes
+        note.startswith("left out: 1 flat levels that are too dim") and "flat 0.01 ms" in note
+        for note in found.notes
     )
     assert 0 not in found.used
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(GAIN, rel=0.02)

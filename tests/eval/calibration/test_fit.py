@@ -116,7 +116,7 @@ def test_dark_charge_whose_mean_the_camera_takes_off_is_told_by_the_variance(tmp
         taken_off = round(camera.system_gain_dn_per_e * 600 * exposure_s)
         each[:] = [np.maximum(plane.astype(int) - taken_off, 0).astype(np.uint16) for plane in each]
     found = measure(made_frames.save(tmp_path / "frames", planes), bit_depth=12)
-    assert any("that of the variance" in note for note in found.notes)
+    assert any("measured from the variance" in note for note in found.notes)
     assert off(found, camera, "dark_current_e_s") < 0.05
     assert off(found, camera, "read_noise_e") < 0.05
     assert off(found, camera, "system_gain_dn_per_e") < 0.02

@@ -48,7 +48,7 @@ def test_gain_light_and_temperature_reach_the_levels(tmp_path):
     files = Folder(listed(tmp_path, rows))
     assert files.gains_db == [0.0, 6.0]
     assert files.notes == [
-        "the sensor was at 31 to 33 degrees C: its dark current is that of no one temperature"
+        "the temperature of the sensor varies from 31 to 33 °C; the dark current is a mean over it"
     ]
     high = files.at_gain(6.0)
     assert (len(high.dark), len(high.flat)) == (4, 4)
@@ -94,18 +94,18 @@ def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path):
     """The signal of each plane is told; a stated mosaic counts, also that there is none."""
     folder = mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3))
     found = measure(folder, cfa="RGGB")
-    (note,) = (note for note in found.notes if "mosaic" in note)
+    (note,) = (note for note in found.notes if "colour filters" in note)
     assert note.startswith(
-        "mosaic RGGB: figures are of the green pixels, those in row 1, column 2 of each 2 x 2; "
+        "colour filters RGGB: values are for the green pixels, those in row 1, column 2 of each 2 x 2; "
     )
-    assert note.endswith("signal of the others over theirs: R 0.50, G 1.00, B 0.30")
+    assert note.endswith("relative signal of the others: R 0.50, G 1.00, B 0.30")
     assert found.size_px == (160, 128)
     assert found.flat[-1].pixels == 64 * 80
     assert found.flat[-1].mean_dn == pytest.approx(60 + 0.4 * 6000, rel=0.002)
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.04)
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.1)
     assert measure(folder, cfa="none").flat[-1].pixels == 128 * 160
-    assert any(note.startswith("noticed: mosaic XGGX") for note in measure(folder).notes)
+    assert any(note.startswith("detected: colour filters XGGX") for note in measure(folder).notes)
 
 
 def test_the_camera_behind_a_mosaic(tmp_path):
@@ -140,4 +140,4 @@ def test_raw_files_are_a_camera(tmp_path):
             made_frames.write_dng(path, plane, {34665: (4, {tag: value for tag, (_, value) in exif.items()})})
     found = measure(tmp_path, bit_depth=12)
     assert found.estimates["system_gain_dn_per_e"].value == pytest.approx(0.4, rel=0.05)
-    assert any(note.startswith("mosaic RGGB") for note in found.notes)
+    assert any(note.startswith("colour filters RGGB") for note in found.notes)

@@ -88,15 +88,15 @@ def test_layouts_that_cannot_be(text, why):
 
 
 FAULTY = {
-    "a.jpg": (lambda path: cv2.imwrite(str(path), PLANE.astype(np.uint8)), "JPEG is lossy"),
+    "a.jpg": (lambda path: cv2.imwrite(str(path), PLANE.astype(np.uint8)), "JPEG file"),
     "colour.png": (lambda path: cv2.imwrite(str(path), np.zeros((40, 50, 3), np.uint8)), "not colours"),
-    "mean.npy": (lambda path: np.save(path, PLANE + 0.5), "whole numbers"),
-    "line.npy": (lambda path: np.save(path, PLANE.ravel()), r"shape \(2000,\): must be \(H, W\), or"),
+    "mean.npy": (lambda path: np.save(path, PLANE + 0.5), "integers"),
+    "line.npy": (lambda path: np.save(path, PLANE.ravel()), r"shape = \(2000,\): must be \(H, W\), or"),
     "small.png": (lambda path: cv2.imwrite(str(path), PLANE[:20]), "at least 32 x 32"),
-    "a.raw": (lambda path: PLANE.tofile(path), "4000 bytes: must be 4100, 41 rows of 100 bytes"),
-    "mean.fits": (lambda path: made_frames.write_fits(path, PLANE, BSCALE=0.5), "whole numbers"),
+    "a.raw": (lambda path: PLANE.tofile(path), "4000 bytes; must have 4100, 41 rows of 100 bytes"),
+    "mean.fits": (lambda path: made_frames.write_fits(path, PLANE, BSCALE=0.5), "integers"),
     "short.fits": (lambda path: path.write_bytes(b"SIMPLE  =  T"), "its header has no END"),
-    "cut.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS2=4000), "by its header"),
+    "cut.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS2=4000), "according to its header"),
     "odd.fits": (lambda path: made_frames.write_fits(path, PLANE, BITPIX=64), "BITPIX = 64"),
 }  # fmt: skip
 

@@ -62,7 +62,7 @@ def test_a_descriptor_of_emva_1288(tmp_path):
     assert flat.exposure_s == pytest.approx(40_000.5e-9)
     assert (dark.kind, dark.exposure_s, dark.photons_per_px) == ("dark", 0.001, None)
     assert found.bit_depth == 10
-    assert list(found.notes) == ["Data.txt lists 3 pictures, 1 of which are not there and left out"]
+    assert list(found.notes) == ["Data.txt lists 3 pictures; 1 of them are missing and left out"]
     (tmp_path / "Data.txt").write_text(DESCRIPTOR + "b 1000")
     with pytest.raises(ValueError, match=r"Data\.txt: line 9: must be b EXPOSURE_NS PHOTONS"):
         list_frames(tmp_path)
@@ -87,12 +87,12 @@ def test_names_of_files_and_folders(tmp_path):
         ("dark", 0.01), ("flat", 0.0025), ("flat", 0.0005), ("dark", 1.0), ("dark", 0.007), ("flat", 0.007),
     }  # fmt: skip
     assert list(found.notes) == [
-        "left out: 1 files that state no exposure, by name or header, as flat_10_1.npy"
+        "left out: 1 files without an exposure in name or header, such as flat_10_1.npy"
     ]
     with pytest.raises(ValueError, match="must be a folder"):
         list_frames(tmp_path / "x.npy")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(ValueError, match=r"no frames: must hold frames\.csv, a descriptor of EMVA 1288, or"):
+    with pytest.raises(ValueError, match=r"no frames; must contain frames\.csv, a descriptor of EMVA 1288"):
         list_frames(tmp_path / "empty")
 
 
@@ -106,14 +106,14 @@ def test_raw_files_in_a_folder_of_darks_and_beside_it(tmp_path):
     found = list_frames(tmp_path)
     seen = {(frame.kind, frame.exposure_s, frame.gain_db, frame.cfa) for frame in found.frames}
     assert seen == {("dark", 0.1, 0.0, "RGGB"), ("flat", 0.01, 12.041, "RGGB")}
-    assert list(found.notes) == ["ISO 200, the lowest, counts as 0 dB of gain"]
+    assert list(found.notes) == ["ISO 200, the lowest, is used as 0 dB of gain"]
 
 
 def test_fits_files(tmp_path):
     """By their headers; a gain of a maker's unit needs frames.csv, which counts more."""
     for name, kind, gain in (("a", "'Dark Frame'", 0), ("b", "'FLAT'", 120)):
         made_frames.write_fits(tmp_path / f"{name}.fits", PLANE, EXPTIME=0.02, IMAGETYP=kind, GAIN=gain)
-    with pytest.raises(ValueError, match=r"GAIN in the headers = 0, 120: .* state the column gain_db"):
+    with pytest.raises(ValueError, match=r"GAIN in the headers = 0, 120: .* add the column gain_db"):
         list_frames(tmp_path)
     (tmp_path / "frames.csv").write_text("file,gain_db\na.fits,0\nb.fits,12\n")
     seen = [(frame.kind, frame.exposure_s, frame.gain_db) for frame in list_frames(tmp_path).frames]

@@ -78,22 +78,22 @@ def cut_short(folder):
 
 
 REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
-    "all rows twice": (again, r"frames\.csv: line 10: file 'dark0\.npy', page 0: is in line 2 already"),
+    "all rows twice": (again, r"frames\.csv: line 10: file 'dark0\.npy', page 0: is already in line 2"),
     "flat and dark": (
         lambda folder: rewrite(folder, ("dark0", "flat3")),
-        r"frames\.csv: line 5: file 'flat3\.npy', page 0: is in line 2 already",
+        r"frames\.csv: line 5: file 'flat3\.npy', page 0: is already in line 2",
     ),
     "a stack of equal frames": (doubled, r"flat5\.npy: page 2: is the same picture as flat5\.npy, page 0"),
     "a copy as dark": (
         lambda folder: np.save(folder / "dark1.npy", np.load(folder / "flat5.npy")),
-        r"dark1\.npy: page 0: is the same picture as flat5\.npy, page 0; each must be taken anew",
+        r"dark1\.npy: page 0: is the same picture as flat5\.npy, page 0; each frame must be a new exposure",
     ),
     "more cells": (
         lambda folder: rewrite(folder, ("dark1.npy,dark,0.05", "dark1.npy,dark,0.05,1,2")),
-        r"frames\.csv: line 3: 5 cells; must be at most 3",
+        r"frames\.csv: line 3: 5 values; must be at most 3",
     ),
     "a column twice": (
-        lambda folder: rewrite(folder, (HEADER, HEADER + ",kind")), "line 1: column 'kind': must be there once",
+        lambda folder: rewrite(folder, (HEADER, HEADER + ",kind")), "line 1: column 'kind': must occur once",
     ),
     "semicolons": (lambda folder: rewrite(folder, (",", ";")), "line 1: .*separated by commas"),
     "no number": (
@@ -106,13 +106,13 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a list of nothing": (
         lambda folder: (folder / "frames.csv").write_text(HEADER),
-        r"frames\.csv: no frames: must have a line for each file",
+        r"frames\.csv: no frames; must have a line for each file",
     ),
     "no frames in an array": (
         lambda folder: np.save(folder / "flat5.npy", np.zeros((0, *SIZE), np.uint16)),
-        r"flat5\.npy: shape \(0, 48, 64\): holds no frame",
+        r"flat5\.npy: shape = \(0, 48, 64\): must not be empty",
     ),
-    "a TIFF cut short": (cut_short, r"a\.tif: cut short: page \d cannot be read"),
+    "a TIFF cut short": (cut_short, r"a\.tif: is incomplete; page \d cannot be read"),
     "BZERO": (fits(BZERO="abc"), r"a\.fits: BZERO = 'abc': must be a number"),
     "BITPIX": (fits(BITPIX="abc"), r"a\.fits: BITPIX = 'abc': must be a number"),
     "GAIN": (fits(GAIN="'high'"), r"a\.fits: GAIN = 'high': must be a number"),
@@ -147,7 +147,7 @@ def test_a_gain_with_dark_frames_alone_is_named(tmp_path):
     (tmp_path / "frames.csv").write_text("\n".join([f"{HEADER},gain_db", *kept]))
     found = measure(tmp_path)
     assert not found.gains
-    assert "left out: the frames at 12 dB: must be dark levels and 3 flat ones" in found.notes
+    assert "left out: the frames at 12 dB; dark levels and 3 flat levels are needed" in found.notes
 
 
 def test_a_black_level_that_wanders_is_not_the_lamp(tmp_path):

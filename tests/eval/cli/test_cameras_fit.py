@@ -36,7 +36,7 @@ def test_a_camera_with_sources_and_its_plot(folder, tmp_path, capsys):
     assert camera.sources["read_noise_e"].startswith(
         "measured: photon transfer of 16 flat and 16 dark frames, 95 % "
     )
-    assert camera.sources["full_well_e"].startswith("assumed: the converter's limit; no frame clips")
+    assert camera.sources["full_well_e"].startswith("assumed: the limit of the converter, as no frame clips")
     assert camera.sources["bit_depth"] == "stated with the frames"
     assert (camera.dark_reference_c, camera.sources["dark_reference_c"]) == (31.0, "stated with the frames")
     assert camera.sources["f_number"] == "assumed, as of the preset imx250"
@@ -64,7 +64,7 @@ def test_a_dng(tmp_path, capsys):
         (["FOLDER", "-o", "x.txt"], "suffix of x.txt"),
         (["FOLDER", "-o", "x.yaml", "--base", "imx"], "base = 'imx'"),
         (["FOLDER", "-o", "x.yaml", "--bit-depth", "17"], "--bit-depth = 17"),
-        (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: frames hold"),
+        (["FOLDER", "-o", "x.yaml", "--bit-depth", "11"], "--bit-depth = 11: allows numbers up to 2047"),
         (["--dng", "x.dng", "-o", "x.yaml", "--bit-depth", "12"], "--bit-depth: needs a folder"),
         (["FOLDER", "-o", "x.yaml", "--raw-layout", "mipi10"], "--raw-layout = 'mipi10': must be PACKING,"),
         (["FOLDER", "-o", "x.yaml", "--cfa", "RGB"], "--cfa = 'RGB'"),

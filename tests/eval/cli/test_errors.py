@@ -59,8 +59,8 @@ COMMANDS = {
         ("empty.onnx", "empty"),
     ],
     "explore -o out.png": [
-        ("--at picture=sign-99", "picture = 'sign-99': is not here"),
-        ("--cell abc", "cell: goes with a run"),
+        ("--at picture=sign-99", "picture = 'sign-99': is not available"),
+        ("--cell abc", "cell: needs a run"),
         (".", "results.sqlite"),
     ],
     "motion --speed-kmh 50 --distance-m 20 --target-width-m 1 --exposure-ms 10": [
@@ -72,7 +72,7 @@ COMMANDS = {
     "chart": [("flat-patch --size nan -o out.png", "--size = nan: must be finite")],
     "bench -o run": [
         ("blur --threads 0", "threads"),
-        ("blur --model m.onnx", "--model: goes with 'decide and sweep'"),
+        ("blur --model m.onnx", "--model: is for 'decide and sweep'"),
     ],
     "paper -o run": [("--only sharpness", "only = 'sharpness'"), ("--threads 0", "threads")],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],

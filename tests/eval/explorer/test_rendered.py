@@ -109,11 +109,11 @@ def test_what_is_enough_is_a_share_of_the_original_or_a_confidence():
     """Of a share, what is missed in the original is no target."""
     clean, dark = sight(0.8, 0.1, 0.4), sight(0.6, 0.9, 0.5)
     kept = Standard.of(KEPT, clean)
-    assert (kept.unit, kept.enough) == (pytest.approx(0.6), pytest.approx(0.54))
+    assert (kept.unit, kept.required) == (pytest.approx(0.6), pytest.approx(0.54))
     assert [row["target_id"] for row in kept.sight(dark).targets] == [0, 4]
     assert kept.text(0.54) == "90 %"
     absolute = Standard.of(ABSOLUTE, clean)
-    assert (absolute.enough, absolute.text(0.3), absolute.sight(dark)) == (0.6, "0.30", dark)
+    assert (absolute.required, absolute.text(0.3), absolute.sight(dark)) == (0.6, "0.30", dark)
 
 
 def curve(best_ms, stops, saturated_from=math.inf):
@@ -133,7 +133,7 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms, stops):
     """Ninety per cent of a parabola in log2: the root of a tenth of its half width, to a fifth of a stop. What keeps
     most is found to what the places, two thirds of a stop apart, allow."""
     standard = Standard(0.9, True, 0.5, frozenset())
-    found = window(curve(best_ms, stops), standard.enough, best_ms)
+    found = window(curve(best_ms, stops), standard.required, best_ms)
     assert found is not None
     half = stops * math.sqrt(0.1)
     assert math.log2(found[0] / best_ms) == pytest.approx(-half, abs=0.2)
@@ -145,11 +145,11 @@ def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms, stops):
 @pytest.mark.parametrize(
     ("held", "told"),
     [
-        ((0.9, 0.9, 0.9), "0.60 or more at every value tried; most, 0.90 at 1.64 ms."),
-        ((0.1, 0.9, 0.1), "0.60 or more from about 0.15 to 17 ms, not here; most, 0.90 at 1.64 ms."),
-        ((0.9, 0.9, 0.1), "0.60 or more up to about 17 ms, not here; most, 0.90 at 0.003 ms."),
-        ((0.1, 0.1, 0.9), "0.60 or more from about 85 ms, not here; most, 0.90 at 900 ms."),
-        ((0.1, 0.2, 0.1), "none of the 3 values tried reaches 0.60; most, 0.20 at 1.64 ms."),
+        ((0.9, 0.9, 0.9), "0.60 or more at every tested value; best: 0.90 at 1.64 ms."),
+        ((0.1, 0.9, 0.1), "0.60 or more from about 0.15 to 17 ms, not here; best: 0.90 at 1.64 ms."),
+        ((0.9, 0.9, 0.1), "0.60 or more up to about 17 ms, not here; best: 0.90 at 0.003 ms."),
+        ((0.1, 0.1, 0.9), "0.60 or more from about 85 ms, not here; best: 0.90 at 900 ms."),
+        ((0.1, 0.2, 0.1), "none of the 3 tested values reaches 0.60; best: 0.20 at 1.64 ms."),
     ],
 )
 def test_the_sentence_of_a_curve(held, told):

@@ -86,7 +86,7 @@ def test_the_answer_opens_with_what_ranks_best_and_what_misleads():
     assert text.endswith("MTF50 across y misleads: 1.00 along light alone, 0.36 over both.")
     (text,) = sentences(made(exposures_s=(0.01,)))
     assert text.endswith(
-        "cannot tell which metric ranks conditions: none is known at 20 and half of the nodes."
+        "cannot tell which metric ranks conditions; none is known at 20 and half of the nodes."
     )
 
 
@@ -161,7 +161,7 @@ def test_conditions_of_one_node_are_summed():
 @pytest.mark.parametrize(
     ("plan", "reason"),
     [
-        ({"grid": {"moves": [0.0, 1.0]}}, "its targets or background move alone"),
+        ({"grid": {"moves": [0.0, 1.0]}}, "targets or background move separately"),
         ({"grid": {"ego_speed_m_s": [10.0]}, "ego": {}}, "its camera drives"),
         ({"grid": {"f_number": [2.0]}, "trajectory": {"kind": "shake"}}, "its pictures follow a trajectory"),
         (None, "no sweep has begun here"),

@@ -61,7 +61,7 @@ def test_departures_are_those_of_pictures_drawn_again():
 
 
 def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():
-    with pytest.raises(ValueError, match=r"lux = 2: no tested exposure at .*30 frames/s.*gain up to 6 dB"):
+    with pytest.raises(ValueError, match=r"at 2 lux, no exposure.*30 frames/s.*gain up to 6 dB"):
         optimise(made_problem(Limits(gain_max_db=6.0)))
 
 
@@ -69,8 +69,8 @@ def test_a_gain_limit_that_leaves_nothing_is_named_with_the_light():
 @pytest.mark.parametrize(
     ("more", "named"),
     [
-        ({"lights_lux": (10.0, 2e6)}, r"lux = 2e\+06.*the run covers light x exposure 0.000488 to 8 lux s"),
-        ({"lights_lux": (0.01, 10.0)}, r"lux = 0.01.*light x exposure"),
+        ({"lights_lux": (10.0, 2e6)}, r"at 2e\+06 lux.*the run covers light x exposure 0.000488 to 8 lux s"),
+        ({"lights_lux": (0.01, 10.0)}, r"at 0.01 lux.*light x exposure"),
         ({"speeds_px_s": {0.0: 0.5, 1e7: 0.5}}, r"at 0, 1e\+07 px/s.*motion 0.5 to 64 px"),
     ],
 )

@@ -126,10 +126,10 @@ def test_what_cannot_be_told():
 
 
 def test_pictures_that_do_not_go_together():
-    said = "simulated is 320 x 257 px, 16 bits; real"
+    said = "simulated, real: are 320 x 257 px, 16 bits and"
     for first, second, why in (
-        (picture(0), np.zeros((257, 321), np.uint16), f"{said} 321 x 257 px, 16 bits: must be alike"),
-        (picture(0), np.zeros(SIZE, np.uint8), f"{said} 320 x 257 px, 8 bits: must be alike"),
+        (picture(0), np.zeros((257, 321), np.uint16), f"{said} 321 x 257 px, 16 bits; must have the same"),
+        (picture(0), np.zeros(SIZE, np.uint8), f"{said} 320 x 257 px, 8 bits; must have the same"),
         (np.zeros((63, 99), np.uint8), np.zeros((63, 99), np.uint8), "at least 64 x 64"),
     ):
         with pytest.raises(ValueError, match=re.escape(why)):

@@ -142,8 +142,8 @@ def test_withheld_numbers_are_empty_and_say_why(tmp_path, capsys):
     assert len(dashes) >= 3 * len(NAMES)
     assert f"2: {Flag.CLIPPED.value}" in " ".join(out_text.split())
     assert err == (
-        "16 bits: taken as linear; --srgb if the picture is sRGB-coded\n"
-        "no single edge shows a tone curve that is symmetric about its middle: --oecf FILE takes one out\n"
+        "the picture has 16 bits and is read as linear (use --srgb if it is sRGB-coded)\n"
+        "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it\n"
     )
     assert cv2.imread(str(tmp_path / "edges.png")).shape[1] > 800
 

@@ -263,7 +263,7 @@ def test_tables_carry_phase_and_missed_pulses(run):
     page = (run / "report.html").read_text()
     assert "Share of pictures that miss the pulsed lamp" in page
     (answer,) = Evaluation(run).answers
-    assert answer["limited_low"] == "missed pulses"
+    assert answer["window_from_limited_by"] == "missed pulses"
 
 
 def test_a_cell_of_the_run_is_taken_again(run):

@@ -47,14 +47,11 @@ def test_urls(text, shown):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "must name a file or folder"),
+        ("", "must be the name of a file or folder"),
         ("ftp://host/a", "must begin with s3://, gs://, hf:// or file:///"),
-        *(
-            (url, "must name a bucket and stay in it")
-            for url in ("s3://", "s3:///a", "s3://../a", "s3://b/../a")
-        ),
-        ("s3://bucket/a?versionId=secret", "must hold no user, password or query"),
-        ("s3://key:secret@bucket/a?token=secret", "must hold no user, password or query"),
+        *((url, "must be a path in a bucket") for url in ("s3://", "s3:///a", "s3://../a", "s3://b/../a")),
+        ("s3://bucket/a?versionId=secret", "must not contain a user, password or query"),
+        ("s3://key:secret@bucket/a?token=secret", "must not contain a user, password or query"),
     ],
 )
 def test_urls_that_cannot_be_meant(text, told):
@@ -97,7 +94,7 @@ def test_a_copy_is_of_one_version(bucket, tmp_path):
     (bucket / "a.bin").write_bytes(b"other")
     assert local_file(bucket / "a.bin", known=known) == copy, "as it was"
     assert local_file(bucket / "a.bin").read_bytes() == b"other"
-    with pytest.raises(OSError, match="has changed since it was looked up") as error:
+    with pytest.raises(OSError, match="has changed while it was read") as error:
         local_file(bucket / "sub" / "none", known=known)
     assert error.value.filename == f"{URL}/sub/none"
     assert sorted(path.name for path in (tmp_path / "cache").rglob("*.*")) == ["a.bin", "a.bin"]
@@ -168,7 +165,7 @@ def test_results_that_another_machine_has_put_meanwhile_stay(tmp_path):
             work(folder.path, results_sqlite="rows of this one")
             (RUN / RUN_FILE).write_bytes(b"rows of another machine")
 
-    with pytest.raises(ValueError, match=f"run = '{RUN_URL}': another process has put"):
+    with pytest.raises(ValueError, match=f"run = '{RUN_URL}': another process has written"):
         overtaken()
     assert there() == {RUN_FILE: b"rows of another machine"}
     (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
@@ -181,7 +178,7 @@ def test_what_cannot_be_put_stays_and_is_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(type(RUN.fs), "put", denied)
     with (
-        pytest.raises(OSError, match=r"denied.*; what was not put is in") as told,
+        pytest.raises(OSError, match=r"denied.*; files that were not uploaded are in") as told,
         written_run(RUN) as folder,
     ):
         work(folder.path, results_sqlite="rows")

@@ -115,7 +115,7 @@ def test_camera_counts_gains_as_its_fit_did(tmp_path):
     [
         ({"levels": 4}, [], "4 flat levels; must be 5 or more without --camera"),
         ({}, ["--seed", "-1"], "--seed = -1: must be >= 0"),
-        ({}, ["--camera", "imx250c"], "imx250c has the mosaic RGGB, the frames none"),
+        ({}, ["--camera", "imx250c"], "imx250c: has the colour filters RGGB"),
         ({}, ["--cfa", "XYZ"], "--cfa = 'XYZ': must be one of"),
         ({"kind": "raw"}, ["--raw-layout", "u16,96x65"], "12288 bytes"),
     ],
@@ -162,8 +162,11 @@ def test_headline_follows_the_verdicts():
     alike = Validation(CAMERA, None, rows, {}, pairs, [])
     assert {each.verdict for each in rows} == {AGREES}
     near = "mean within 0.4 %, variance within 1 % at 1 levels (and 1 dim ones)"
-    assert alike.answer == f"Simulated frames behave like these: {near}. Nothing differs beyond chance."
+    assert (
+        alike.answer
+        == f"Simulated frames behave like the real frames: {near}. There are no significant differences."
+    )
     dark = level("d", "dark", variance, 0.3, 0.01)
     apart = replace(alike, comparisons=[*rows, dark]).answer
-    assert apart.startswith("Simulated frames differ from these: mean within 0.4 %")
-    assert apart.endswith("Beyond chance differ on dark frames variance (1 of 1).")
+    assert apart.startswith("Simulated frames differ from the real frames: mean within 0.4 %")
+    assert apart.endswith("Significant differences: on dark frames variance (1 of 1).")

@@ -85,7 +85,7 @@ def test_wrong_figures_differ(tmp_path):
     )
     assert found.of("variance", "flat")[-1].difference == pytest.approx(0.4 / 0.42 - 1, abs=0.02)
     assert {each.verdict for kind in ("dark", "flat") for each in found.of("variance", kind)} == {DIFFERS}
-    assert found.answer.startswith("Simulated frames differ from these")
+    assert found.answer.startswith("Simulated frames differ from the real frames")
 
 
 @pytest.mark.slow
