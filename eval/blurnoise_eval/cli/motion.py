@@ -19,7 +19,7 @@ def motion(
     exposure_ms: Annotated[float, Option(metavar="MS", min=0, help="exposure time, ms")],
     camera: Annotated[
         str, Option(metavar="NAME|FILE", help="whose width and field of view are the defaults")
-    ] = "imx250",
+    ] = "ar0132at",
     width_px: Annotated[
         float | None, Option(metavar="PX", help="of the picture (default: the camera's)")
     ] = None,

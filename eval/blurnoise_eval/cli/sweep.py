@@ -29,8 +29,10 @@ def sweep(*, given: PlanFile, output: Folder, as_json: Json = False) -> None:
       blurnoise sweep --save-plan plan.yaml            every setting, to edit
       blurnoise sweep --plan plan.yaml --lux 1,10 -o run
 
-    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds, and the built-in detector. A
-    sweep that was stopped goes on where it was when the same command is given again.
+    Without pictures: stop signs of 100, 50 and 32 px, rendered before 20 backgrounds, and the built-in detector. The
+    default conditions are those of a camera on a vehicle: exposures that 30 frames/s leave, light from a night street
+    to daylight, and the image speeds at 0, 50 and 100 km/h of a sign 5 m beside the camera and 12.5 m ahead. A sweep
+    that was stopped goes on where it was when the same command is given again.
     """
     from blurnoise_eval.evaluation import evaluate
 

@@ -53,15 +53,15 @@ def with_axes(
 ) -> Any:
     """The class of a table of axes; defaults: in place of a sweep's, by the setting's name. axes: default all."""
     axes = axes or AXES
-    if defaults is None:
-        defaults = {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
+    usual = defaults or {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
     made = []
     for each in axes:
-        about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
+        names = "" if defaults or not each.default_names else f": {', '.join(each.default_names)}"
+        about = f"{each.about} (default: {usual[each.key]}{names})" if each.key in usual else each.about
         shown = f"auto|{metavar}" if each.automatic else "|".join(each.choices) or metavar
         field = setting(None, about, shown, panel=panel, read=each.values)
         made.append((each.key, "tuple[float, ...] | None", field))
-    held = {"AXES": axes, "DEFAULTS": defaults}
+    held = {"AXES": axes, "DEFAULTS": usual}
     return make_dataclass("Axes", made, bases=(_Axes,), frozen=True, namespace=held)
 
 
