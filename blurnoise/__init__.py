@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from blurnoise.blur.convolution import defocus, motion_blur
 from blurnoise.blur.layers import Layer, expose_layers
+from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import blur_pixels, velocity_px_s
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
+from blurnoise.optics.camera import Camera, Capture
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics
@@ -22,22 +23,27 @@ from blurnoise.scene.scene import ExposedScene, Exposure, simulate
 
 if TYPE_CHECKING:
     from blurnoise.metrics import slanted_edge
-    from blurnoise.training.augmentation import RandomExposure
+    from blurnoise.training.arrays import expose_numpy
+    from blurnoise.training.augmentation import RandomExposure, expose_pictures
 
 __all__ = [
     "AutoExposure",
     "Camera",
+    "Capture",
     "Curve",
     "ExposedScene",
     "Exposure",
     "Layer",
     "Optics",
+    "Pwm",
     "RandomExposure",
     "Trajectory",
     "blur_pixels",
     "defocus",
     "develop",
     "expose_layers",
+    "expose_numpy",
+    "expose_pictures",
     "motion_blur",
     "photoelectrons",
     "plan",
@@ -45,7 +51,12 @@ __all__ = [
     "slanted_edge",
     "velocity_px_s",
 ]
-_LATE = {"RandomExposure": "blurnoise.training.augmentation", "slanted_edge": "blurnoise.metrics"}
+_LATE = {
+    "RandomExposure": "blurnoise.training.augmentation",
+    "expose_numpy": "blurnoise.training.arrays",
+    "expose_pictures": "blurnoise.training.augmentation",
+    "slanted_edge": "blurnoise.metrics",
+}
 __version__ = "0.1.0"
 
 

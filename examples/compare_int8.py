@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from blurnoise_eval import Detector, SweepPlan, datasets, evaluate
-from blurnoise_models.detector import STOP_SIGN
+from blurnoise_eval import STOP_SIGN, Detector, SweepPlan, datasets, evaluate
 from blurnoise_models.scenes import write_coco
 from onnxruntime.quantization import CalibrationDataReader, quantize_static
 

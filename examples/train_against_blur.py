@@ -7,9 +7,8 @@ what both make of 200 others, clean, and dark and blurred.
 import torch
 from torch import Tensor, nn
 
-from blurnoise import AutoExposure, RandomExposure, charts
+from blurnoise import AutoExposure, RandomExposure, charts, expose_pictures
 from blurnoise.optics.colour import srgb_from_linear
-from blurnoise.training.augmentation import expose_pictures
 
 SIDE = 48
 

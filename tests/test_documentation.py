@@ -1,5 +1,6 @@
 """README and guide: their commands are the parser's, their Python runs, and the guide is built without network."""
 
+import ast
 import functools
 import re
 import shutil
@@ -7,6 +8,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 
+import blurnoise_eval
 import documented
 import made_files
 import pytest
@@ -14,6 +16,8 @@ import torchvision_ops
 from blurnoise_eval import cli, datasets
 from documented import PAGES, ROOT
 from typer.core import TyperCommand
+
+import blurnoise
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
 _ABROAD = re.compile(
@@ -55,6 +59,26 @@ def test_python_compiles():
     for page in PAGES:
         for number, block in enumerate(documented.blocks(page, "python"), 1):
             compile(block, f"{page}, block {number}", "exec")
+
+
+def _public() -> set[str]:
+    """What the two packages export, and what the pages of the Python reference show."""
+    packages = (blurnoise, blurnoise_eval)
+    exported = {f"{package.__name__}.{name}" for package in packages for name in package.__all__}
+    pages = [(ROOT / page).read_text(encoding="utf-8") for page in PAGES if "/api/" in page]
+    return exported | {name for page in pages for name in re.findall(r"^::: (\S+)$", page, re.MULTILINE)}
+
+
+def test_what_is_shown_imports_public_names_only():
+    """A name is public, or it or its module is in the reference."""
+    shown = {page: "\n".join(documented.blocks(page, "python")) for page in PAGES}
+    shown |= {name: (ROOT / "examples" / name).read_text(encoding="utf-8") for name in EXAMPLES}
+    public = _public()
+    for where, text in shown.items():
+        for each in (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom)):
+            if str(each.module).startswith("blurnoise") and each.module not in public:
+                for name in (f"{each.module}.{name.name}" for name in each.names):
+                    assert any(f"{known}.".startswith(f"{name}.") for known in public), f"{where}: {name}"
 
 
 def test_every_example_is_in_the_guide():

@@ -6,28 +6,43 @@ Names are imported when they are first used, so that the command's ``--help`` is
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from blurnoise_eval import datasets
     from blurnoise_eval.detectors.detector import Detector
+    from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector
     from blurnoise_eval.evaluation import Evaluation, evaluate
+    from blurnoise_eval.explorer.run import Run
     from blurnoise_eval.grid.axes import AXES
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.single_picture import expose
 
-__all__ = ["AXES", "Detector", "Evaluation", "SweepPlan", "datasets", "evaluate"]
+    STOP_SIGN: Path
+
+__all__ = [
+    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Run", "SweepPlan", "TorchvisionDetector",
+    "datasets", "evaluate", "expose",
+]  # fmt: skip
 _FROM = {
     "AXES": "grid.axes",
     "Detector": "detectors.detector",
     "Evaluation": "evaluation",
+    "PythonDetector": "detectors.python_models",
+    "Run": "explorer.run",
     "SweepPlan": "grid.conditions",
+    "TorchvisionDetector": "detectors.python_models",
     "evaluate": "evaluation",
+    "expose": "single_picture",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name == "datasets":
         return import_module(f"{__name__}.datasets")
+    if name == "STOP_SIGN":  # the built-in detector's file
+        return import_module("blurnoise_models.detector").STOP_SIGN
     if name not in _FROM:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_FROM[name]}"), name)

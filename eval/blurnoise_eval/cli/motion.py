@@ -19,7 +19,7 @@ def motion(
     exposure_ms: Annotated[float, Option(metavar="MS", min=0, help="exposure time, ms")],
     camera: Annotated[
         str, Option(metavar="NAME|FILE", help="camera with the default width and field of view")
-    ] = "imx250",
+    ] = "ar0132at",
     width_px: Annotated[
         float | None, Option(metavar="PX", help="width of the picture, px (default: the camera's)")
     ] = None,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
-from blurnoise_eval.system.urls import Location, for_each, local_file
+from blurnoise_eval.system.urls import Location, for_each, local_file, location
 
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
 MOST_MEGAPIXELS = 178.0
@@ -176,9 +176,11 @@ def content(picture: Image) -> str:
     return digest.hexdigest()
 
 
-def read_picture(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None) -> Image:
+def read_picture(
+    path: str | Location, max_megapixels: float = MOST_MEGAPIXELS, known: str | None = None
+) -> Image:
     """As :func:`decode`, but always (H, W, 3) RGB: what detectors take."""
-    picture = decode(path, max_megapixels, known)
+    picture = decode(location(path), max_megapixels, known)
     return picture if picture.ndim == 3 else np.ascontiguousarray(np.stack([picture] * 3, axis=-1))
 
 
@@ -189,19 +191,20 @@ def eight_bit(picture: Image) -> NDArray[np.uint8]:
     return np.round(picture * (255.0 / 65535.0)).astype(np.uint8)
 
 
-def write_picture(path: Path, picture: Image) -> None:
+def write_picture(path: str | Path, picture: Image) -> None:
     """Write (H, W) grey or (H, W, 3) RGB, 8 or 16 bit; the suffix names the format.
 
     The file appears whole or not at all. Raises ``ValueError`` for an unknown suffix, ``OSError`` where it
     cannot be written.
     """
-    if picture.dtype == np.uint16 and path.suffix.lower() not in (".png", ".tif", ".tiff"):
-        raise ValueError(f"output = {str(path)!r}: must end in .png or .tiff for 16 bits")
+    place = Path(path)
+    if picture.dtype == np.uint16 and place.suffix.lower() not in (".png", ".tif", ".tiff"):
+        raise ValueError(f"output = {str(place)!r}: must end in .png or .tiff for 16 bits")
     try:
-        data = encode(picture, path.suffix)
+        data = encode(picture, place.suffix)
     except cv2.error:
-        raise ValueError(f"output = {str(path)!r}: unknown picture suffix {path.suffix!r}") from None
-    write_whole(path, data)
+        raise ValueError(f"output = {str(place)!r}: unknown picture suffix {place.suffix!r}") from None
+    write_whole(place, data)
 
 
 def encode(picture: Image, suffix: str = ".png") -> bytes:

@@ -33,7 +33,8 @@ class PythonDetector(Detector):
     find: as the module says; what it raises is the model's failure on that picture. classes: names by number; what is
     found of other names is dropped. name: in tables, by default the function's. version: tells one state of the
     function from another; a run goes on only with the same. together: whether several threads may call it at once.
-    The engines of processes and Ray pickle it, so they take functions of modules, but no lambdas.
+    The engine of processes takes functions of modules and of scripts that begin below ``if __name__ == "__main__":``,
+    but no lambdas; Ray takes any whose values can be pickled.
     Raises ``TypeError`` or ``ValueError`` naming the argument.
     """
 

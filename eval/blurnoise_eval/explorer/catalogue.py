@@ -23,6 +23,7 @@ from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
+from blurnoise_eval.explorer.script import script
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, with_figures
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.system.files import RUN_FILE, write_whole
@@ -177,18 +178,8 @@ class Catalogue:
 
     def script(self, state: State) -> str:
         """A script for this picture, and for what the model finds in it. Raises ``ValueError`` for an upload."""
-        given = ", ".join(f"{name}={value!r}" for name, value in self.arguments.items())
-        found = 'print([round(target["confidence"], 3) for target in found.sight.targets])\n'
-        return f"""\
-from pathlib import Path
-
-from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.explorer.catalogue import Catalogue
-
-catalogue = Catalogue({given})
-found = catalogue.render(catalogue.start({self._query(state)!r}))
-write_picture(Path('seen.png'), found.frame.image)
-{"" if state.model == NO_MODEL else found}"""
+        self._query(state)
+        return script(state, self._entry("camera", state.camera)[1](), self.run, self.arguments)
 
     def _query(self, state: State) -> str:
         if state.picture in self._uploads:

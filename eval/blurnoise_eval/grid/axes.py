@@ -3,6 +3,13 @@
 Domain: values in SI units and the units in the names; an option's numbers times ``per_option``. An axis that is not
 specified has the camera's value (``own``). A new axis is an entry of ``AXES``. Nothing heavy is imported above, as
 the command line's help is made from the table.
+
+The defaults are those of a camera on a vehicle. Exposures: up to the 30 ms that 30 frames/s leave. Lights: 1 lux, the
+least on a residential street (EN 13201-2:2015, class P4); 20 lux, the mean on a lit main street (class C2); 400 lux,
+a clear sky at sunset; 20 000 lux, daylight out of the sun. Speeds: of a sign 5 m beside the optical axis and 12.5 m
+ahead of a camera that drives at 0, 50 and 100 km/h and has the AR0132AT's 1280 px over 60 degrees. A pinhole moves it
+by f v 5 m / (12.5 m)^2, 493 px/s at 50 km/h; so does ``blurnoise motion --speed-kmh 20 --distance-m 12.5 --lens
+rectilinear``, as 5 / 12.5 of the 50 km/h lies across the line of sight.
 """
 
 from __future__ import annotations
@@ -78,7 +85,8 @@ class Axis:
     name: of the column, SI unit in it. into: the field of :class:`blurnoise.Exposure` it sets, or of its camera
     ("camera.f_number"). option: of the command line, in the unit of the option, ``per_option`` of the column's
     unit each. low, high: what is allowed, in the column's unit; positive: low itself is not. own: the camera's
-    value, where none is specified. default: the values of a sweep; empty: the camera's.
+    value, where none is specified. default: the values of a sweep; empty: the camera's. default_names: what each of
+    these stands for.
     automatic: it may be left to the camera, as ``AUTOMATIC``. caption: with a {} for the number, of so many digits;
     slugs: the same for names of files.
     logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails for
@@ -104,6 +112,7 @@ class Axis:
     fails: bool = False
     automatic: bool = False
     default: tuple[float, ...] = ()
+    default_names: tuple[str, ...] = ()
     choices: tuple[str, ...] = ()
     captions: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
@@ -219,15 +228,17 @@ AXES: tuple[Axis, ...] = (
         "exposure_s", "exposure_s", "--exposure-ms",
         "exposure time, ms; auto: set by the camera for each picture", "Exposure", "ms",
         1e-3, 0.0, 3600.0, "{} ms", "{}ms", own=lambda camera: math.nan, digits=3, positive=True, logarithmic=True,
-        fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30, 90)),
+        fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30)),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
-        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 30.0, 1000.0, 20_000.0),
+        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 20.0, 400.0, 20_000.0),
+        default_names=("night street", "lit street", "dusk", "daylight"),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
-        1.0, -1e7, 1e7, "{} px/s", "{}", default=(0.0, 300.0, 1000.0),
+        1.0, -1e7, 1e7, "{} px/s", "{}", default=(0.0, 500.0, 1000.0),
+        default_names=("at rest", "50 km/h", "100 km/h"),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",

@@ -55,15 +55,15 @@ def with_axes(
 ) -> Any:
     """A class of settings with a field for each axis. defaults: by setting, instead of those of a sweep."""
     axes = axes or AXES
-    if defaults is None:
-        defaults = {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
+    usual = defaults or {each.key: ",".join(map(each.typed, each.default)) for each in axes if each.default}
     made = []
     for each in axes:
-        about = f"{each.about} (default: {defaults[each.key]})" if each.key in defaults else each.about
+        names = "" if defaults or not each.default_names else f": {', '.join(each.default_names)}"
+        about = f"{each.about} (default: {usual[each.key]}{names})" if each.key in usual else each.about
         shown = f"auto|{metavar}" if each.automatic else "|".join(each.choices) or metavar
         field = setting(None, about, shown, panel=panel, read=each.values)
         made.append((each.key, "tuple[float, ...] | None", field))
-    held = {"AXES": axes, "DEFAULTS": defaults}
+    held = {"AXES": axes, "DEFAULTS": usual}
     return make_dataclass("Axes", made, bases=(_Axes,), frozen=True, namespace=held)
 
 
@@ -105,7 +105,7 @@ class Taking(Settings):
 
     camera: str | None = setting(
         None,
-        "a preset or a camera file (default: imx250c for colour pictures, imx250m for grey)",
+        "a preset or a camera file (default: ar0132c for colour pictures, ar0132m for grey)",
         "NAME|FILE",
     )
     cfa: Cfa | None = setting(

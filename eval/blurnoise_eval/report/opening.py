@@ -127,6 +127,9 @@ class _OfModel:
         """Those that name a row of the table: the light, and what else varies, but for gain and vehicle's speed."""
         self.varied = [word(axis) for axis in self.axes if len({row[axis.name] for row in self.lights}) > 1]
         self.lights_noun = "settings" if self.varied[1:] or self.varied[:1] != ["light"] else "lights"
+        usual = dict(zip(LIGHT.default, LIGHT.default_names, strict=True))
+        self.named = usual if {row[LIGHT.name] for row in self.lights} == usual.keys() else {}
+        """The names of the default lights, where the run has these."""
         self.verb = "keep" if data.criterion.kept else "reach"
 
     @property
@@ -148,7 +151,11 @@ class _OfModel:
         )
 
     def _setting_texts(self, row: Row) -> list[str]:
-        return [axis.text(row[axis.name]) for axis in self.axes]
+        return [self._light_text(row[LIGHT.name]), *(axis.text(row[axis.name]) for axis in self.axes[1:])]
+
+    def _light_text(self, lux: float) -> str:
+        """'1 lux', or '1 lux (night street)' of the default lights."""
+        return LIGHT.text(lux) + (f" ({self.named[lux]})" if lux in self.named else "")
 
     def _speed_text(self, speed: float) -> str:
         return self.data.speed.text(speed) if speed or self.data.speed is EGO_SPEED else "at rest"
@@ -307,7 +314,10 @@ class _OfModel:
         for limit, _ in Counter(answer["best_limited_by"] for answer in failing).most_common(2):
             some = [answer for answer in failing if answer["best_limited_by"] == limit]
             places = []  # what these answers have in common and others do not
-            for of, text in ((lambda a: a[LIGHT.name], LIGHT.text), (self.data.speed.of, self._speed_text)):
+            for of, text in (
+                (lambda a: a[LIGHT.name], self._light_text),
+                (self.data.speed.of, self._speed_text),
+            ):
                 own, every = {of(each) for each in some}, {of(each) for each in self.answers}
                 places += [text(own.pop())] if len(own) == 1 < len(every) else []
             where = f" at {joined(places)}".replace("at at rest", "at rest") if places else ""

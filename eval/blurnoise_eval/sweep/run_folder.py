@@ -57,7 +57,7 @@ def open_run(
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
-        raise ValueError(f"model = {names}: names must differ, since results are told apart by them")
+        raise ValueError(f"model = {names}: must have different names; give one another: model.name = 'b'")
     if plan.picture_tone != "srgb" and pictures.kind == "rendered":
         raise ValueError("picture_tone: goes with pictures of your own; rendered ones are sRGB-coded")
     every = whole or pictures

@@ -82,8 +82,9 @@ def stored(name="out.png"):
 
 
 def taken(capsys, picture, words):
-    """What is said, and the picture."""
-    return told(capsys, "simulate", picture, "-o", "out.png", *words.split()), stored()
+    """What is said, and the picture; of imx250m, unless the words name a camera."""
+    camera = "" if "--camera" in words else "--camera imx250m"
+    return told(capsys, "simulate", picture, "-o", "out.png", *words.split(), *camera.split()), stored()
 
 
 @pytest.mark.parametrize("name", SCENES)

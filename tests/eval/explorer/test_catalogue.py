@@ -6,6 +6,7 @@ import os
 import shlex
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,9 @@ from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import State
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
+from blurnoise_models.detector import STOP_SIGN
+
+from blurnoise import Camera
 
 PNG = encode(np.random.default_rng(0).integers(0, 255, (40, 52, 3), np.uint8))
 
@@ -70,7 +74,7 @@ def test_files_that_the_command_names_are_given(tmp_path):
     assert (catalogue.base.picture, catalogue.base.model, catalogue.base.camera) == (
         "given",
         "none",
-        "imx250m",
+        "ar0132m",
     )
     assert catalogue.titles("picture", "given")["given"] == "grey.png"
     with pytest.raises(ValueError, match="trust: needs a run"):
@@ -108,6 +112,21 @@ def same(state, catalogue, folder, monkeypatch):
 @pytest.mark.parametrize("name", STATES)
 def test_command_and_script_give_the_picture(name, tmp_path, monkeypatch):
     same(STATES[name], Catalogue(), tmp_path, monkeypatch)
+
+
+def test_scripts_open_the_files_that_the_explorer_was_started_with(tmp_path, monkeypatch):
+    """In 16 bits, as every bit of them counts; the detector prints the boxes that it finds."""
+    picture = rendered_signs((50,), count=1).pictures[0].load()
+    write_picture(tmp_path / "it's.png", picture.astype(np.uint16) * 257 + 3)
+    Camera.preset("ar0237").save(tmp_path / "mine.yaml")
+    shutil.copy(STOP_SIGN, tmp_path / "m.onnx")
+    given = {"model": tmp_path / "m.onnx", "camera": tmp_path / "mine.yaml"}
+    same(
+        State("given", "given", "given", seed=4),
+        Catalogue(tmp_path / "it's.png", **given),
+        tmp_path,
+        monkeypatch,
+    )
 
 
 # --- a run explored ---
@@ -168,6 +187,16 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run):
     assert mean_confidence(shown.sight) == row["target_confidence"]
     assert [each["confidence"] for each in shown.sight.targets] == targets
     assert np.array_equal(shown.sight.detections.boxes_xyxy, detections.boxes_xyxy)
+
+
+def test_scripts_of_a_run_take_its_pictures_camera_and_models(run, tmp_path, monkeypatch, capsys):
+    """A cell's, and what is seen after a slider has moved or another camera was chosen."""
+    catalogue = Catalogue(run.folder)
+    state = catalogue.start()
+    for other in (state, state.put("f_number", 4.0), replace(state, camera="ar0237", cell="", model="none")):
+        same(other, catalogue, tmp_path, monkeypatch)
+    assert f"run.model('{run.models[0]}').detect" in catalogue.script(state)
+    assert "Detections" in capsys.readouterr().out
 
 
 def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path):

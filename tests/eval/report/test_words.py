@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from blurnoise_eval.answers.criterion import Criterion
+from blurnoise_eval.grid.axes import LIGHT
 from blurnoise_eval.report import findings, tables, words
 from blurnoise_eval.report.opening import opening, table_rows
 from blurnoise_eval.report.run import RunData
@@ -68,6 +69,7 @@ CASES: dict[str, tuple[dict[str, Any], Change]] = {
     "one of four is": (SIGN | {"lights_lux": (10.0, 20.0)}, told()),
     "more is kept where it saturates": (BRIGHT, saturating),
     "shorter exposures and longer ones fail": (SIGN | {"lights_lux": (200.0,)}, told()),
+    "the default lights have names": (SIGN | {"lights_lux": LIGHT.default}, told()),
     "no targets": ({"groups": {}}, told()),
     "no cell": ({"groups": {}}, lambda data: replace(data, scores=[])),
     "targets that the model does not know": ({"groups": {}}, told(withheld=WITHHELD)),

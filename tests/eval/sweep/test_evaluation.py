@@ -7,7 +7,7 @@ import commands
 import pandas as pd
 import pytest
 from band_readers import band_reader
-from blurnoise_eval import Evaluation, datasets, evaluate
+from blurnoise_eval import Evaluation, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
 from blurnoise_eval.report.run import TABLES
@@ -92,6 +92,20 @@ def test_not_told_it_is_the_default_sweep(monkeypatch, tmp_path):
     assert by_command[3] == by_python[3] == usual_plan()
     assert by_command[-1] == by_python[-1]
     assert by_command[-1]["plan"]
+
+
+def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
+    """The numbers of a cell, from its picture, conditions and seed."""
+    row = next(row for row in done.cells if not row["clean"] and row["velocity_x_px_s"])
+    picture = next(each for each in pictures if each.name == row["image"])
+    at = {name: row[name] for name in PLAN.grid}
+    seen = expose(picture, "imx250", seed=row["seed"], **at)
+    assert (seen.snr_db, seen.brightness) == (row["snr_db"], row["brightness"])
+    assert seen.image.shape == picture.load().shape
+    with pytest.raises(ValueError, match="axis = 'exposure_ms': must be one of exposure_s"):
+        expose(picture, "imx250", exposure_ms=5)
+    with pytest.raises(ValueError, match="illuminance_lux: must be stated"):
+        expose(picture.load(), "imx250", exposure_s=0.005)
 
 
 @pytest.mark.parametrize(

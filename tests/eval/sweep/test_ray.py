@@ -5,6 +5,8 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
+from blurnoise_eval.datasets import rendered_signs
+from blurnoise_eval.detectors.python_models import PythonDetector
 from blurnoise_eval.sweep.engines import RayEngine, ThreadEngine
 from plans import plan as swept
 from processes import MEMORY, lasting_once, limited, ray_cluster, tried
@@ -13,7 +15,22 @@ from signs_in_memory import computed, everything, some_pictures
 ray = pytest.importorskip("ray")
 pytestmark = pytest.mark.slow
 LONGEST_S = 560
+SHORT = swept((0.003, 0.03), (50.0,))
 LONG = swept(tuple(ms / 1e3 for ms in range(1, 61)), (50.0, 200.0), (0.0, 300.0))
+
+
+def test_functions_travel_by_value(detector, tmp_path):
+    """Of a script, whose names a worker does not know, as of this test."""
+
+    def find(picture):
+        found = detector.detect(picture)
+        return found.boxes_xyxy, found.scores, ["stop sign"] * len(found)
+
+    model, pictures = PythonDetector(find, ("stop sign",)), rendered_signs((50,), count=2)
+    computed(tmp_path / "expected", [model], pictures, ThreadEngine(2), SHORT)
+    with limited(LONGEST_S):
+        computed(tmp_path / "run", [model], pictures, RayEngine(1), SHORT)
+    assert everything(tmp_path / "run") == everything(tmp_path / "expected")
 
 
 def test_a_node_that_is_lost_costs_nothing(detector, tmp_path):

@@ -114,10 +114,10 @@ def shared_out(blocks: Iterable[Block], workers: int) -> Iterator[Block]:
                 yield Block.joined(own[start : start + size])
 
 
-def pickled(value: Work | Block) -> bytes:
-    """The value for another process. Raises ``ValueError`` that names what cannot be sent."""
+def pickled(value: Work | Block, dumps: Callable[[object], bytes] = pickle.dumps) -> bytes:
+    """The value for another process, by ``dumps``. Raises ``ValueError`` that names what cannot be sent."""
     try:
-        return pickle.dumps(value)
+        return dumps(value)
     except Exception as error:  # pickling runs anybody's code
         what = f"picture {value.picture.name!r}" if isinstance(value, Block) else "models"
         raise ValueError(

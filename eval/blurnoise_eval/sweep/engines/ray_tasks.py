@@ -54,12 +54,12 @@ class RayEngine(base.Staying):
 
     def map(self, work: Work, blocks: Iterable[Block]) -> Answers:
         """As of :class:`~blurnoise_eval.sweep.engines.Engine`."""
-        packed, needed = base.pickled(work), _bits_of(work)
         todo = iter(blocks)
         if (first := next(todo, None)) is None:
             return
+        ray, needed = _imported(), _bits_of(work)
+        packed = base.pickled(work, ray.cloudpickle.dumps)  # the functions of a script, too
         with self:
-            ray = _imported()
             try:
                 if not ray.is_initialized():
                     self._connected = True
@@ -85,7 +85,7 @@ class RayEngine(base.Staying):
                     if block.picture.name in given_up:
                         yield block, given_up[block.picture.name]
                     else:
-                        flying[task.remote(*work, base.pickled(block))] = block
+                        flying[task.remote(*work, base.pickled(block, ray.cloudpickle.dumps))] = block
                 if not flying:
                     return
                 done, _ = ray.wait(list(flying), timeout=self.patience_s)
@@ -100,7 +100,7 @@ class RayEngine(base.Staying):
                     except ray.exceptions.RayTaskError as error:  # its own text is a traceback
                         yield block, base.raised(error.cause or error)
                     except ray.exceptions.NodeDiedError:  # which is no fault of a picture
-                        flying[task.remote(*work, base.pickled(block))] = block
+                        flying[task.remote(*work, base.pickled(block, ray.cloudpickle.dumps))] = block
                     except ray.exceptions.RayError:
                         for _ in range(2):
                             yield block, WorkerDied(block.picture.name)

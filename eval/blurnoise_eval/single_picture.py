@@ -1,0 +1,44 @@
+"""One picture under one condition, as a sweep or a run takes it. The explorer's "Copy as Python" calls it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from blurnoise.optics.camera import Camera
+from blurnoise_eval.cameras import find
+from blurnoise_eval.datasets import Image, Picture
+from blurnoise_eval.grid.axes import axis
+from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.sweep.exposing import Frame, Scene, frames
+
+if TYPE_CHECKING:
+    from blurnoise_eval.explorer.run import Run
+
+
+def expose(
+    picture: Picture | Image,
+    camera: str | Camera,
+    *,
+    seed: int = 0,
+    run: Run | None = None,
+    **conditions: float | str,
+) -> Frame:
+    """Take a picture as a sweep does: its ``image`` is (H, W, 3), uint8, RGB.
+
+    picture: (H, W, 3), uint8 or uint16, RGB, or one of :mod:`blurnoise_eval.datasets`, whose targets can move.
+    camera: a preset's name, a file, or a camera. seed: of the noise. run: with this run's grey anchor, tone curve,
+    trajectory and vehicle; picture then is ``run.picture(NAME)``. conditions: by the names of the axes
+    (:data:`blurnoise_eval.AXES`) and in their units, such as ``exposure_s=0.01, illuminance_lux=50.0,
+    gain_db="auto"``; what is left out is the camera's own, and without motion. Raises ``ValueError`` that names the
+    condition.
+    """
+    stated = {name: axis(name).checked((value,))[0] for name, value in conditions.items()}
+    cell = Cell("exposed", 0, Conditions(**stated), seed)
+    by = find(camera) if isinstance(camera, str) else camera
+    if run is not None:
+        if not isinstance(picture, Picture):
+            raise TypeError("picture: must be one of the run's, run.picture(NAME)")
+        return run.expose(run.scene(picture), cell, by)
+    of = picture if isinstance(picture, Picture) else None
+    image = picture.load() if isinstance(picture, Picture) else picture
+    return next(frames(Scene(image, picture=of), [cell], by))
