@@ -262,6 +262,17 @@ class Evaluation:
         with ProgressBar("draw", len(charts.views(self._shown)), self._progress) as advance:
             return page.write_report(self._shown, self.output, advance)
 
+    def write_fiftyone(self, folder: str | Path) -> str:
+        """Write the run as a FiftyOne data set; returns what it holds, in words. Raises ``ValueError`` where no
+        picture can be opened, and ``OSError``."""
+        from blurnoise_eval.report.fiftyone_export import write_fiftyone
+
+        with (
+            Store(self.folder, shared=True) as store,
+            ProgressBar("FiftyOne", len(store.pictures()), self._progress) as advance,
+        ):
+            return write_fiftyone(store, self.data, self.pictures, Path(folder), advance)
+
     @property
     def _shown(self) -> RunData:
         """What of the run stands on its page."""
