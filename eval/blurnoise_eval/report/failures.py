@@ -212,17 +212,17 @@ def _crops(
     for name, group in groupby(sorted(view.lost[:MOST_CROPS], key=picture_of), picture_of):
         try:
             scene = run.scene(run.picture(name))
+            for target in group:
+                n_px += 2 * scene.image8.shape[0] * scene.image8.shape[1]
+                if n_px > MOST_CROP_PX:
+                    return
+                cells = [_cell(store, model, target, tested.keys[place]) for place in (view.a, view.b)]
+                around = _around([row for _, row in cells], scene.image8.shape[:2])
+                for place, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
+                    frame = run.expose(scene, run.cell(cell_id=cell_id))
+                    yield f"{view.model}:{target}:{place}", _crop(frame.image, around, row)
         except (ValueError, OSError):
-            continue  # as _pictures says
-        for target in group:
-            n_px += 2 * scene.image8.shape[0] * scene.image8.shape[1]
-            if n_px > MOST_CROP_PX:
-                return
-            cells = [_cell(store, model, target, tested.keys[place]) for place in (view.a, view.b)]
-            around = _around([row for _, row in cells], scene.image8.shape[:2])
-            for place, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
-                frame = run.expose(scene, run.cell(cell_id=cell_id))
-                yield f"{view.model}:{target}:{place}", _crop(frame.image, around, row)
+            continue  # the page works without; _pictures says what is wrong with a picture
 
 
 def _cell(store: Store, model: _Model, target: int, key: tuple[Any, ...]) -> tuple[str, Row]:

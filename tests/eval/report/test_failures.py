@@ -144,6 +144,18 @@ def test_without_the_pictures_the_page_says_so_and_keeps_its_numbers(run, number
     assert numbers_of(copy / "failures.html")["pictures"] == numbers["pictures"]
 
 
+def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, numbers, tmp_path):
+    copy = tmp_path / "run"
+    shutil.copytree(run.folder, copy)
+    with Store(copy) as store, store._transaction() as db:
+        for table in ("cells", "targets"):
+            db.execute(f"UPDATE {table} SET cell_id = 'other ' || cell_id")
+    Evaluation(copy, progress=False).report()
+    left = numbers_of(copy / "failures.html")
+    assert left["crops"] == {}
+    assert left["models"] == numbers["models"]
+
+
 def test_what_is_too_much_is_left_out_and_counted(run, tmp_path, monkeypatch):
     monkeypatch.setattr(failures, "MOST_CODES", 4 * 7)
     monkeypatch.setattr(failures, "MOST_PICTURE_BYTES", 1)
