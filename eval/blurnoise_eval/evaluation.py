@@ -35,6 +35,7 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.exposing import check_plan
+from blurnoise_eval.sweep.pictures import RunPictures
 from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
@@ -137,7 +138,7 @@ def evaluate(
             wanted, _ = question_of(store)
             refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
-    return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress)
+    return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress, images=whole)
 
 
 class Evaluation:
@@ -150,7 +151,8 @@ class Evaluation:
     ``threshold``: its level. ``outcome``: what was computed now, None for a run opened again. ``cluster``: as
     :func:`evaluate` takes it. What is not given is as the sweep was asked. ``pandas.DataFrame`` takes each list as it
     is.
-    ``output``: where page, tables and figures are written, by default the run's folder. Raises
+    ``output``: where pages, tables and figures are written, by default the run's folder. ``images``: where the
+    original pictures are, or the pictures themselves, by default where the sweep found them. Raises
     :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
     """
 
@@ -167,12 +169,13 @@ class Evaluation:
         output: str | Path | WorkingFolder | None = None,
         outcome: Outcome | None = None,
         progress: bool | None = None,
+        images: str | Path | PictureSet | None = None,
     ) -> None:
         self._run = working_folder(folder)
         self._written = self._run if output is None else working_folder(output)
         self.folder, self.output = self._run.path, self._written.path
         self.outcome = outcome
-        self._progress = progress
+        self._progress, self._images = progress, images
         with Store(self.folder, shared=True) as store:
             self.criterion, self.cluster = question_of(store, threshold, keep, score, cluster)
             check_cluster(self.cluster, store.pictures())
@@ -240,18 +243,35 @@ class Evaluation:
             summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
 
+    @cached_property
+    def pictures(self) -> RunPictures:
+        """The run's original pictures, and any of its simulated ones again."""
+        return RunPictures(self.folder, self._images, trusted=True)
+
     def report(self) -> Path:
-        """Write the run's tables, figures and page; returns the page's path. Raises ``OSError``."""
-        from blurnoise_eval.report import charts, page  # matplotlib and plotly
+        """Write the run's tables, figures and pages; returns the page's path. Raises ``OSError``."""
+        from blurnoise_eval.report import charts, failures, page  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
         with Store(self.folder, shared=True) as store:
             write_exports(store, self.output)
+            failures.write_failures(store, self.data, self.output, self.pictures)
         write_tables(self.data, self.output)
         summary = json.dumps(self.summary, indent=1)
         write_whole(self.output / "summary.json", summary.encode("utf-8"))
         with ProgressBar("draw", len(charts.views(self._shown)), self._progress) as advance:
             return page.write_report(self._shown, self.output, advance)
+
+    def write_fiftyone(self, folder: str | Path) -> str:
+        """Write the run as a FiftyOne data set; returns what it holds, in words. Raises ``ValueError`` where no
+        picture can be opened, and ``OSError``."""
+        from blurnoise_eval.report.fiftyone_export import write_fiftyone
+
+        with (
+            Store(self.folder, shared=True) as store,
+            ProgressBar("FiftyOne", len(store.pictures()), self._progress) as advance,
+        ):
+            return write_fiftyone(store, self.data, self.pictures, Path(folder), advance)
 
     @property
     def _shown(self) -> RunData:

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from blurnoise_eval.cli._options import Cluster, Json, Keep, Location, RunRead, Score, Threshold, new_place
+from blurnoise_eval.cli._options import (
+    Cluster,
+    Json,
+    Keep,
+    Location,
+    RunRead,
+    Score,
+    Threshold,
+    new_folder,
+    new_place,
+)
 from blurnoise_eval.cli.console import print_opening
 from blurnoise_eval.system.terminal import say, say_json, say_wrapped
 
@@ -43,14 +53,29 @@ def report(
             "the targets as coco/MODEL-instances.json",
         ),
     ] = False,
+    fiftyone: Annotated[
+        Path | None,
+        Option(
+            parser=new_folder,
+            metavar="DIR",
+            help="also write a FiftyOne data set: simulated pictures with targets, predictions and conditions",
+        ),
+    ] = None,
+    images: Annotated[
+        Path | None,
+        Option(
+            metavar="DIR", help="folder of the original pictures, if it is not where the sweep found them"
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Write the figures, tables and page of a run again. No model is evaluated again.
 
       blurnoise report run --keep 0.8
       blurnoise report run --score ap50 --threshold 0.3
-      blurnoise report run --coco      also the detections, as COCO
-      blurnoise report run -o other    into another folder
+      blurnoise report run --coco           also the detections, as COCO
+      blurnoise report run --fiftyone dataset   also a FiftyOne data set
+      blurnoise report run -o other         into another folder
 
     Settings that no option changes are those of the sweep.
     """
@@ -62,7 +87,14 @@ def report(
         new_place(run)
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(
-            folder, threshold, keep=keep, score=score, cluster=cluster, output=written, progress=True
+            folder,
+            threshold,
+            keep=keep,
+            score=score,
+            cluster=cluster,
+            output=written,
+            progress=True,
+            images=images,
         )
         if coco:
             from blurnoise_eval.store.store import Store
@@ -72,6 +104,8 @@ def report(
             with Store(done.folder, shared=True) as store:
                 files = write_detections(store, place)
             say(f"{', '.join(map(str, files))}: each with its -instances.json", error=True)
+        if fiftyone:
+            say(done.write_fiftyone(fiftyone), error=True)
         print_run(done, as_json=as_json)
 
 

@@ -27,7 +27,8 @@ from blurnoise_eval.report.opening import opening
 from blurnoise_eval.report.run import TABLES, RunData
 from blurnoise_eval.system.files import path_within, write_whole
 
-_TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATES = Path(__file__).parent / "templates"
+FAILURES = "failures.html"
 MAX_GROUPS = 12  # target groups on the page
 MAX_PICTURES = 40
 PICTURE_PX, PICTURE_BYTES = (
@@ -53,7 +54,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
     page = folder / "report.html"
     write_page(
         page,
-        _TEMPLATES / "report.html.j2",
+        TEMPLATES / "report.html.j2",
         data=data,
         findings=findings,
         tables=tables,
@@ -64,6 +65,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
         examples=list(_examples(data, folder)),
         figures=list(drawn),
         files=TABLES,
+        failures=FAILURES if (folder / FAILURES).is_file() else None,
         other_score=OTHER_SCORE,
         plotly_packed=_plotly(),
     )
@@ -73,7 +75,7 @@ def write_report(data: RunData, folder: Path, progress: Callable[[int], None] = 
 def write_page(page: Path, template: Path, **shown: Any) -> None:
     """Write what a template shows, which may include those of reports; raises ``OSError``."""
     environment = Environment(
-        loader=FileSystemLoader([template.parent, _TEMPLATES]), autoescape=True, undefined=StrictUndefined,
+        loader=FileSystemLoader([template.parent, TEMPLATES]), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     text = environment.get_template(template.name).render(**shown)
@@ -107,14 +109,14 @@ def _examples(data: RunData, folder: Path) -> Iterator[dict[str, Any]]:
         yield {
             "image": example["image"],
             "model": data.model_names.index(example["model"]),
-            "jpeg": None if picture is None else _jpeg(picture),
+            "jpeg": None if picture is None else jpeg(picture),
             "condition": data.settings.condition_text(example),
             "outcome": words.outcome_text(example, threshold),
             "file": quote(path.relative_to(home).as_posix(), errors="surrogateescape") if near else None,
         }
 
 
-def _jpeg(rgb: Any) -> str:
+def jpeg(rgb: Any) -> str:
     """The picture as JPEG in base64, at the best of a few qualities with which it is small."""
     bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     for quality in (80, 60, 40, 20):

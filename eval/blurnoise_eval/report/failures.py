@@ -1,0 +1,252 @@
+"""The page of failures: which targets a model finds at one exposure and misses at another, picture by picture.
+
+Domain: boxes px; confidences 0 to 1, of targets that count as found from ``RunData.found_from`` on.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from blurnoise_eval.datasets import eight_bit
+from blurnoise_eval.grid.axes import EXPOSURE, velocity_of, velocity_text
+from blurnoise_eval.report.page import FAILURES, PICTURE_PX, TEMPLATES, jpeg, write_page
+from blurnoise_eval.report.run import RunData
+from blurnoise_eval.report.settings import Settings, word
+from blurnoise_eval.store import queries
+from blurnoise_eval.store.schema import CONDITIONS
+from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep.pictures import RunPictures
+
+MOST_CODES = 2_000_000
+"""Targets times conditions of a model, 3 bytes each; those whose confidence changes least are left out first."""
+MOST_PICTURE_BYTES, MOST_PICTURE_PX = 9_000_000, 400_000_000
+"""Of original pictures on the page, and of those that are opened: some seconds."""
+MOST_CROPS, MOST_CROP_PX = 8, 16_000_000
+"""Targets that are simulated again at A and B, and pixels simulated for them: half a second."""
+_CROP_PX, _LEAST_CROP_PX, _AROUND = 240, 64, 1.6
+_NONE = 0xFFFF
+Codes = NDArray[np.uint16]
+Row = dict[str, Any]
+Places = tuple[int, ...]
+
+
+class _Conditions(NamedTuple):
+    """axes: word and texts, exposure first; keys: every condition with its repeat; places: of each on the axes, None
+    of the original pictures."""
+
+    axes: list[tuple[str, list[str]]]
+    keys: list[tuple[Any, ...]]
+    places: list[Places | None]
+
+
+class _Model(NamedTuple):
+    """targets: rows in the original pictures. codes: by condition and target twice the confidence in thousandths, and
+    1 more where it is found; ``_NONE`` where it was not evaluated."""
+
+    name: str
+    targets: list[Row]
+    codes: Codes
+    n_left_out: int
+
+
+class _View(NamedTuple):
+    """What the page opens with: a model, the places of A and B, targets found at A alone, the greatest loss
+    first."""
+
+    model: int
+    a: int
+    b: int
+    lost: list[int]
+
+
+def write_failures(store: Store, data: RunData, folder: Path, run: RunPictures) -> Path:
+    """Write ``folder``/failures.html, which works offline; returns its path. Raises ``OSError``.
+
+    What the limits above leave out, and pictures that cannot be opened, are named on the page.
+    """
+    tested = _conditions(store, data.model_names)
+    models = [_model(store, name, tested, data.found_from) for name in data.model_names]
+    changes: dict[str, int] = {}
+    for model in models:
+        for row, change in zip(model.targets, _changes(model.codes).tolist(), strict=True):
+            changes[row["image"]] = max(changes.get(row["image"], 0), change)
+    names = sorted(changes, key=lambda name: -changes[name])
+    views = (view for number, model in enumerate(models) for view in _views(number, model.codes, tested))
+    opening = max(views, key=lambda view: len(view.lost), default=None)
+    sizes, (pictures, unopened) = store.pictures(), _pictures(run, names)
+    place = {name: number for number, name in enumerate(names)}
+    numbers = {
+        "axes": [texts for _, texts in tested.axes],
+        "conditions": tested.places,
+        "pictures": [[name, *sizes[name][2:4], pictures.get(name)] for name in names],
+        "models": [_packed(model, place) for model in models],
+        "opening": opening and opening[:3],
+        "crops": dict(_crops(store, run, models[opening.model], tested, opening)) if opening else {},
+    }
+    about = {"n_left_out": sum(model.n_left_out for model in models), "unopened": unopened}
+    template = TEMPLATES / "failures.html.j2"
+    write_page(folder / FAILURES, template, data=data, axes=tested.axes, failures=numbers, **about)
+    return folder / FAILURES
+
+
+def _conditions(store: Store, models: Sequence[str]) -> _Conditions:
+    found = {
+        (*columns.conditions[condition], repeat)
+        for columns in (queries.target_columns(store, model) for model in models)
+        for condition, repeat in set(zip(columns.condition.tolist(), columns.repeat.tolist(), strict=True))
+    }
+    rows = [dict(zip((*CONDITIONS, "repeat"), key, strict=True)) for key in found]
+    exposed = [row for row in rows if not row["clean"]]
+    axes: list[tuple[str, Any, Any]] = [("exposure", itemgetter(EXPOSURE.name), EXPOSURE.text)]
+    axes += [("speed", velocity_of, velocity_text)]
+    axes += [(word(axis), itemgetter(axis.name), axis.text) for axis in Settings(exposed).axes]
+    axes += [("repeat", itemgetter("repeat"), str)]
+    kept, values = [], []
+    for title, of, text in axes:
+        every = sorted({of(row) for row in exposed})
+        if title == "exposure" or len(every) > 1:
+            kept.append((title, [text(value) for value in every]))
+            values.append((of, {value: place for place, value in enumerate(every)}))
+    placed = [
+        (None if row["clean"] else tuple(places[of(row)] for of, places in values), key)
+        for row, key in zip(rows, found, strict=True)
+    ]
+    placed.sort(key=lambda each: (each[0] is not None, each[0] or (), each[1][-1]))
+    return _Conditions(kept, [key for _, key in placed], [places for places, _ in placed])
+
+
+def _model(store: Store, name: str, tested: _Conditions, found_from: float) -> _Model:
+    targets = list(queries.found_when_clean(store, name))
+    columns = queries.target_columns(store, name)
+    row_of = {(row["image"], row["target_id"]): place for place, row in enumerate(targets)}
+    condition_of = {key: place for place, key in enumerate(tested.keys)}
+    pictures, ids = (each.tolist() for each in (columns.picture, columns.target_id))
+    row = [row_of.get((columns.pictures[at], target), -1) for at, target in zip(pictures, ids, strict=True)]
+    places, repeats = columns.condition.tolist(), columns.repeat.tolist()
+    at = [condition_of[*columns.conditions[c], repeat] for c, repeat in zip(places, repeats, strict=True)]
+    n_columns = len(targets) + 1  # the last is of targets that the original picture does not have
+    codes = np.full((len(tested.keys), n_columns), _NONE, np.uint16)
+    codes[at, row] = 2 * np.round(1000 * columns.confidence) + (columns.confidence >= found_from)
+    codes = codes[:, :-1]
+    order = np.argsort(-_changes(codes), kind="stable")[: MOST_CODES // max(1, len(codes))]
+    return _Model(name, [targets[place] for place in order], codes[:, order], len(targets) - len(order))
+
+
+def _changes(codes: Codes) -> NDArray[np.int64]:
+    """Of each target the greatest difference between two conditions."""
+    if not codes.size:
+        return np.zeros(codes.shape[1], np.int64)
+    known = codes != _NONE
+    low, high = np.where(known, codes, _NONE).min(axis=0), np.where(known, codes, 0).max(axis=0)
+    return np.asarray(np.maximum(high.astype(np.int64) - low, 0))
+
+
+def _packed(model: _Model, place: Mapping[str, int]) -> Row:
+    groups, labels = (sorted({row[name] for row in model.targets}) for name in ("group", "label"))
+    targets = [
+        [place[row["image"]], groups.index(row["group"]), labels.index(row["label"])]
+        + [round(row[edge], 1) for edge in ("x0", "y0", "x1", "y1")]
+        for row in model.targets
+    ]
+    codes = base64.b64encode(model.codes.astype("<u2").tobytes()).decode("ascii")
+    return {"groups": groups, "labels": labels, "targets": targets, "codes": codes}
+
+
+def _views(number: int, codes: Codes, tested: _Conditions) -> Iterator[_View]:
+    """For each light and speed the exposure at which most targets are found, against the longest other one."""
+    at: dict[Places, list[int]] = {}
+    for place, places in enumerate(tested.places):
+        if places is not None:
+            at.setdefault(places[1:], []).append(place)
+    found, known = codes % 2 == 1, codes != _NONE
+    for same in at.values():
+        a = max(same, key=lambda place: int((found & known)[place].sum()))
+        b = next((place for place in reversed(same) if place != a), None)
+        if b is not None:
+            order = np.argsort(codes[b].astype(int) - codes[a], kind="stable")
+            yield _View(number, a, b, order[(found[a] & known[a] & ~found[b])[order]].tolist())
+
+
+def _pictures(run: RunPictures, names: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+    """The original pictures as small JPEGs, as far as the limits go; and what is wrong with the others."""
+    found, wrong, n_bytes, n_px = dict[str, str](), list[str](), 0, 0
+    for name in names:
+        if n_bytes > MOST_PICTURE_BYTES or n_px > MOST_PICTURE_PX:
+            wrong.append(f"left out, so that the page stays below {2 * MOST_PICTURE_BYTES // 1_000_000} MB")
+            continue
+        try:
+            image = eight_bit(run.picture(name).load())
+        except (ValueError, OSError) as error:
+            wrong.append(str(error))
+            continue
+        found[name] = jpeg(_resized(image, PICTURE_PX / max(image.shape[:2])))
+        n_bytes, n_px = n_bytes + len(found[name]), n_px + image.shape[0] * image.shape[1]
+    return found, wrong
+
+
+def _resized(image: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(image, size, interpolation=method), np.uint8)
+
+
+def _crops(
+    store: Store, run: RunPictures, model: _Model, tested: _Conditions, view: _View
+) -> Iterator[tuple[str, list[Any]]]:
+    """By target and condition: the simulated picture around the target, and its box there in % of that."""
+
+    def picture_of(target: int) -> str:
+        return str(model.targets[target]["image"])
+
+    n_px = 0
+    for name, group in groupby(sorted(view.lost[:MOST_CROPS], key=picture_of), picture_of):
+        try:
+            scene = run.scene(run.picture(name))
+            for target in group:
+                n_px += 2 * scene.image8.shape[0] * scene.image8.shape[1]
+                if n_px > MOST_CROP_PX:
+                    return
+                cells = [_cell(store, model, target, tested.keys[place]) for place in (view.a, view.b)]
+                around = _around([row for _, row in cells], scene.image8.shape[:2])
+                for place, (cell_id, row) in zip((view.a, view.b), cells, strict=True):
+                    frame = run.expose(scene, run.cell(cell_id=cell_id))
+                    yield f"{view.model}:{target}:{place}", _crop(frame.image, around, row)
+        except (ValueError, OSError):
+            continue  # the page works without; _pictures says what is wrong with a picture
+
+
+def _cell(store: Store, model: _Model, target: int, key: tuple[Any, ...]) -> tuple[str, Row]:
+    """The cell of a target's picture under a condition, and the target's row there."""
+    at, rest = dict(zip((*CONDITIONS, "repeat"), key, strict=True)), model.targets[target]
+    cell_id = next(queries.cells_with(store, image=rest["image"], model=model.name, **at))["cell_id"]
+    rows = queries.targets_of(store, cell_id, model.name)
+    return cell_id, next(row for row in rows if row["target_id"] == rest["target_id"])
+
+
+def _around(rows: Sequence[Row], size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """A square (left, top, right, bottom) around the boxes, as far as the picture goes."""
+    left, top = (min(row[edge] for row in rows) for edge in ("x0", "y0"))
+    right, bottom = (max(row[edge] for row in rows) for edge in ("x1", "y1"))
+    half = max(_AROUND * max(right - left, bottom - top), _LEAST_CROP_PX) / 2
+    spans = [((left + right) / 2, size[1]), ((top + bottom) / 2, size[0])]
+    middles = ((min(max(middle, 0), most), most) for middle, most in spans)  # a box may leave the picture
+    x, y = ((max(0, int(mid - half)), min(most, math.ceil(mid + half))) for mid, most in middles)
+    return x[0], y[0], x[1], y[1]
+
+
+def _crop(image: NDArray[np.uint8], around: tuple[int, int, int, int], row: Row) -> list[Any]:
+    left, top, right, bottom = around
+    part = image[top:bottom, left:right]
+    sides = [(row["x0"] - left, right - left), (row["y0"] - top, bottom - top)]
+    sides += [(row["x1"] - row["x0"], right - left), (row["y1"] - row["y0"], bottom - top)]
+    return [jpeg(_resized(part, _CROP_PX / max(part.shape[:2]))), *(round(100 * a / b, 1) for a, b in sides)]
