@@ -260,7 +260,7 @@ def _rows(
         continued(source, plane, (0, x.before), border)
         for window, core, inner in x.tiles:
             cv2.dft(plane[:, window], spectrum, cv2.DFT_ROWS)
-            np.multiply(spectrum, factors[:rows], out=spectrum)
+            response.multiply(spectrum, factors[:rows], spectrum)
             cv2.dft(spectrum, blurred, cv2.DFT_ROWS | cv2.DFT_INVERSE)
             target[:, core] = blurred[:, inner]
 

@@ -57,8 +57,11 @@ class Path(fourier.Response):
         return y + self.optics.reach_px + fourier.STILL_PX, x + self.optics.reach_px + fourier.STILL_PX
 
     def packed(self, lengths: tuple[int, int], kind: np.dtype[Any]) -> Sequence[Plane]:
-        knots, shares = (each.detach().numpy().tobytes() for each in (self.knots_px, self.shares))
-        return [_packed(knots, shares, self.optics, lengths, kind)]
+        knots = self.knots_px
+        if lengths[1] == 1:  # of a column as of a row
+            knots, lengths = knots.flip(0), lengths[::-1]
+        places, shares = (each.detach().numpy().tobytes() for each in (knots, self.shares))
+        return [_packed(places, shares, self.optics, lengths, kind)]
 
     @staticmethod
     def multiply(spectrum: Plane, factors: Plane, out: Plane) -> None:

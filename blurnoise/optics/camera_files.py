@@ -23,7 +23,7 @@ from blurnoise.optics.colour import FilterCurves, marked
 
 PRESETS = (
     "imx250", "imx250c", "imx250m", "imx249", "mt9m034", "blackfly", "ar0132at", "ar0237", "imx219", "imx296",
-    "imx477", "imx500", "imx708", "ov5647", "lin2024",
+    "imx477", "imx500", "imx708", "ov5647", "lin2024", "ar0132x3", "ovsplit",
 )  # fmt: skip
 _HEAD = "# A camera for blurnoise. Units are in the names; sources says where each figure comes from.\n"
 _hints = lru_cache(get_type_hints)

@@ -207,7 +207,6 @@ def linear_from_srgb(coded: Tensor) -> Tensor:
 def srgb_from_linear(linear: Tensor) -> Tensor:
     """sRGB-coded values of linear light, any shape; values outside [0, 1] are clamped."""
     linear = linear.clamp(0.0, 1.0)
-    # The inner clamp keeps the unused branch's gradient finite at 0.
-    return torch.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(1e-4) ** (1 / 2.4) - 0.055
-    )
+    # Not torch's power, as above; the inner clamp keeps the unused branch's gradient finite at 0.
+    power = torch.exp(torch.log(linear.clamp_min(1e-4)) / 2.4)
+    return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * power - 0.055)

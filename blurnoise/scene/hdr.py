@@ -24,6 +24,7 @@ from blurnoise._core.checks import (
     image_batch,
     in_range,
     limited_per_image,
+    shown,
 )
 from blurnoise.blur import convolution
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
@@ -188,9 +189,7 @@ def captured(
     by_flow = getattr(velocity_px_s, "ndim", 0) > 2
     velocity = (flows if by_flow else convolution.motions)("velocity_px_s", velocity_px_s, light)
     paths = per_picture(trajectory, batch)
-    lamps = [flicker] * batch if isinstance(flicker, Flicker) else flicker or [None] * batch
-    if len(lamps) != batch:
-        raise ValueError(f"flicker: got {len(lamps)} for a batch of {batch}; must be one per picture")
+    lamps = _for_each(flicker, batch)
     seeds = rng.item_seeds(generator, batch)
     found = []
     for place, (capture, reader) in enumerate(zip(captures, readers, strict=True)):
@@ -220,6 +219,18 @@ def captured(
         )
         found.append(frame)
     return found
+
+
+def _for_each(flicker: Flicker | Sequence[Flicker | None] | None, batch: int) -> Sequence[Flicker | None]:
+    """A lamp or None for each picture. Raises ``TypeError`` or ``ValueError``."""
+    if flicker is None or isinstance(flicker, Flicker):
+        return [flicker] * batch
+    if not isinstance(flicker, Sequence) or not all(isinstance(one, Flicker | None) for one in flicker):
+        must = "must be a Flicker, or a sequence of one or None for each picture"
+        raise TypeError(f"flicker = {shown(flicker)}: {must}")
+    if len(flicker) != batch:
+        raise ValueError(f"flicker: got {len(flicker)} for a batch of {batch}; must be one per picture")
+    return flicker
 
 
 def merged(

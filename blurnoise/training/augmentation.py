@@ -209,15 +209,14 @@ def _flickers(
 ) -> list[Flicker | None]:
     """Each picture's lamp where it lights; None for a lamp of targets where there are none; [] without lamps."""
     one_of("lamp_lights", lights, ("all", "targets"))
+    each = [] if lamp is None else _for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
     found: list[Flicker | None] = []
-    for item, own in enumerate(
-        [] if lamp is None else _for_each("lamp", [lamp] if isinstance(lamp, Pwm) else lamp, batch)
-    ):
+    for item, own in enumerate(each):
         if own is not None:
             an_instance("lamp", own, Pwm)
-        hidden = lights == "targets" and (masks is None or not masks.shape[1])
+        dark = lights == "targets" and (masks is None or not masks.shape[1])
         mask = None if lights == "all" or masks is None else masks[item].amax(0).float()
-        found.append(None if own is None or hidden else Flicker(own, mask))
+        found.append(None if own is None or dark else Flicker(own, mask))
     return found
 
 
@@ -337,7 +336,8 @@ class OverConditions:
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
     """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
 
-    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture.
+    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture. Cameras may be of several captures
+    (HDR), and lamps may pulse.
     encoding: the pictures' tone curve, as ``simulate`` takes it; they come back by the camera's, or "linear" as they
     were. fidelity: as ``simulate`` takes it.
     grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the

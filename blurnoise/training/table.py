@@ -36,7 +36,7 @@ FILE = "conditions.json"
 _MOST_SATURATED = 0.1  # mean share of values at a limit of the sensor; beyond, a run's condition is left out
 _SPREAD = ("exposure_s", "illuminance_lux", "speed_px_s")
 _TINY = 1e-30
-_NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor")
+_NOT_DRAWN = ("trajectory", "ego", "speeds", "grey_anchor", "lamps", "hdr_white")
 
 
 class Condition(NamedTuple):

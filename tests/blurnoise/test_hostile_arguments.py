@@ -14,7 +14,7 @@ import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.metrics import information, patches, slanted_edge
 from blurnoise.optics.camera import staggered
-from blurnoise.scene.hdr import captured
+from blurnoise.scene.hdr import captured, pictures
 from blurnoise.training.augmentation import expose_pictures
 
 CAMERA = Camera.preset("imx250")
@@ -80,6 +80,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (ROLLS.move_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (ROLLS.sweep_boxes, {"boxes_xyxy": BOXES, "size": (24, 31)}),
     (captured, {"scene": PICTURES, **LIT, "captures": staggered(4.0), "velocity_px_s": (9.0, 0.0)}),
+    (pictures, {"scene": PICTURES, **LIT, "gain_db": 0.0, "white": 1.0, "velocity_px_s": (9, 0), "flicker": None}),
     (blurnoise.simulate, {"image": PICTURES, **LIT, **NATURE, **SCENE, "velocity_px_s": (0, 0), "generator": [1, 2]}),
     (AutoExposure, METERED),
     (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),

@@ -47,7 +47,7 @@ class ScoreTable:
     many there are, times noise fields. clean: mean score in the original pictures, None where unknown; reference: its
     sum over the targets, each once. prediction_cov: of a mean that is predicted and was not measured, its covariance
     (n, n) at n of the conditions, by their places, beside what clusters differ by. missed_pulses: (N,) share of
-    pictures that miss the pulsed lamp, NaN where there is none.
+    pictures that miss the pulsed lamp, None without lamp.
     """
 
     model: str
@@ -194,7 +194,8 @@ class ScoreTable:
         number = np.diff(starts, append=len(order))
         means: dict[str, Any] = {
             name: np.add.reduceat(getattr(self, name)[..., order], starts, axis=-1) / number
-            for name in ("sums", "counts", "saturated", "brightness")
+            for name in ("sums", "counts", "saturated", "brightness", "missed_pulses")
+            if getattr(self, name) is not None
         }
         cov = None
         if self.prediction_cov is not None:
@@ -297,7 +298,7 @@ def table_of(
         clean=float(known.mean()) if len(known) else None,
         reference=float(known.sum()),
         kept=kept,
-        missed_pulses=mean(rows.missed_pulse),
+        missed_pulses=None if np.isnan(rows.missed_pulse).all() else mean(rows.missed_pulse),
     )
 
 

@@ -289,6 +289,7 @@ def predicted_table(plane: ScoreTable, question: Question, trend: Trend) -> Scor
         saturated=_by_light(plane, plane.saturated, places),
         brightness=_by_light(plane, plane.brightness, places),
         prediction_cov=lambda those: CAUTION**2 * predicted.surface.covariance(places[those]),
+        missed_pulses=None,
     )
 
 

@@ -112,7 +112,8 @@ class Run:
     def scene(self, picture: Picture) -> Scene:
         """The picture as the run's cells saw it."""
         plan = self._plan
-        return Scene(picture.load(), plan.grey_anchor, picture, self.objects, plan.picture_tone, plan.lamps)
+        tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
+        return Scene(picture.load(), plan.grey_anchor, picture, self.objects, tone, lamps, white)
 
     def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""

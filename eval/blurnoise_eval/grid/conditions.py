@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from blurnoise._core import rng
-from blurnoise._core.checks import integer, limited
+from blurnoise._core.checks import in_range, integer, limited
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PictureTone, picture_tone
@@ -168,7 +168,8 @@ class SweepPlan:
     examples: whether some pictures are kept. grey_anchor: what of a picture is 18 % reflectance
     (``blurnoise.scene.metering``); None: its brightness is reflectance. picture_tone: the curve that codes pictures.
     auto_exposure: sets gain and exposure where they are left to the camera. objects: how objects move where not all
-    of a picture does, and the boxes that are the truth. lamps: of every picture.
+    of a picture does, and the boxes that are the truth. lamps: of every picture. hdr_white: the
+    light that is white in the merged picture of a camera of several captures, times white.
     trajectory: motion beside the velocity, as :mod:`blurnoise.motion.trajectory` has it. A shake is each picture's
     own, by its cells' seed, and goes so far in ``longest_s``; a shorter exposure sees a part of that.
     ego: the vehicle that drives at the speeds on the axis ``ego_speed_m_s``, by default the usual one.
@@ -188,6 +189,7 @@ class SweepPlan:
     auto_exposure: AutoExposure = USUAL
     objects: Objects = USUAL_OBJECTS
     lamps: Lamps | None = None
+    hdr_white: float = 1.0
     trajectory: str | TrajectorySpec | None = None
     ego: Vehicle | None = None
     only: tuple[Conditions, ...] = ()
@@ -211,6 +213,7 @@ class SweepPlan:
         stated = {name: () if value is None else (value,) for name, value in core} | {**self.grid}
         checked = {each.name: each.checked(stated[each.name]) for each in AXES if each.name in stated}
         object.__setattr__(self, "grid", checked)
+        in_range("hdr_white", self.hdr_white, 1e-6, 1e6)
         integer("repeats", self.repeats, 1, 1_000_000)
         integer("seed", self.seed, 0, rng.LAST_SEED)
         if self.lamps and self.repeats % max(1, len(self.lamps.phases)):
@@ -295,6 +298,8 @@ class SweepPlan:
             values["objects"] = objects
         if self.lamps is not None:
             values["lamps"] = asdict(self.lamps)
+        if self.hdr_white != 1:
+            values["hdr_white"] = self.hdr_white
         if self.direction is not None:
             further = {name: self.values(name)[0] for name in self.grid}
             return values | {"further": further, "direction": self.direction}

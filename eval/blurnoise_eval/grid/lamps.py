@@ -95,7 +95,7 @@ def emitters_of(text: str) -> tuple[str, float]:
     except ValueError:
         where = ""
     if not where:
-        raise ValueError(f"emitters = {text!r}: must be WHERE:FACTOR, such as lamps.png:400")
+        raise ValueError(f"emitters = {text!r}: must be MASK.png:FACTOR, of a plan {TARGETS}:FACTOR")
     return where, in_range("emitters: factor", times, 0.0, 1e6)
 
 

@@ -137,6 +137,10 @@ class Taking(Settings):
         "srgb|linear|filmic|FILE.yaml|POINTS",
         read=tone_of,
     )
+    hdr_white: float = setting(
+        1.0,
+        "light that is white in the merged picture of a camera with several captures, in multiples of white",
+    )
     seed: int = setting(0, "seed of the noise, and of the order of pictures in decide (default: 0)", "N")
 
 
@@ -243,7 +247,7 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
         from blurnoise_eval.grid.conditions import SweepPlan
         from blurnoise_eval.grid.lamps import Lamps
 
-        names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure")
+        names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure", "hdr_white")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}
         held["repeats"] = repeats if self.repeats is None else self.repeats
         if lamps := {name: value for name in LAMPS if (value := getattr(self, name)) is not None}:
@@ -285,7 +289,6 @@ class SceneFile(with_axes("Conditions: one number each", "NUMBER", SCENE), Takin
     hdr: str | None = setting(
         None, "further captures of an HDR sensor, each shorter by its ratio; all are merged", "RATIO,..."
     )
-    hdr_white: float = setting(1.0, "light that is white in the merged picture, in multiples of white")
     bit_depth: Literal["8", "native"] = setting(
         "8",
         "8: sRGB picture for viewing; native: digital numbers of the camera in a 16-bit PNG (default: 8)",

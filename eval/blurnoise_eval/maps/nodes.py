@@ -67,7 +67,8 @@ class Nodes:
         of_node = (node[:, None] == np.arange(len(self))).astype(float)
         unknown = np.full(len(self), np.nan)
         sums, counts = table.sums @ of_node, table.counts @ of_node
-        return replace(table, conditions={}, sums=sums, counts=counts, saturated=unknown, brightness=unknown)
+        table = replace(table, saturated=unknown, brightness=unknown, missed_pulses=None)
+        return replace(table, conditions={}, sums=sums, counts=counts)
 
 
 def nodes_of(store: Store) -> Nodes:
@@ -83,9 +84,13 @@ def nodes_of(store: Store) -> Nodes:
         "its targets or background move alone": any(map(MOVES.place_of, grid.get(MOVES.name, ()))),
         "its camera drives": plan.get("ego") is not None,
         "its pictures follow a trajectory": plan.get("trajectory") is not None,
+        "it has lamps": plan.get("lamps") is not None,
+        "its camera takes several captures": bool(manifest.get("camera", {}).get("captures")),
     }
     if reason := next((text for text, holds in others.items() if holds), None):
-        raise StoreError(f"{run}: {reason}; maps are of runs in which the whole picture moves straight")
+        raise StoreError(
+            f"{run}: {reason}; maps are of runs in which the whole picture moves straight, in one capture"
+        )
     nodes = nodes_at(queries.exposed_conditions(store), Camera.from_dict(manifest["camera"]), list(grid))
     if not len(nodes):
         raise StoreError(f"{run}: has no picture that was exposed to light")

@@ -28,6 +28,7 @@ import torch
 from torch import Tensor
 
 from blurnoise import charts, simulate
+from blurnoise.light.conditions import of_one_exposure
 from blurnoise.metrics import Flag, SlantedEdge, information, slanted_edge
 from blurnoise.metrics.patches import detection_probability, patch_contrast, patch_snr, psnr, ssim
 from blurnoise.metrics.values import BatchEstimate, Estimate
@@ -303,6 +304,9 @@ def check(camera: Camera, plan: SweepPlan) -> None:
     for name, must in needed.items():
         if any(plan.values(name)):
             raise ValueError(f"{name}: must be {must}")
+    if plan.lamps is not None:
+        raise ValueError("emitters, pwm: must be left out; a chart has no lamps")
+    of_one_exposure(camera)
     for conditions in plan.conditions():
         conditions.exposure(camera)
 

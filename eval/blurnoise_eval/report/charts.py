@@ -27,6 +27,7 @@ OF_PICTURES = {
     "snr_db": "SNR of the mean light / dB",
     "brightness": "Mean brightness of the picture, 0-1",
     "saturated_share": "Share of saturated pixels",
+    "missed_pulse_share": "Share of pictures that miss the pulsed lamp",
 }
 """Columns of scores that distinguish a dark picture from a noisy one."""
 Row = dict[str, Any]
@@ -137,7 +138,10 @@ def numbers(data: RunData, groups: list[str]) -> Row:
         windows.append([*whose, data.at(answer, None, velocity), *use, sure, bars])
     series = [[0, *whose, clean[whose], values] for whose, values in of_targets.items()]
     named = [(score.name, f"{score.title} (all targets)", score.better) for score in choices(data)]
-    for name, title, better in [*named, *((each, text, None) for each, text in OF_PICTURES.items())]:
+    of_pictures = [
+        (each, text) for each, text in OF_PICTURES.items() if any(each in row for row in data.scores)
+    ]
+    for name, title, better in [*named, *((each, text, None) for each, text in of_pictures)]:
         of_models: dict[str, list[Any]] = {model: [] for model in models}
         for row in data.exposed_scores:
             if (y := _short(row.get(name))) is not None:

@@ -128,6 +128,9 @@ def run_facts(data: RunData) -> dict[str, str]:
         facts["trajectory"] = f"{held['text']}; blur and speeds are of the uniform motion beside it"
     if ego := manifest.get("plan", {}).get("ego"):
         facts["ego"] = ", ".join(f"{name} {value}" for name, value in ego.items() if value is not None)
+    if lamps := manifest.get("plan", {}).get("lamps"):
+        facts["lamps"] = ", ".join(f"{name} {shown(value)}" for name, value in lamps.items() if value)
+    facts["hdr_white"] = manifest.get("plan", {}).get("hdr_white")
     crossings = []
     for label, of in Objects(**manifest.get("plan", {}).get("objects", {})).crossings.items():
         crossings.append(f"{label} {of.kmh:g} km/h, {of.width_m:g} m wide")

@@ -79,7 +79,7 @@ class Scene:
 
     grey_anchor: what of it is 18 % reflectance (:mod:`blurnoise.scene.metering`); raises ``UnreadablePicture`` where
     that has no light. picture: with the targets that ``objects`` moves, and which may be ``lamps``. picture_tone: its
-    tone curve.
+    tone curve. hdr_white: as of :class:`SweepPlan`.
     """
 
     def __init__(
@@ -90,9 +90,10 @@ class Scene:
         objects: Objects = USUAL_OBJECTS,
         picture_tone: PictureTone = "srgb",
         lamps: Lamps | None = None,
+        hdr_white: float = 1.0,
     ) -> None:
         self.image8, self._image, self._anchored = eight_bit(image), image, grey_anchor
-        self._tone = picture_tone
+        self._tone, self.hdr_white = picture_tone, hdr_white
         self._picture, self.objects = picture, objects
         self._cut: tuple[CutScene, tuple[int, ...]] | None = None
         self._lock = threading.Lock()
@@ -115,7 +116,9 @@ class Scene:
         """The picture under each exposure. At rest it is as it is, whatever may move."""
         for _, group in groupby(exposures, key=self._is_cut):
             of = [self._exposed(each) for each in group]
-            yield from hdr.frames(of[0][0], [each for _, each in of], lamp_mask=self.lamp_mask)
+            yield from hdr.frames(
+                of[0][0], [each for _, each in of], white=self.hdr_white, lamp_mask=self.lamp_mask
+            )
 
     def invented(self, taken: Exposure) -> dict[int, float]:
         """By the place of a target, what is seen that had to be invented."""
@@ -216,7 +219,7 @@ def frames(
             frame.simulate_ms,
             exposure,
             *boxes,
-            saturated=_saturated(frame.picture, brightest(exposure)),
+            saturated=_saturated(frame.picture, brightest(exposure, scene.hdr_white)),
             snr_db=snr_db(exposure, mean),
             brightness=cv2.mean(frame.picture.reshape(-1))[0] / 255,
             invented=scene.invented(exposure),
@@ -247,13 +250,13 @@ def _saturated(picture: NDArray[np.uint8], limit: int) -> float:
     return float(1.0 - below / (picture.shape[0] * picture.shape[1]))
 
 
-def brightest(exposure: Exposure) -> int:
+def brightest(exposure: Exposure, hdr_white: float = 1.0) -> int:
     """The 8-bit value from which on a pixel counts as saturated, see :attr:`blurnoise.Camera.saturated_dn`.
 
     Of several captures it is that of a pixel which is at a limit in all of them.
     """
     if exposure.camera.captures:
-        return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None))
+        return _brightest_merged(replace(exposure, seed=0, trajectory=None, lamp=None), hdr_white)
     return _brightest(*exposure.amplified)
 
 
@@ -263,14 +266,14 @@ def _brightest(camera: Camera, digital_db: float) -> int:
 
 
 @lru_cache(maxsize=256)
-def _brightest_merged(exposure: Exposure) -> int:
+def _brightest_merged(exposure: Exposure, hdr_white: float) -> int:
     """What a pixel becomes that is at a limit in every capture."""
     camera = exposure.camera
     captures, digital_db = hdr.amplified(camera, exposure.gain_db)
     planes = 3 if camera.cfa == "none" else 1
     limits_dn = (float(int(each.saturated_dn)) for each in readers_of(camera, captures))
     frames = [torch.full((1, planes, 4, 4), limit_dn) for limit_dn in limits_dn]
-    white_e = _white_e(exposure)
+    white_e = torch.tensor([_white_e(exposure) * hdr_white])
     seen = hdr.merged(frames, camera, captures, white_e=white_e, digital_db=digital_db, eight_bit=True)
     return int(seen.min())
 

@@ -51,5 +51,6 @@ def met_conditions(
         "auto_exposure": plan.get("auto_exposure"),
         "speeds": objects.get("speeds") or objects.get("crossings"),
         **{name: plan.get(name) for name in ("trajectory", "ego", "grey_anchor", "picture_tone")},
+        **{name: plan[name] for name in ("lamps", "hdr_white") if name in plan},
         "conditions": [{**dict(each), "saturated": share} for each, share in conditions.items()],
     }

@@ -74,6 +74,7 @@ def run(
         plan.path,
         plan.ego,
         plan.lamps,
+        plan.hdr_white,
     )
     # as a picture begins, for no cell comes twice; two pictures take turns
     finished = lru_cache(2)(store.done)

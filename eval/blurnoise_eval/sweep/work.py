@@ -120,6 +120,7 @@ class Work:
     path: tuple[TrajectorySpec, float] | None = None
     ego: Vehicle | None = None
     lamps: Lamps | None = None
+    hdr_white: float = 1.0
 
     def open(self, pictures_held: int) -> Worker:
         """A worker that holds at most so many prepared pictures, at least 1, beside those it works on."""
@@ -143,7 +144,15 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
             )
         try:
-            scene = Scene(image, work.grey_anchor, picture, work.objects, work.picture_tone, work.lamps)
+            scene = Scene(
+                image,
+                work.grey_anchor,
+                picture,
+                work.objects,
+                work.picture_tone,
+                work.lamps,
+                work.hdr_white,
+            )
         except UnreadablePicture as error:
             raise UnreadablePicture(f"{picture.name}: {error}") from None
         views: list[View] = [View(model, picture, scene.image8) for model in work.models]

@@ -1,6 +1,7 @@
 """Trajectories: closed forms, windows, shakes and logs; blur by paths, picture by picture."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -221,6 +222,20 @@ def test_two_knots_are_straight_motion(border, moved):
     assert float((seen - straight).square().mean().sqrt()) < 1e-4
     knots = torch.tensor([[-x / 2, -y / 2], [x / 2, y / 2]], dtype=torch.float64)
     torch.testing.assert_close(path_blur(light, knots, border=border), seen)
+
+
+@pytest.mark.parametrize("radius_px", [0.0, 3.0])
+def test_a_picture_of_one_row_or_column_is_blurred_as_one_of_many_alike(radius_px):
+    line = torch.rand(1, 2, 1, 300, generator=torch.Generator().manual_seed(1))
+    optics = transfer.Optics(defocus_radius_px=radius_px)
+    along = Trajectory((-0.02, 0.0, 0.02), (-100.0, 20.0, 160.0), (0.0, 0.0, 0.0))
+    path = along.seen(0.03)
+    down = replace(along, x_px=along.y_px, y_px=along.x_px).seen(0.03)
+    expected = path_blur(line.expand(-1, -1, 9, -1).contiguous(), path, optics)[..., 4:5, :]
+    torch.testing.assert_close(path_blur(line, path, optics), expected, atol=1e-5, rtol=0.0)
+    torch.testing.assert_close(
+        path_blur(line.mT.contiguous(), down, optics).mT, expected, atol=1e-5, rtol=0.0
+    )
 
 
 def test_too_short_to_be_seen_and_too_large_to_hold():

@@ -4,12 +4,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from blurnoise import Camera, ExposedScene, Exposure, simulate
+from blurnoise import AutoExposure, Camera, ExposedScene, Exposure, Trajectory, simulate
 from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.optics.camera import Capture, staggered
 from blurnoise.optics.colour import srgb_from_linear
@@ -265,3 +266,120 @@ def test_bad_input_is_named(call, message):
     with pytest.raises(ValueError, match=message) as error:
         call()
     assert "\n" not in str(error.value)
+
+
+def test_a_straight_path_is_the_velocity_along_it():
+    """In each capture: ghosts lie alike, one of them blurred by the path, the other by uniform motion."""
+    light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
+    given = lit(IMX250) | CLEAN
+    path = Trajectory((-0.02, 0.02), (-20.0 * FINENESS + 7, 20.0 * FINENESS + 7), (3.0, 3.0))
+    expected = captured(light, IMX250, staggered(16, 64), **{**given, **MOVED})
+    found = captured(light, IMX250, staggered(16, 64), trajectory=path, **given)
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other, atol=8.0, rtol=0.0)
+    assert len({round(float((each * X).sum() / each.sum()), 1) for each in expected}) == 3
+
+
+def test_a_path_goes_on_in_the_next_capture():
+    """At rest in the first, then 16 000 px/s for 0.625 ms: 5 px further in the middle, 10 px of blur."""
+    light = torch.where(X.abs() < 10, 0.5, 0.0)[None, None, None]
+    path = Trajectory((-0.005, 0.005, 0.006), (0.0, 0.0, 16.0 * FINENESS), (0.0, 0.0, 0.0))
+    frames = captured(light, IMX250, staggered(16), trajectory=path, **lit(IMX250), **CLEAN)
+    for frame, middle_px, blur_px in zip(frames, (0.0, 5.0), (0.0, 10.0), strict=True):
+        weights = (frame - IMX250.black_level_dn).flatten()
+        weights = weights / weights.sum()
+        mean = float((weights * X).sum())
+        assert mean == pytest.approx(middle_px, abs=0.02)
+        assert float((weights * (X - mean) ** 2).sum()) == pytest.approx((20**2 + blur_px**2) / 12, rel=0.01)
+
+
+def test_a_lamp_goes_on_from_capture_to_capture():
+    """Lit from 10 to 11 ms: dark in the first capture, in the second, 10 to 10.625 ms, 20 times its mean."""
+    lamp = Flicker(Pwm(50.0, 0.05, 0.5))
+    light = torch.full((1, 1, 2, 3), 0.02)
+    first, second = captured(light, FINE, staggered(16), flicker=lamp, **lit(FINE), **CLEAN)
+    assert float(first.mean()) == pytest.approx(FINE.black_level_dn)
+    seen = (second - FINE.black_level_dn) / FINE.system_gain_dn_per_e
+    assert float(seen.mean()) == pytest.approx(20 * 0.02 * WELL_E / 16, rel=1e-4)
+
+
+@pytest.mark.parametrize("shutter", ["rolling", "global-reset"])
+@pytest.mark.parametrize("scan", ["down", "up"])
+def test_rows_see_the_lamp_when_they_are_exposed(shutter, scan):
+    """Against the lit time of each row, counted; what a global reset adds to a row's time adds to its light."""
+    camera = replace(FINE, width_px=4, height_px=60, row_time_s=2e-4, shutter=shutter, scan=scan)
+    light = torch.full((1, 1, 60, 4), 0.02)
+    (seen,) = captured(light, camera, (Capture(),), flicker=Flicker(LED), **lit(camera, 0.003), **CLEAN)
+    order = torch.arange(60) if scan == "down" else torch.arange(59, -1, -1)
+    start_s = order * 2e-4 * (shutter == "rolling")
+    lasting_s = 0.003 + order * 2e-4 * (shutter == "global-reset")
+    instants = start_s[:, None] + lasting_s[:, None] * (torch.arange(20_000).double() + 0.5) / 20_000
+    on_s = ((90 * instants) % 1 < 0.1).double().mean(1) * lasting_s
+    expected = 0.02 * WELL_E / 0.003 * on_s / 0.1
+    found = (seen[0, 0, :, 0] - camera.black_level_dn) / camera.system_gain_dn_per_e
+    torch.testing.assert_close(found.double(), expected, atol=2.0, rtol=2e-3)
+    assert len(expected.unique()) > 5
+
+
+def test_gain_changes_the_noise_of_a_fused_picture_and_not_its_brightness():
+    """Beyond the amplifier, too, where one capture has digital gain."""
+    camera = replace(IMX250, read_noise_post_share=0.9, captures=staggered(16))
+    at: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 1.0, "encoding": "linear", "generator": [1]}
+    seen = [hdr.pictures(torch.full((1, 1, 90, 90), 0.2), camera, gain_db=gain, **at) for gain in (0, 12, 40)]
+    assert [float(each.mean()) for each in seen] == pytest.approx([0.2] * 3, rel=0.01)
+    assert float(seen[0].std()) > 1.05 * float(seen[1].std())
+    captures, digital_db = hdr.amplified(camera, 40.0)
+    assert [each.gain_db for each in captures] == [24.0, 24.0]
+    assert digital_db == 16.0
+
+
+def test_automatic_exposure_meters_the_first_capture():
+    """At 12 dB a quarter of the time; of half the sensitivity twice as long."""
+    usual = AutoExposure(frame_rate_hz=1.0)
+    plain = usual.setting(IMX250, mean_light=0.2, illuminance_lux=100.0)
+    amplified = replace(IMX250, captures=dual_gain(20 * math.log10(4)))
+    assert usual.setting(amplified, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
+        plain.exposure_s / 4
+    )
+    halved = replace(IMX250, captures=(Capture(sensitivity=0.5),))
+    assert usual.setting(halved, mean_light=0.2, illuminance_lux=100.0).exposure_s == pytest.approx(
+        plain.exposure_s * 2
+    )
+
+
+@pytest.mark.parametrize("name", ["imx250", "imx250c"])
+def test_frames_are_the_pictures_with_8_bits(name):
+    """Of cameras of one capture those of the scene, to the bit; grey light comes back with its channels."""
+    plain = Camera.preset(name)
+    several = replace(plain, captures=staggered(16))
+    light = torch.rand(1, 3, 24, 31, generator=torch.Generator().manual_seed(1))
+    scene = ExposedScene(light)
+    exposures = [
+        Exposure(camera, 0.01, 60.0, (200.0, 0.0), gain_db=6.0, seed=4, lamp=lamp)
+        for camera in (plain, several)
+        for lamp in (None, LED)
+    ]
+    frames = [frame.picture for frame in hdr.frames(scene, exposures)]
+    assert np.array_equal(frames[0], next(scene.frames(exposures[:1])).picture)
+    for exposure, frame in zip(exposures, frames, strict=True):
+        picture = hdr.pictures(
+            scene,
+            exposure.camera,
+            exposure_s=0.01,
+            illuminance_lux=60.0,
+            velocity_px_s=(200.0, 0.0),
+            gain_db=6.0,
+            generator=[4],
+            flicker=exposure.lamp and Flicker(exposure.lamp),
+        )
+        assert frame.shape == (24, 31, 3)
+        assert np.abs(frame / 255 - picture[0].permute(1, 2, 0).numpy()).max() <= 0.51 / 255
+
+
+@pytest.mark.parametrize(("name", "range_db"), [("ar0132x3", 111.4), ("ovsplit", 114.2)])
+def test_presets_reach_the_range_of_their_captures(name, range_db):
+    camera = Camera.preset(name)
+    assert hdr.dynamic_range_db(camera, camera.captures) == pytest.approx(range_db, abs=0.1)
+    ends = hdr.saturations_e(camera, camera.captures)
+    expected = [5890.0, 94_240.0, 1_507_840.0] if name == "ar0132x3" else [22_000 * 49 / 200, 22_000, 790_000]
+    assert ends == pytest.approx(expected, rel=2e-3)

@@ -46,7 +46,6 @@ COMMANDS = {
         ("--object 1,2,3", "must be MASK.png or X,Y,WIDTH,HEIGHT"),
         ("--object 50,30,20,16 --plate street.png --grey-anchor mean", "neither grey_anchor"),
         ("--trajectory sine:3", "--trajectory = 'sine:3': must be FILE.csv, shake:PX or sine:PX,HZ[,DEG]"),
-        ("--trajectory shake:3 --hdr 16", "trajectory: goes with one capture, not 2"),
     ],
     "simulate -o out.png": [
         ("missing.png", "missing.png: No such file"),

@@ -1,5 +1,7 @@
 """Lines, lattices and nodes of the plane of exposures, the conditions of nodes, and whether the plane holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
@@ -11,6 +13,7 @@ from signs_in_memory import CAMERA as SMALL_CAMERA
 from signs_in_memory import picture, sign
 
 from blurnoise import Camera
+from blurnoise.optics.camera import Capture, staggered
 
 EXPOSURES_S = 0.001, 0.09
 LINES = tuple(Line(lux, (speed, 0.0)) for lux in (3.0, 50.0, 1000.0) for speed in (0.0, 40.0, 900.0))
@@ -69,7 +72,8 @@ def test_conditions_stand_at_their_place_and_near_a_line(lines):
         }
 
 
-def test_equal_light_and_motion_are_equal_frames():
+@pytest.mark.parametrize("captures", [(), staggered(4)])
+def test_equal_light_and_motion_are_equal_frames(captures):
     """Powers of two leave nothing to rounding, so every value is the same."""
     scene, seed = Scene(sign()), cell_seed(0, picture("a").name, 0)
     every = [
@@ -77,7 +81,7 @@ def test_equal_light_and_motion_are_equal_frames():
         for s in (2.0**-9, 2.0**-6, 2.0**-3)
     ]
     cells = [Cell("a", 0, conditions, seed) for conditions in every]
-    first, *others = (frame.image for frame in frames(scene, cells, SMALL_CAMERA))
+    first, *others = (frame.image for frame in frames(scene, cells, replace(SMALL_CAMERA, captures=captures)))
     assert all(np.array_equal(first, other) for other in others)
     assert first.std() > 1
 
@@ -97,3 +101,15 @@ def test_equal_light_and_motion_are_equal_frames():
 def test_what_breaks_the_plane(axes, reason):
     found = what_breaks(CAMERA, Question({**ONE_WAY, **axes}))
     assert found == [] if reason is None else [reason in each for each in found] == [True]
+
+
+def test_lamps_and_captures_that_break_the_plane():
+    """Captures one after the other last in proportion to the first; one with a start of its own does not."""
+    found = what_breaks(CAMERA, Question(ONE_WAY), pulsed=True)
+    assert found == ["a longer exposure misses fewer pulses of the lamp"]
+    assert what_breaks(replace(CAMERA, captures=staggered(16)), Question(ONE_WAY)) == []
+    two_gains = (Capture(gain_db=12.0), Capture(start_s=0.0))
+    assert what_breaks(replace(CAMERA, captures=two_gains), Question(ONE_WAY)) == []
+    apart = (Capture(), Capture(exposure_ratio=16, start_s=0.05))
+    (reason,) = what_breaks(replace(CAMERA, captures=apart), Question(ONE_WAY))
+    assert "begins at a time of its own" in reason
