@@ -63,9 +63,9 @@ def _between(exposures_s: Sequence[float], tested_s: Array, mean: Array) -> Arra
 
 
 def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
-    """What to do for one model and kind of target in one setting and at one velocity: a line of exposures.
+    """The answer for one model and group of targets in one setting and at one velocity.
 
-    A row of the model, the group, the axes but the exposure, and
+    A row with the model, the group, the axes but the exposure, and
 
     exposures_s: tested, increasing; confidence: of the ``n_targets`` targets (times repeats) at each, in the
     criterion's unit; low, high: its 95 % interval over ``n_pictures`` clusters, which count as ``effective_pictures``
@@ -81,7 +81,7 @@ def answer(curve: Curve, line: Line, criterion: Criterion) -> Row:
     where it is surely so. window_from_open, window_to_open: a window reaches the shortest or longest exposure tested.
 
     recommended_s: a tested exposure, None when the mean reaches the level nowhere; unless the verdict is "works" it
-    is only the best guess. regret_95: what it loses at most, at 95 %, against the best tested exposure. best_s: the
+    is only the best guess. regret_95: its greatest regret, at 95 %, against the best tested exposure. best_s: the
     tested exposure with the highest confidence (of equals the shortest). Both with their values and intervals.
 
     window_from_limited_by, window_to_limited_by: what ends the window of the recommended exposure, or else the first;

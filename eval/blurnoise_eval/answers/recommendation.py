@@ -1,9 +1,9 @@
-"""Which exposure to use: the one rule, for one condition, for one light, and for all that was tested.
+"""The recommended exposure: one rule for a condition, for a light, and for all tested conditions.
 
-The exposure to use keeps most on average over the conditions (lights, speeds, target groups), all weighted alike. One
-that saturates more than a tenth of the picture, averaged over these conditions, is not used while another one works.
-Of exposures that keep as much within ``NEAR`` the middle one is taken (in log exposure), so that a finer grid does
-not move the answer along a plateau.
+It has the highest score on average over the conditions (lights, speeds, target groups), all weighted alike. An
+exposure that saturates more than a tenth of the picture on average is not recommended while another one works. Of
+exposures whose scores differ by less than ``NEAR`` the middle one is taken (in log exposure), so that a finer grid
+does not move the answer along a plateau.
 
 Domain: exposures in s; values in the criterion's unit: a score, or the share of it that is kept. N conditions, each
 a setting and a velocity; E exposures, increasing; C clusters of pictures. NaN: not tested.

@@ -1,10 +1,10 @@
 """The table of a score: a group of targets before one model, by cluster of pictures, under every condition.
 
 Curves, windows, planes and maps are groupings of it. A cluster is a picture with all its targets and noise fields, or
-what else was drawn together (``--cluster``). A mean is a ratio of sums over clusters. What is kept of a score is the
-targets' scores by what the same targets have in the original pictures: so targets of which the model knows little
-count little, and one that is not found there counts for nothing but what is found later. Of a score that belongs to
-no single target, such as AP, a cluster has the score's pseudo-value.
+several pictures with ``--cluster``. A mean is a ratio of sums over clusters. A kept share is the sum of the targets'
+scores, divided by the sum of the same targets' scores in the original pictures. So a target with a low score there
+has a low weight, and one that is missed there only adds what is found later. For a score that belongs to no single
+target, such as AP, a cluster has the score's pseudo-value.
 """
 
 from __future__ import annotations
