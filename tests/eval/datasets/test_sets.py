@@ -147,7 +147,7 @@ def test_without_labels(folder):
         ({"labels": "a.txt", "target": "sign"}, "target: needs labels"),
         ({"labels": "a.json", "reads": True}, "PP-OCR labels"),
         ({"limit": 0}, "limit = 0: must be >= 1"),
-        ({"images": ""}, "images = '': must name a file or folder"),
+        ({"images": ""}, "images = '': must be the name of a file or folder"),
     ],
 )
 def test_settings_that_do_not_go_together(settings, fault):

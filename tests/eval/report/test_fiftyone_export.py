@@ -140,7 +140,7 @@ def test_without_labels_each_model_has_targets_of_its_own(run, tmp_path):
 
 def test_no_picture_at_hand_is_an_error_that_says_where_they_were(run, tmp_path):
     moved = Evaluation(run.folder, progress=False, images=tmp_path / "gone")
-    with pytest.raises(ValueError, match=r"images = .*gone.*: no such folder"):
+    with pytest.raises(ValueError, match=r"images = .*gone.*: must be a folder"):
         moved.write_fiftyone(tmp_path / "dataset")
     assert not (tmp_path / "dataset" / "metadata.json").exists()
 

@@ -226,7 +226,7 @@ def test_phases_of_a_plan_file(tmp_path):
 
 def test_lamps_need_to_know_where_targets_are():
     plan = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
-    with pytest.raises(ValueError, match="needs to know where targets are"):
+    with pytest.raises(ValueError, match="needs labelled targets"):
         check_plan(plan, CAMERA, picture_set(picture("p", labels=None)))
     check_plan(replace(plan, lamps=Lamps(pwm="90,0.1")), CAMERA, picture_set(picture("p", labels=None)))
 

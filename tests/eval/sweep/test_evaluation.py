@@ -104,7 +104,7 @@ def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
     assert seen.image.shape == picture.load().shape
     with pytest.raises(ValueError, match="axis = 'exposure_ms': must be one of exposure_s"):
         expose(picture, "imx250", exposure_ms=5)
-    with pytest.raises(ValueError, match="illuminance_lux: must be stated"):
+    with pytest.raises(ValueError, match="illuminance_lux: must be specified"):
         expose(picture.load(), "imx250", exposure_s=0.005)
 
 

@@ -168,10 +168,10 @@ def test_rows_say_each_targets_own_blur_and_the_plan_its_speed(detector, tmp_pat
     ("objects", "told"),
     [
         ({"crossings": {"car": {"kmh": 50}}}, "objects.crossings: car: must be {kmh: ..., width_m: ...}"),
-        ({"crossings": {"car": {"kmh": 5, "width_m": 5}}}, "crossings: car: no target is one"),
+        ({"crossings": {"car": {"kmh": 5, "width_m": 5}}}, "crossings: car: must be classes of the targets"),
         (
             {"crossings": {"a": {"kmh": 5, "width_m": 5}}, "speeds": {"a": 2}},
-            "speeds: a: is one of crossings, too",
+            "speeds: a: must be in speeds or in crossings, not in both",
         ),
         ({"crossings": {"stop sign": {"kmh": 360, "width_m": 1e-6}}}, "kmh = 360 with width_m = 1e-06:"),
     ],
