@@ -295,7 +295,8 @@ class _OfModel:
         for light in self.lights:
             own = [light] * several + [cells.get((key(light), speed)) for speed in self.speeds]
             found = [UNTESTED if row is None else self._cell(row) for row in own]
-            rows.append((" · ".join(self._setting_texts(light)), "", found))
+            name = " · ".join(self._setting_texts(light)).replace(" (", " ").replace(")", "")  # shorter
+            rows.append((name, "", found))
         title = "light" if len(self.axes) == 1 else "setting"
         return (title, *["any speed"] * several, *map(self._speed_text, self.speeds)), tuple(rows)
 
