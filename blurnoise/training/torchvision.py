@@ -11,8 +11,15 @@ from typing import Any
 import PIL.Image
 import torch
 from torch import Tensor
-from torchvision import tv_tensors
-from torchvision.transforms import v2
+
+try:
+    from torchvision import tv_tensors
+    from torchvision.transforms import v2
+except RuntimeError as error:  # "operator torchvision::nms does not exist"
+    raise ImportError(
+        f"torchvision and torch are different builds ({error}); install both in one command, for example PyTorch's CPU "
+        "builds, as its page 'Get started' says"
+    ) from error
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of

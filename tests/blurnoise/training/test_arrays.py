@@ -1,6 +1,8 @@
 """NumPy pictures: one function, and the transform for albumentations, beside Kornia's augmentation."""
 
 import os
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -103,3 +105,14 @@ def test_albumentations_seeds_and_replays(albumentations, picture, kind):
     first = replayed(image=given)
     again = albumentations.ReplayCompose.replay(first["replay"], image=given)
     assert np.array_equal(again["image"], first["image"])
+
+
+def test_a_torchvision_of_another_build_is_named(tmp_path):
+    """torchvision's wheel for CUDA beside torch's for the CPU."""
+    (tmp_path / "torchvision.py").write_text('raise RuntimeError("operator torchvision::nms does not exist")')
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    done = subprocess.run(
+        [sys.executable, "-c", "import blurnoise.training.torchvision"],
+        env=os.environ | {"PYTHONPATH": paths}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert "ImportError: torchvision and torch are different builds" in done.stderr
