@@ -17,8 +17,8 @@ try:
     from torchvision.transforms import v2
 except RuntimeError as error:  # "operator torchvision::nms does not exist"
     raise ImportError(
-        f"torchvision and torch are different builds ({error}); install both in one command, for example PyTorch's CPU "
-        "builds, as its page 'Get started' says"
+        f"torchvision and torch are different builds ({error}); install both in one command, for example the CPU "
+        "builds of PyTorch's page 'Get started'"
     ) from error
 
 from blurnoise._core import rng
