@@ -223,8 +223,8 @@ class Evaluation:
         """What summary.json holds."""
         about = self.data.manifest
         summary: dict[str, Any] = {
-            "run": self._run.told(self.folder),
-            "report": self._written.told(self.output / "report.html"),
+            "run": self._run.with_url(self.folder),
+            "report": self._written.with_url(self.output / "report.html"),
             "cells": about["n_cells"],
             **{name: about[name] for name in ("missing_cells", "refined")},
             "skipped": self.skipped,
