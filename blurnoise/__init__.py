@@ -1,7 +1,7 @@
 """blurnoise: exposure, light, motion blur and sensor noise of a camera, in real units.
 
 ``simulate(image, camera, exposure_s=..., illuminance_lux=...)`` turns pictures (B, C, H, W) in [0, 1] into
-the digital numbers that ``camera`` would give; ``develop`` turns those into a picture again.
+the digital numbers that ``camera`` would give; ``develop`` turns digital numbers into a picture.
 """
 
 import importlib

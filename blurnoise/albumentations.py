@@ -25,8 +25,8 @@ from blurnoise.training.ranges import Cameras, Draws, ExposureRanges
 class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # mypy does not follow albumentations
     """:class:`blurnoise.RandomExposure` for albumentations, with the same ranges, ``p`` and defaults.
 
-    Boxes stay, or with ``grow_boxes`` cover what the motion sweeps; masks and keypoints stay. With ``moves`` the
-    masks of a call are its targets. All randomness comes from the transform's own generators, which
+    Boxes stay unchanged or, with ``grow_boxes``, grow to the swept boxes; masks and keypoints stay. With ``moves``
+    the masks of a call are its targets. All randomness comes from the transform's own generators, which
     ``A.Compose(seed=...)`` sets; ``A.ReplayCompose`` gives the same pixels again.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
@@ -54,7 +54,7 @@ class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # my
         }
 
     def get_transform_init_args(self) -> dict[str, Any]:
-        """What the transform was made with, as albumentations shows and replays it."""
+        """The arguments of the transform, as albumentations displays and replays them."""
         return {**self.given, **self.flags}
 
     def get_params_dependent_on_data(self, params: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:

@@ -46,15 +46,15 @@ def motion_blur(
     """Blur each picture by uniform straight motion during its exposure.
 
     image: (B, C, H, W), float32 or float64. displacement_px: (2,) or (B, 2), motion (x, y) during the
-    exposure, any length and angle, another for each picture if wished. Returns the shape of ``image``;
-    differentiable in both. Where nothing moves, ``image`` itself is returned.
+    exposure, of any length and angle, one for all pictures or one for each. Returns the shape of ``image``;
+    differentiable in both. Without motion, ``image`` itself is returned.
 
     method:
         "transfer": the analytic transfer function by one Fourier transform, over the axes that move.
-        "tiles": the same over overlapping tiles that fit the processor's cache (overlap-save), where that is faster.
-        "kornia": ``kornia.filters.motion_blur`` of the nearest odd length, as a baseline to compare with.
-        "none": leaves the pictures as they are.
-        "auto": "tiles", but a blur whose error stays below ``NEGLIGIBLE`` is left out.
+        "tiles": the same over overlapping tiles that fit the processor's cache (overlap-save), if that is faster.
+        "kornia": ``kornia.filters.motion_blur`` with the nearest odd length, as a baseline for comparisons.
+        "none": no blur.
+        "auto": "tiles", without blurs whose omission causes an error below ``NEGLIGIBLE``.
 
     Raises ``TypeError`` or ``ValueError`` for anything but finite values of these shapes.
     """
@@ -92,10 +92,10 @@ def exposure_blur(
     method: Method = "auto",
     border: Border = "reflect",
 ) -> Tensor:
-    """Blur by lens and motion in one pass, as their transfer functions multiply; see :func:`motion_blur`.
+    """Blur by lens and motion in one pass: their transfer functions are multiplied; see :func:`motion_blur`.
 
-    paths: of those pictures that have one, with their displacement in it. ``method`` "kornia" knows straight motion
-    only and raises ``ValueError`` for a lens that blurs.
+    paths: a path or None for each picture; a path includes the displacement. ``method`` "kornia" supports only
+    straight motion and raises ``ValueError`` for a lens with blur.
     """
     image_batch("image", image)
     an_instance("optics", optics, Optics)
@@ -156,7 +156,7 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
 
 @no_torch_compile
 def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
-    """Blur by a disc's exact areas in the pixels, radius_px >= 0; up to half a pixel it is the identity.
+    """Blur by a disc of radius_px >= 0, with its exact area in each pixel; the identity up to half a pixel.
 
     Equals MATLAB's ``fspecial('disk', r)``, which counts the pixel's own aperture a second time;
     :func:`exposure_blur` does not.
@@ -206,7 +206,7 @@ def _padded(image: Tensor, pad: int, border: Border) -> Tensor:
 def _kornia(image: Tensor, moved: Tensor, optics: Optics, border: Border) -> Tensor:
     """Kornia's kernels of the nearest odd lengths; its angle runs counter-clockwise as displayed."""
     if optics != SHARP:
-        raise ValueError(f"method = 'kornia': knows motion only; use 'transfer' or 'auto' with {optics}")
+        raise ValueError(f"method = 'kornia': supports only motion; use 'transfer' or 'auto' with {optics}")
     parts = []
     for picture, (dx, dy) in zip(torch.split(image, 1), moved.tolist(), strict=True):
         length = math.hypot(dx, dy)

@@ -50,10 +50,12 @@ _LONGEST_PX = 4096.0  # of a motion that is cut into sub-exposures
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """An object: light (C, h, w), its own everywhere in the matte; alpha (h, w) within [0, 1], the share it covers.
+    """An object in front of a picture: its light and its matte, with a velocity of its own.
 
-    velocity_px_s: (2,), (x, y). place_px: (left, top) of its first pixel in the picture, whole px, outside it too.
-    Gradients pass through all three. Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    light: (C, h, w), linear, not multiplied by alpha. alpha: (h, w) within [0, 1], the share of each pixel that the
+    object covers. velocity_px_s: (2,), (x, y). place_px: (left, top) of the object's first pixel in the picture,
+    whole px; it may lie outside the picture. Gradients pass through light, alpha and velocity. Raises ``TypeError``
+    or ``ValueError`` naming the field and what is allowed.
     """
 
     light: Tensor
@@ -131,7 +133,7 @@ def expose_layers(
     velocity_px_s: Tensor | Iterable[float] = (0.0, 0.0),
     border: Border = "reflect",
 ) -> Tensor:
-    """The mean light (B, C, H, W) of an exposure of backgrounds (B, C, H, W), float32 or float64, and their layers.
+    """Expose layers in front of backgrounds (B, C, H, W), float32 or float64; returns the mean light (B, C, H, W).
 
     exposure_s: a number or (B,). velocity_px_s: of the background, (2,) or (B, 2). Differentiable in every light,
     matte, velocity and exposure. Raises ``TypeError`` or ``ValueError`` naming the argument.

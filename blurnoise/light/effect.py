@@ -1,4 +1,4 @@
-"""The light effect: what one cause does to the light before it reaches the sensor.
+"""Interface of light effects: changes of the light before it reaches the sensor.
 
 Domain: linear light (B, C, H, W), white is 1; boxes (left, top, right, bottom) px, x right, y down.
 """
@@ -19,9 +19,9 @@ from blurnoise.optics.transfer import SHARP, Optics
 
 
 class Blur(NamedTuple):
-    """A blur that is the same everywhere: by the lens, and by motion (B, 2) px or none.
+    """A blur that is the same everywhere: by the lens, and by motion (B, 2), px, or None.
 
-    paths: (B,) of the pictures that move otherwise, in place of their motion; () where all move straight.
+    paths: (B,), paths of pictures that do not move straight, in place of their motion; () if all move straight.
     """
 
     optics: Optics = SHARP
@@ -32,9 +32,9 @@ class Blur(NamedTuple):
 class LightEffect(ABC):
     """One entry of :data:`blurnoise.light.effects.EFFECTS`; it must compare equal to itself and be hashable.
 
-    name: in plans and explanations. figures: the camera's fields that it depends on; setting them to 0 leaves it
-    out. essential: never left out, however small, as without it the scene is another. Of a camera for which it is
-    :meth:`idle` none of the other methods but :meth:`key` is called.
+    name: in plans and explanations. figures: the camera's fields that it depends on; 0 for all of them disables the
+    effect. essential: the effect is never omitted, however small, since it is part of the scene. For a camera for
+    which it is :meth:`idle`, only :meth:`key` is called.
     """
 
     name: str
@@ -42,15 +42,15 @@ class LightEffect(ABC):
     essential: bool = False
 
     def idle(self, camera: Camera) -> bool:
-        """Whether the camera does not have the effect; by default, whether it has figures and all of them are 0."""
+        """Whether the camera lacks the effect; by default, whether the effect has figures and all of them are 0."""
         return bool(self.figures) and not any(getattr(camera, name) for name in self.figures)
 
     @abstractmethod
     def bound(self, at: Conditions[float]) -> float:
-        """RMS, in units of white, that leaving it out changes any picture within [0, 1] by, at most."""
+        """Largest RMS change, in units of white, of any picture within [0, 1] if the effect is omitted."""
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        """Return the light after an effect that is no blur, of the same shape; ``light`` is not modified."""
+        """Return the light after the effect, of the same shape; ``light`` is not modified. Not called for a blur."""
         raise NotImplementedError(f"{self.name}: an effect has to define apply, or blur")
 
     def blur(self, at: Conditions[Tensor]) -> Blur | None:

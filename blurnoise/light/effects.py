@@ -22,7 +22,7 @@ EFFECTS: tuple[LightEffect, ...] = (
     lens.DISTORTION, motion.OBJECTS, lens.LATERAL_COLOUR, lens.DEFOCUS, lens.DIFFRACTION, lens.MEASURED_MTF,
     motion.MOTION, motion.MOTION_VARIATION, motion.ROLLING_SHUTTER, lens.VIGNETTING,
 )  # fmt: skip
-"""Blur and motion are in px of the picture that the lens makes, hence after its distortion."""
+"""All light effects, in causal order. Blur and motion are in px of the distorted picture, hence after distortion."""
 
 
 def through(

@@ -1,4 +1,4 @@
-"""Flicker: lamps dimmed by pulses (PWM), of which an exposure catches a share that depends on when it falls.
+"""Flicker: lamps dimmed by pulses (PWM), whose light in an exposure depends on the phase.
 
 Domain: Hz, s; duty D is the share of a period 1/f in which the lamp is on; phase in periods, [0, 1): how far into its
 period, which begins with the pulse, the lamp is when the first capture begins. The light factor of an exposure is
@@ -63,7 +63,7 @@ class Pwm:
         return torch.where(periods < _MOMENT, at_once, lit / periods.clamp_min(_MOMENT) / self.duty)
 
     def extremes(self, exposure_s: float) -> tuple[float, float]:
-        """The least and the largest light factor that an exposure can have: it begins as a pulse ends, or begins."""
+        """Smallest and largest light factor of an exposure: it begins at the end of a pulse, or at its start."""
         least, most = (float(replace(self, phase=phase).factor(exposure_s)) for phase in (self.duty, 0.0))
         return least, most
 
@@ -80,9 +80,9 @@ class Pwm:
 
 @dataclass(frozen=True)
 class Flicker:
-    """A lamp that lights the scene, or is in it, where ``mask`` (H, W) says.
+    """A pulsed lamp that lights the scene, or is part of it, within ``mask`` (H, W).
 
-    mask: 0 where it gives no light, 1 where there is no other; None: it gives all light.
+    mask: share of the light that comes from the lamp, 0 to 1; None: all of it.
     """
 
     pwm: Pwm

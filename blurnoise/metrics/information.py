@@ -107,7 +107,7 @@ def square_integral(frequency_x: Tensor, frequency_y: Tensor, density: Tensor) -
 
 
 def capacity_radial(edge: SlantedEdge) -> Estimate:
-    """:func:`shannon_capacity_radial` of an edge, bits/px: right if the blur is the same in all directions."""
+    """:func:`shannon_capacity_radial` of an edge, bits/px; correct for a blur that is the same in all directions."""
 
     def bits(at: _Draws) -> Tensor:
         power = at.power.clamp_min(0)
@@ -132,7 +132,7 @@ def capacity_square(across_x: SlantedEdge, across_y: SlantedEdge) -> Estimate:
 
 
 def neq_0(edge: SlantedEdge) -> Estimate:
-    """Noise-equivalent quanta of the bright side at frequency 0: its squared ratio of mean to noise."""
+    """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio."""
     checks.an_instance("edge", edge, SlantedEdge)
     if math.isnan(edge.bright) or edge.resamples is None:
         return Estimate(math.nan)
@@ -218,7 +218,7 @@ def _estimate(number: Callable[[_Draws], Tensor], grid: Tensor | None, **named: 
         return Estimate(math.nan, flags=flags)
     resamples = [edge.resamples for edge in edges if edge.resamples is not None]
     if len(resamples) < len(edges):
-        raise ValueError("edge: must be measured with bootstrap > 0, whose resamples give the interval")
+        raise ValueError("edge: must be measured with bootstrap > 0, for the interval")
     plain, drawn = float(number(_draws(edges, edges, grid))[0]), number(_draws(edges, resamples, grid))
     if not (math.isfinite(plain) and bool(torch.isfinite(drawn).all())):  # infinite without noise
         return Estimate(math.nan, flags=flags | {"noiseless"})

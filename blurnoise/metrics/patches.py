@@ -1,4 +1,4 @@
-"""Even patches: signal-to-noise ratio, contrast, and how surely pairs of pixels show it; similarity of pictures.
+"""Metrics of uniform patches: signal-to-noise ratio, contrast, detection probability; similarity of pictures.
 
 Domain: digital numbers with the black level removed, (..., H, W). Results have the leading shape (batch, channel); a
 flag is True where the number should not be trusted. NaN or Inf in a patch gives NaN there, and "not_finite". All
@@ -29,9 +29,9 @@ SSIM_WINDOW_PX = 11  # Gaussian of sigma 1.5 px, Z. Wang et al. 2004
 def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) -> BatchEstimate:
     """SNR of an even patch (..., H, W), mean over standard deviation as a ratio.
 
-    A surface of second order, with its six degrees of freedom, is subtracted, since shading is no noise; the flag
-    "non_uniform" tests it. limits_dn: least and greatest number a pixel can hold, black level removed; by default 0
-    and 255 of 8 bits, else no test of clipping. Where the deviation is 0, the ratio is infinite without interval, and
+    A surface of second order, with six degrees of freedom, is subtracted to remove shading; the flag "non_uniform"
+    tests for it. limits_dn: smallest and largest value of a pixel, black level removed; by default 0 and 255 for 8
+    bits, else clipping is not tested. If the deviation is 0, the ratio is infinite without interval, and the flag is
     "noiseless".
 
     With n pixels, v degrees of freedom and independent normal noise the ratio r has the variance 1/n + r²/(2v);
@@ -67,8 +67,8 @@ def patch_snr(patch: Tensor, *, limits_dn: tuple[float, float] | None = None) ->
 class PatchContrast(NamedTuple):
     """Two contrasts of two patches.
 
-    michelson: (bright - dark)/(bright + dark) of the means. cnr: their difference over the root of the mean of
-    both variances, a ratio.
+    michelson: (bright - dark)/(bright + dark) of the means. cnr: difference of the means over the root of the mean
+    variance, a ratio.
     """
 
     michelson: BatchEstimate
@@ -144,8 +144,8 @@ def detection_probability(
 def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
     """Peak signal-to-noise ratio ``kornia.metrics.psnr``, dB, (B,): infinite for equal pictures.
 
-    Of pictures (B, C, H, W), of one shape; data_range: from black to white in their units. Differentiable, as
-    :func:`ssim` is; NaN where a picture holds NaN. Both raise ``ValueError`` for values further apart than the range.
+    picture, reference: (B, C, H, W), of one shape. data_range: white minus black, in their units. Differentiable,
+    like :func:`ssim`; NaN for a picture with NaN. Both raise ``ValueError`` if the values span more than the range.
     """
     a, b, peak = _checked(picture, reference, data_range)
     return torch.stack([kornia.metrics.psnr(one, other, peak) for one, other in zip(a, b, strict=True)])
@@ -154,7 +154,7 @@ def psnr(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
 def ssim(picture: Tensor, reference: Tensor, *, data_range: float) -> Tensor:
     """Structural similarity ``kornia.metrics.ssim``, (B,), 1 for equal pictures, mean over pixels and channels.
 
-    K1 0.01, K2 0.03, only where the whole window lies inside the picture, which must be 11 px or more per side.
+    K1 = 0.01, K2 = 0.03. The whole window must lie inside the picture, so its sides must be at least 11 px.
     """
     a, b, peak = _checked(picture, reference, data_range)
     if min(a.shape[-2:]) < SSIM_WINDOW_PX:

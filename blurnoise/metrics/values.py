@@ -1,4 +1,4 @@
-"""What goes into metrics, tensors of real numbers and regions of pictures, and what they give: estimates."""
+"""Inputs of metrics, tensors of real numbers and regions of pictures, and their results: estimates."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ SMALLEST_PX = 8
 CLIPPED_SHARE = 0.005
 """Share of pixels at black or full scale above which a region counts as clipped."""
 ROUNDING = 1e-12
-"""Share of the largest value below which a deviation is what double precision leaves of a constant."""
+"""Share of the largest value below which a deviation is a rounding error of double precision."""
 _FULL_SCALE = {torch.uint8: 255.0, torch.uint16: 65535.0, torch.float32: 1.0, torch.float64: 1.0}
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number between ``low`` and ``high`` at 95 %, NaN without interval; flags say why it is NaN, or doubtful."""
+    """A number with its 95 % interval, ``low`` to ``high``, NaN if missing; flags say why it is NaN or doubtful."""
 
     value: float
     low: float = math.nan
@@ -34,12 +34,12 @@ class Estimate:
     flags: frozenset[str] = frozenset()
 
     @property
-    def told(self) -> bool:
-        """Whether there is a number."""
+    def available(self) -> bool:
+        """Whether the value is finite."""
         return math.isfinite(self.value)
 
     def __mul__(self, factor: float) -> Estimate:
-        """The estimate times a number that is known exactly, >= 0."""
+        """The estimate times an exactly known number >= 0."""
         return Estimate(factor * self.value, factor * self.low, factor * self.high, self.flags)
 
 
@@ -63,7 +63,9 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
         raise TypeError(f"{name}: must be a torch.Tensor, got {type(value).__name__}")
     checks.real_tensor(name, value)
     if value.ndim < dims or 0 in value.shape:
-        raise ValueError(f"{name}: must have {dims} or more dimensions, none of 0, got {tuple(value.shape)}")
+        raise ValueError(
+            f"{name}: must have at least {dims} dimensions, none empty, got shape {tuple(value.shape)}"
+        )
     return value.double()
 
 
@@ -102,14 +104,14 @@ class Regions(NamedTuple):
 def read_regions(image: Tensor, *, full_scale: float | None, black_level: float, roi: Roi | None) -> Regions:
     """A region of each picture of ``image``, as :func:`blurnoise.metrics.slanted_edge` takes them.
 
-    A pixel at ``full_scale``, or at 0 or the picture's least below it, counts as clipped.
+    A pixel counts as clipped at ``full_scale``, at 0, or at the minimum of a picture with values below 0.
     """
     if not isinstance(image, Tensor) or image.dtype not in _FULL_SCALE:
         got = image.dtype if isinstance(image, Tensor) else type(image).__name__
         raise TypeError(f"image: must be a tensor of uint8, uint16, float32 or float64, got {got}")
     if image.ndim not in (2, 3, 4) or 0 in image.shape or (image.ndim > 2 and image.shape[-3] not in (1, 3)):
         raise ValueError(
-            "image: shape must be (H, W), (C, H, W) or (B, C, H, W) with 1 or 3 channels, none of them 0, "
+            "image: shape must be (H, W), (C, H, W) or (B, C, H, W) with 1 or 3 channels, none empty, "
             f"got {tuple(image.shape)}"
         )
     pixels = image.detach().reshape(-1, 1 if image.ndim == 2 else image.shape[-3], *image.shape[-2:])

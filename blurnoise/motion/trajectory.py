@@ -78,9 +78,9 @@ class Polyline:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Knots of a trajectory: times, s, increasing, and places, px. Raises ``TypeError`` or ``ValueError``.
+    """A path of the picture: increasing times, s, and places, px. Raises ``TypeError`` or ``ValueError``.
 
-    An exposure that begins before the first knot or ends after the last is an error, where it is used.
+    The path must span the whole exposure: functions that use it raise ``ValueError`` otherwise.
     """
 
     time_s: tuple[float, ...]
@@ -247,11 +247,11 @@ def path_duration_s(camera: Camera, exposure_s: float) -> float:
 
 @lru_cache(maxsize=256)
 def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float | None = None) -> Trajectory:
-    """A camera held by hand, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
+    """Shake of a handheld camera, after Boracchi and Foi, IEEE TIP 21(8), 2012, 10.1109/TIP.2012.2192126.
 
-    The velocity gets Gaussian steps, a pull towards the middle and, rarely, a jerk, strengths drawn once, and keeps
-    its speed. extent_px: the longer side of the box about what ``exposure_s`` around mid-exposure sees. duration_s:
-    of the whole, from exposure_s on. The same seed and duration over exposure give the same shape.
+    The velocity changes by Gaussian steps, a pull towards the middle and, rarely, a jerk, of random strengths; the
+    speed is constant. extent_px: longer side of the box around the path during ``exposure_s``. duration_s: of the
+    whole path, at least exposure_s. The same seed and ratio of duration to exposure give the same shape.
     """
     integer("seed", seed, 0, rng.LAST_SEED)
     extent = in_range("extent_px", extent_px, 0.0, 1e4)
@@ -280,10 +280,10 @@ def shake(seed: int, extent_px: float, exposure_s: float, *, duration_s: float |
 
 
 def from_text(content: str, name: str, *, focal_px: float | None = None) -> Trajectory:
-    """A trajectory of the text of a CSV file: time_s with x_px, y_px, or with wx, wy (and wz) in rad_s or deg_s.
+    """Read a trajectory from CSV text: time_s with x_px, y_px, or with wx, wy (and wz) in rad_s or deg_s.
 
-    Mid-exposure is the middle of its times. name: of the file. focal_px: of the camera, for rates, see
-    :func:`from_rates`. Raises ``ValueError`` naming the file and what is wrong in it.
+    Mid-exposure is the middle of the times. name: of the file, for messages. focal_px: of the camera, for rates, see
+    :func:`from_rates`. Raises ``ValueError`` naming the file and the fault.
     """
     try:
         columns = _columns(content)

@@ -1,4 +1,4 @@
-"""The camera: its figures, what follows from them, presets and files; the captures of one HDR picture."""
+"""The camera: figures, derived figures, presets and files; the captures of an HDR picture."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ _ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
 
 @dataclass(frozen=True)
 class Capture:
-    """One of the captures of an HDR picture, of which the first, the most sensitive one, is the reference.
+    """One capture of an HDR picture; the first capture, the most sensitive one, is the reference.
 
-    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time over the camera's (split pixels). gain_db:
-    analogue, see :meth:`Camera.at_gain`. start_s: counted from where the first begins; None: where the one before it
-    ends. Raises ``TypeError`` or ``ValueError``.
+    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time, relative to the camera (split pixels).
+    gain_db: analogue, see :meth:`Camera.at_gain`. start_s: from the start of the first capture; None: at the end of
+    the previous one. Raises ``TypeError`` or ``ValueError``.
     """
 
     exposure_ratio: Annotated[Figure, within("exposure_ratio")] = 1.0
@@ -63,14 +63,14 @@ class Camera:
     pixel_pitch_um: square pixel. f_number: working. transmission: lens and atmosphere, 0-1. quantum_efficiency:
     electrons per photon, IR-cut included, over 400-700 nm or a :class:`Curve`; of a mosaic
     :class:`blurnoise.optics.colour.FilterCurves`. full_well_e: saturation capacity. system_gain_dn_per_e: K.
-    read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: of its variance, what arises behind
-    the amplifier. analogue_gain_max_db: up to which gain acts before the converter; gain_max_db: of both kinds.
-    gains: figures measured at gains, increasing, in place of conversion_gains and the law of the share; a row at 0 dB
+    read_noise_e: rms, temporal, in the dark, at 0 dB; read_noise_post_share: share of its variance that arises after
+    the amplifier. analogue_gain_max_db: largest gain before the converter; gain_max_db: largest total gain.
+    gains: figures measured at increasing gains, in place of conversion_gains and read_noise_post_share; a row at 0 dB
     repeats the camera's own figures. photon_transfer: points (signal_share, variance_factor), shares increasing: mean
-    signal above black over clip_dn - black_level_dn, and the temporal variance of photo noise there over the straight
-    line's; held beyond the first and the last point. row_noise_e, column_noise_e: rms, temporal, at 0 dB, one value
-    for each row (column) and frame, beside read_noise_e of each pixel. black_level_drift_dn: rms, one offset for each
-    frame. dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu, prnu_row, prnu_column:
+    signal above black over clip_dn - black_level_dn, and the temporal variance of photo noise relative to the linear
+    model; constant beyond the first and last point. row_noise_e, column_noise_e: rms, temporal, at 0 dB, one value
+    for each row (column) and frame, added to the read noise of each pixel. black_level_drift_dn: rms, one offset for
+    each frame. dark_current_e_s: at dark_reference_c, doubling every dark_doubling_c. prnu, prnu_row, prnu_column:
     fractions, of single pixels, whole rows and whole columns; dsnu_e, dsnu_row_e, dsnu_column_e: rms, likewise.
     black_level_dn: offset before rounding. defocus_radius_px: of the lens's disc. defocus_counts_pixel: blur by the
     disc's areas in the pixels, which counts the pixel's own aperture twice; for comparisons only.
@@ -179,7 +179,7 @@ class Camera:
 
     @property
     def clip_dn(self) -> float:
-        """The mean digital number of saturated pixels, before read noise: full scale, or the full well's if lower."""
+        """Mean digital number of saturated pixels, before read noise: full scale, or the full well's if lower."""
         well_dn = round(self.full_well_e * self.system_gain_dn_per_e + self.black_level_dn)
         return min(self.full_scale_dn, well_dn)
 
@@ -190,7 +190,7 @@ class Camera:
 
     @property
     def saturated_dn(self) -> float:
-        """From here on a pixel counts as saturated: full scale, or a lower well less three deviations of noise."""
+        """Digital number from which a pixel counts as saturated: full scale, or a lower full well less 3 sigma."""
         if self.clip_dn == self.full_scale_dn:
             return self.clip_dn
         noise_e = 3 * math.hypot(self.dark_noise_e, self.dsnu_total_e)
@@ -214,8 +214,9 @@ class Camera:
     def at_gain(self, gain_db: float) -> Amplified:
         """The camera at an analogue gain up to ``analogue_gain_max_db``, and the remaining digital gain.
 
-        By :mod:`.gain`: measured where ``gains`` are stated, else by law. Row and column noise follow read noise, the
-        bend stays with the charge, ``black_level_drift_dn`` stays. Raises ``ValueError`` beyond ``gain_max_db``.
+        The figures are measured if the camera has ``gains``, else computed (:mod:`.gain`). Row and column noise
+        follow read noise; ``photon_transfer`` keeps its place in electrons; ``black_level_drift_dn`` does not change.
+        Raises ``ValueError`` beyond ``gain_max_db``.
         """
         in_range("gain_db", gain_db, LIMITS["gain_db"].low, self.gain_max_db)
         return _at_gain(self, float(gain_db))
@@ -300,18 +301,18 @@ class Camera:
     def from_dict(
         cls, values: Mapping[str, Any], *, source: str = "given", folder: str | Path = "."
     ) -> Camera:
-        """The camera of ``values`` as :meth:`to_dict` gives them; ``base`` names a preset for the rest.
+        """The camera of ``values`` as :meth:`to_dict` gives them; ``base`` names a preset for missing values.
 
-        source: of figures without one in ``values["sources"]``. folder: where relative paths of tables start. Raises
+        source: for figures without one in ``values["sources"]``. folder: base of relative paths of tables. Raises
         ``TypeError`` or ``ValueError`` naming the field, its value and what is allowed.
         """
         return cls(**camera_files.completed(values, cls, PRESETS, source, Path(folder)))
 
     @classmethod
     def load(cls, path: str | Path) -> Camera:
-        """The camera of a .json, .yaml or .yml file; without ``name`` it is named after the file.
+        """Load a camera from a .json, .yaml or .yml file; without ``name`` it is named after the file.
 
-        Raises ``TypeError`` or ``ValueError`` naming the file and what is wrong in it, ``OSError``.
+        Raises ``TypeError`` or ``ValueError`` naming the file and the invalid field, ``OSError``.
         """
         if not isinstance(path, (str, PathLike)):
             raise TypeError(f"path = {shown(path)}: must be a path")
@@ -323,7 +324,7 @@ class Camera:
             raise camera_files.within(str(path), error) from None
 
     def save(self, path: str | Path) -> None:
-        """Write a .json, .yaml or .yml file, whole or not at all. Raises ``ValueError`` or ``OSError``."""
+        """Save the camera to a .json, .yaml or .yml file, atomically. Raises ``ValueError`` or ``OSError``."""
         camera_files.write(Path(path), self.to_dict())
 
     def to_dict(self) -> dict[str, object]:
@@ -392,7 +393,7 @@ for _name in camera_files.PRESETS:
 
 
 def staggered(*ratios: float) -> tuple[Capture, ...]:
-    """A capture and shorter ones of it, one after the other: ``staggered(16)``, ``staggered(16, 256)``."""
+    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``."""
     return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
 
 
@@ -403,7 +404,7 @@ def factors(captures: Sequence[Capture]) -> list[float]:
 
 
 def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
-    """The longest first capture, s, with which all captures end within a time; that time itself without captures."""
+    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures."""
     longest_s, start_s, lasts = within_s, 0.0, 0.0
     for capture in captures:
         if capture.start_s is not None:
@@ -421,9 +422,7 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
         follows_s = sum(times[-1]) if times else 0.0
         times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
     if times and times[0][0] != 0:
-        raise ValueError(
-            f"captures: start_s = {shown(times[0][0])} of the first; must be 0, all count from it"
-        )
+        raise ValueError(f"captures: start_s of the first is {shown(times[0][0])}; must be 0")
     for (other, (begun_s, lasted_s)), (place, (start_s, taken_s)) in combinations(enumerate(times), 2):
         allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure
         allowed |= captures[place].sensitivity != captures[other].sensitivity
@@ -432,6 +431,6 @@ def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float,
             raise ValueError(
                 f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
                 f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
-                "share its whole time (two gains) or have a sensitivity of its own (split pixels)"
+                "have the same start and duration (two gains) or another sensitivity (split pixels)"
             )
     return times

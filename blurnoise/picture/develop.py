@@ -41,12 +41,12 @@ def develop(
     """Digital numbers to a picture in [0, 1]; no automatic gain.
 
     (dn - black) / (full scale - black) times 10^(gain_db / 20), clamped, then coded by the camera's tone curve (sRGB
-    by default) unless ``encoding`` is "linear"; of a mosaic white balance for the light ``illuminant``, demosaic and
-    colour matrix come before the gain: ``STEPS`` in their order. dn: any shape, of a mosaic (B, 1, H, W), which
-    becomes (B, 3, H, W); values within the converter's range, beyond which they count as its ends; integers of any
-    size, float32 or float64. Returns dn's floating dtype, for integers float32. By the formulas where gradients are
-    asked for, and of frames that were not rounded. Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are
-    none), camera, encoding, gain_db or illuminant.
+    by default) unless ``encoding`` is "linear". For a mosaic, white balance for the light ``illuminant``,
+    demosaicking and colour matrix come before the gain: see ``STEPS``. dn: integers of any size, float32 or float64,
+    of any shape; a mosaic (B, 1, H, W) becomes (B, 3, H, W). Values outside the converter's range are clamped.
+    Returns dn's floating dtype, float32 for integers. Tables speed up whole numbers; gradients and fractions use the
+    formulas. Raises ``TypeError`` or ``ValueError`` naming dn (NaN and Inf are invalid), camera, encoding, gain_db or
+    illuminant.
     """
     at = Development(camera, gain_db, encoding, illuminant)
     kind, active = _checked(dn, camera)

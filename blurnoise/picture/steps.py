@@ -75,7 +75,7 @@ def _light(picture: Tensor, at: Development) -> Tensor:
 
 
 def _balanced(picture: Tensor, at: Development) -> Tensor:
-    """A gain per filter, the least of them 1, and one level of clipping for all, so that highlights stay white."""
+    """White balance: a gain per filter, the smallest 1, and one clipping level, so that highlights stay white."""
     height, width = picture.shape[-2:]
     tile = picture.new_tensor(site_gains(at.camera, at.illuminant)).view(2, 2)
     gains = tile.repeat((height + 1) // 2, (width + 1) // 2)[:height, :width]
@@ -83,17 +83,17 @@ def _balanced(picture: Tensor, at: Development) -> Tensor:
 
 
 def _corrected(picture: Tensor, at: Development) -> Tensor:
-    """Camera colours to linear sRGB; of RCCB green first, by difference."""
+    """Colour matrix: camera colours to linear sRGB; RCCB first computes green by difference."""
     return torch.einsum("ij,bjhw->bihw", picture.new_tensor(matrix(at.camera, at.illuminant)), picture)
 
 
 def _amplified(picture: Tensor, at: Development) -> Tensor:
-    """Brighter by a factor after the converter, and no less noisy."""
+    """Digital gain: multiplies signal and noise alike."""
     return picture if at.gain_db == 0 else picture * 10 ** (at.gain_db / 20)
 
 
 def _toned(picture: Tensor, at: Development) -> Tensor:
-    """Clipping to [0, 1], and unless the picture is linear the camera's curve, sRGB's by default."""
+    """Clip to [0, 1] and, unless the picture is linear, apply the camera's tone curve, by default sRGB."""
     return colour.toned(picture, at.camera.tone) if at.encoding == "srgb" else picture.clamp(0.0, 1.0)
 
 

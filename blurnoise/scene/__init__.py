@@ -1,1 +1,1 @@
-"""Scenes and their exposures: what is simulated of them, metered and planned."""
+"""Scenes and their exposures: simulation, metering and the error budget."""

@@ -1,9 +1,9 @@
-"""Cutting objects out of pictures: mattes, masks of a batch, the layers that they make, and what is behind them.
+"""Cutting objects out of pictures: mattes, masks of a batch, layers, and the background behind the objects.
 
 Domain: a matte is (H, W) float32 within [0, 1], the share of each pixel that the object covers; masks are
-(B, N, H, W) of any type, the same of the N objects of each picture. Coordinates in px from the corner of the first
-pixel, x right, y down. What is behind an object in a photograph nobody knows: it is taken from what is known around
-it, at ever coarser scales, and ``invented`` says where.
+(B, N, H, W) of any type, with the same meaning, for the N objects of each picture. Coordinates in px from the corner
+of the first pixel, x right, y down. A photograph does not show the background behind an object: it is filled in from
+the pixels around the object, at ever coarser scales, and ``invented`` marks the filled pixels.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from blurnoise.blur.displacement import spread_px
 from blurnoise.blur.layers import Layer
 
 Matte = NDArray[np.float32]
-_MIXED_PX = 1  # from an edge inwards, colours hold what was behind
-_BLED_PX = 2  # from an edge outwards, what is behind holds the object's
-AROUND_PX = 24  # around a hole, what it is filled from
-_LEAST = 1e-6  # share of a coarse pixel from which on it is known
+_MIXED_PX = 1  # from an edge inwards, the object's colours contain the background
+_BLED_PX = 2  # from an edge outwards, the background contains the object's colours
+AROUND_PX = 24  # width of the margin that a hole is filled from
+_LEAST = 1e-6  # smallest known share with which a coarse pixel counts as known
 
 
 class Cut(NamedTuple):
@@ -43,11 +43,11 @@ def cut_out(
     velocities_px_s: Sequence[Iterable[float]],
     plate: Tensor | None = None,
 ) -> Cut:
-    """The objects of a picture (1, C, H, W), linear light, back to front, and what is behind them.
+    """Cut the objects out of a picture (1, C, H, W) in linear light, back to front, and fill in the background.
 
-    plate: the scene without them, of the same shape; without it, what they cover is invented from around them.
-    Colours within 1 px of an object's edge, which hold what was behind, are taken from further inside. Raises
-    ``ValueError`` for a matte of another size, an empty one, and for objects that leave nothing to see around them.
+    plate: a picture of the scene without the objects, of the same shape; without it, the background is filled in from
+    the surroundings. Colours within 1 px of an object's edge, which contain the background, are taken from further
+    inside. Raises ``ValueError`` for a matte of another size, an empty one, and for objects that cover everything.
     """
     image_batch("light", light)
     size = (light.shape[-2], light.shape[-1])
@@ -71,12 +71,12 @@ def cut_out(
         return Cut(plate, layers, np.zeros(size, bool))
     hole = hole_of(covered)
     if hole.all():
-        raise ValueError("matte: leaves nothing of the picture to fill the hole from; there must be a plate")
+        raise ValueError("matte: covers the whole picture; must leave some background, or needs a plate")
     return Cut(filled(light, hole), layers, hole)
 
 
 def hole_of(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels to fill where objects cover (H, W): theirs and their neighbours, which hold some of their light."""
+    """Pixels to fill behind objects that cover (H, W): these and their neighbours, which hold some of the light."""
     return np.asarray(cv2.dilate(covered.astype(np.uint8), np.ones((2 * _BLED_PX + 1,) * 2, np.uint8)) > 0)
 
 
@@ -95,7 +95,7 @@ def _layer(light: Tensor, matte: Matte, velocity_px_s: Iterable[float]) -> Layer
 
 
 def filled(light: Tensor, hole: NDArray[np.bool_]) -> Tensor:
-    """Light (1, C, H, W) with the hole filled from around it: no value beyond those around, nor with a gradient."""
+    """Light (1, C, H, W) with the hole filled from the pixels around it, within their range, without a gradient."""
     if not hole.any():
         return light
     rows, columns = np.flatnonzero(hole.any(1)), np.flatnonzero(hole.any(0))
@@ -136,7 +136,7 @@ def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
 
 
 def matte_of(masks: Tensor) -> Matte | None:
-    """The union of a picture's masks (N, H, W); None where there is nothing, or nothing of the background is left."""
+    """The union of a picture's masks (N, H, W); None if it is empty or leaves no background."""
     if not masks.numel():
         return None
     matte = masks.detach().amax(0).to(torch.float32).cpu().numpy()
@@ -144,10 +144,10 @@ def matte_of(masks: Tensor) -> Matte | None:
 
 
 def in_motion(light: Tensor, matte: Matte, velocity_px_s: Tensor, exposure_s: float) -> Cut:
-    """A picture (1, C, H, W), linear light, cut into its background and what the matte shows, at a velocity (2,).
+    """Cut a picture (1, C, H, W) in linear light into the background and the matte's objects at a velocity (2,).
 
-    All objects of a picture move alike, so the union of its masks is enough. Parts so near each other that their
-    paths meet are one layer, which is faster.
+    All objects of a picture move alike, so the union of its masks is enough. Objects whose paths meet share one
+    layer, which is faster.
     """
     covered = (matte > 0).astype(np.uint8)
     across, down = [

@@ -23,20 +23,21 @@ from blurnoise.optics.camera import Amplified, Camera
 
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
-"""What moves: the picture, its targets before a camera at rest, or the background behind targets that it tracks."""
+"""What moves: everything, the targets before a camera at rest, or the background behind targets that it tracks."""
 _THIRDS = ((1.0, 0.5, 0.0), (0.0, 0.5, 1.0))  # of a side's ends, its ends and its middle
 
 
 @dataclass(frozen=True)
 class Exposure:
-    """Settings of one frame: camera, s, lux, px/s (x right, y down), degC, dB, seed of the noise, and a path.
+    """Settings of one frame: camera, exposure time, light, motion, temperature, gain and the seed of the noise.
 
-    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
-    :mod:`blurnoise._core.rng`. trajectory: what the picture does beside its velocity. moves: of ``MOVES``, what
-    has the velocity, see :mod:`.cutting`. ego_speed_m_s: of the camera's vehicle, in place of velocity
-    and parts that move. lamp: whose pulses light the scene. Exposures by cameras of several captures or under a lamp
-    are taken by :func:`blurnoise.scene.hdr.frames`; exposure_s is the first capture's, whose boxes these are.
-    Raises ``TypeError`` or ``ValueError`` naming the field and what is allowed.
+    exposure_s: of the first capture, to which the boxes refer. illuminance_lux: on the scene. velocity_px_s: x right,
+    y down. gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital. seed: of the noise, see
+    :mod:`blurnoise._core.rng`. trajectory: motion of the picture in addition to the velocity. moves: an entry of
+    ``MOVES``, which part of the picture moves, see :mod:`.cutting`. ego_speed_m_s: speed of the camera's vehicle, in
+    place of velocity_px_s and moves. lamp: the pulsed lamp that lights the scene.
+    :func:`blurnoise.scene.hdr.frames` takes exposures with several captures or under a lamp. Raises ``TypeError`` or
+    ``ValueError`` naming the field and what is allowed.
     """
 
     camera: Camera
@@ -89,13 +90,13 @@ class Exposure:
         return self._boxes(boxes_xyxy, size, swept=False)
 
     def sweep_boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
-        """Boxes, px, that boxes (N, 4) of the scene cover during the exposure, beyond the picture too."""
+        """Swept boxes (N, 4), px, of boxes (N, 4) of the scene; they may extend beyond the picture."""
         return self._boxes(boxes_xyxy, size, swept=True)
 
     def displacements_px(self, places: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Motion (N, 2) during the exposure, px, at places (N, 2) of a picture (H, W), by default the sensor's.
 
-        Places are counted from the picture's corner, as boxes are.
+        Places are measured from the picture's corner, as boxes are.
         """
         moved = places.double().new_tensor(self.velocity_px_s).expand(len(places), 2)
         if self.drives:
@@ -114,7 +115,7 @@ class Exposure:
         return replace(self, velocity_px_s=(x, y), moves="all")
 
     def _boxes(self, boxes_xyxy: Tensor, size: tuple[int, int] | None, *, swept: bool) -> Tensor:
-        """Boxes (N, 4) after the effects; where places differ in motion, the hull of corners and middles."""
+        """Boxes (N, 4) after the effects; if the motion differs over the picture, the hull of corners and middles."""
         boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
         size = None if size is None else picture_size("size", size)
         x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)

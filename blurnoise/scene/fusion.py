@@ -1,7 +1,7 @@
-"""Fusion of the captures of an HDR picture: electrons of the first, their noise and range, and the picture of them.
+"""Fusion of the captures of an HDR picture: electrons, noise and dynamic range, and the developed picture.
 
-Convention: capture 1 is the reference, the most sensitive one. R_k = T_1 s_1 / (T_k s_k) times what capture k
-collects is in electrons of capture 1.
+Convention: capture 1 is the reference, the most sensitive one. The electrons of capture k times
+R_k = T_1 s_1 / (T_k s_k) are in electrons of capture 1.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from blurnoise.picture import steps
 from blurnoise.picture.steps import Development
 
 BLEND = (0.8, 0.95)
-"""Shares of a capture's range between which the next takes over, linearly: high enough that range is not wasted, far
-enough below 1 that nothing clipped takes part. The weight follows the noisy value, which takes 1 / (saturation_e
-(high - low)) off the mean in between: 0.06 % at 10 715 e-; smaller wells want it wider."""
+"""Shares of a capture's range between which the next takes over, linearly: high enough to use the range, and far
+enough below 1 that no clipped value takes part. The weight follows the noisy value, which lowers the mean in between
+by 1 / (saturation_e (high - low)): 0.06 % at 10 715 e-; smaller wells need a wider range."""
 _LEAST_WHITE_E = 1e-9  # of a picture without light
 
 
 def fuse(frames: Sequence[Tensor], camera: Camera, captures: Sequence[Capture]) -> Tensor:
-    """Electrons of the first capture, of digital numbers of all of them; floats of any sign.
+    """Fuse the digital numbers of all captures into electrons of the first capture; floats of any sign.
 
-    Black level off, over K, times R_k; up to ``BLEND[0]`` of its range a capture counts alone, from ``BLEND[1]`` on
-    the next, between them both, linearly. Raises ``ValueError`` naming the argument.
+    Each capture is (DN - black level) / K times R_k. Up to ``BLEND[0]`` of its range a capture counts alone, from
+    ``BLEND[1]`` on the next one; in between they are blended linearly. Raises ``ValueError`` naming the argument.
     """
     low, high = BLEND
     readers = readers_of(camera, captures)
@@ -57,10 +57,10 @@ def developed(
     encoding: Encoding = "srgb",
     illuminant: str | Curve = "D55",
 ) -> Tensor:
-    """Fused electrons as a picture in [0, 1] whose white is ``white_e``, (B,) or one: what is brighter clips there.
+    """Develop fused electrons into a picture in [0, 1]. ``white_e`` electrons, (B,) or one number, become 1.
 
-    By the camera's picture steps behind the black level, a mosaic's included; ``encoding`` "linear" leaves its tone
-    curve out. Raises ``TypeError`` or ``ValueError`` naming the argument.
+    Brighter values clip. All picture steps of the camera after the black level apply, demosaicking included;
+    ``encoding`` "linear" omits the tone curve. Raises ``TypeError`` or ``ValueError`` naming the argument.
     """
     image_batch("electrons", electrons)
     an_instance("camera", camera, Camera)
@@ -74,11 +74,11 @@ def developed(
 
 
 def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, dark_e: float = 0.0) -> float:
-    """Temporal noise of a fused pixel of so many mean electrons of the first capture, rms, rounding included.
+    """Temporal noise, e- rms, of a fused pixel with a mean of ``electrons`` in the first capture, rounding included.
 
-    dark_e: those of dark current beside them. With the weights of the mean between the levels ``BLEND``. A capture k
-    alone has R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), t_k its share of the first exposure. Two gains on one
-    exposure read the same electrons with the same noise: their weights add up before the square. Raises
+    dark_e: electrons of dark current in addition. Between the levels ``BLEND`` the weights of the mean apply. A
+    capture k alone has R_k sqrt(n / R_k + t_k dark_e + sigma_k^2), where t_k is its share of the first exposure. Two
+    gains on one exposure read the same electrons with the same noise: their weights add up before the square. Raises
     ``ValueError``.
     """
     low, high = BLEND
@@ -104,13 +104,13 @@ def noise_e(camera: Camera, captures: Sequence[Capture], electrons: float, *, da
 
 
 def snr_db(camera: Camera, captures: Sequence[Capture], electrons: float, **beside: Any) -> float:
-    """20 log10 of so many electrons over :func:`noise_e`: it falls by 10 log10 R and dark noise at each switch."""
+    """SNR, 20 log10 of electrons over :func:`noise_e`; it falls by 10 log10 R and dark noise at each switch."""
     signal = in_range("electrons", electrons, 0.0, above=True)
     return 20 * math.log10(signal / noise_e(camera, captures, electrons, **beside))
 
 
 def dynamic_range_db(camera: Camera, captures: Sequence[Capture]) -> float:
-    """Saturation of the last capture over the first one's signal at SNR 1, 20 log10."""
+    """Dynamic range, 20 log10: saturation of the last capture over the signal of the first one at SNR 1."""
     return 20 * math.log10(saturations_e(camera, captures)[-1] / readers_of(camera, captures)[0].threshold_e)
 
 
@@ -135,6 +135,6 @@ def readers_of(camera: Camera, captures: Sequence[Capture]) -> list[Camera]:
         if following < end * (1 - 1e-9):
             raise ValueError(
                 f"captures: number {place} saturates at {following:.4g} e- of the first, the one before it at "
-                f"{end:.4g}; each must reach as far as the one before it"
+                f"{end:.4g}; must saturate at the same light as the one before it, or at more"
             )
     return readers

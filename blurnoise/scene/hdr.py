@@ -1,8 +1,9 @@
 """HDR: several captures of one scene, each taken, fused and developed; one capture is the plain picture.
 
-Convention: times count from where the first capture begins. Each capture has its own window of time, so a scene in
-motion is blurred over its own length and displaced by velocity times the distance between the middles of the
-windows: ghosts follow. Each has its own noise, but for two gains on one exposure, which read the same electrons.
+Convention: times count from the start of the first capture. Each capture has its own window of time. So each shows a
+moving scene with a blur of its own length, displaced by velocity times the time between the middles of the windows:
+this makes ghosts. Each capture has its own noise, except for two gains on one exposure, which read the same
+electrons.
 """
 
 from __future__ import annotations
@@ -63,10 +64,10 @@ def pictures(
 ) -> Tensor:
     """Take pictures with a camera of any number of captures and develop them: (B, C, H, W) in [0, 1].
 
-    Picture i of the scene depends on its own conditions and seed alone. exposure_s: of the first capture.
-    gain_db: of every capture, beside its own, as far as the amplifier goes. Of a camera of one capture the rest is
-    digital, and the picture is what :func:`blurnoise.develop` makes of :func:`blurnoise.simulate`'s numbers, to the
-    bit. Several captures are fused, and ``white`` is the light whose picture is white, whatever exposure and gain.
+    Picture i depends on its own conditions and seed alone. exposure_s: of the first capture. gain_db: added to the
+    gain of every capture, up to the limit of the amplifier. With one capture the remaining gain is digital, and the
+    picture equals :func:`blurnoise.develop` of :func:`blurnoise.simulate` to the bit. Several captures are fused;
+    ``white`` is then the light that becomes white, at any exposure and gain.
     options: velocity_px_s, trajectory, temperature_c, generator, flicker, noise and quantised, as :func:`captured`
     takes them. Raises ``TypeError`` or ``ValueError`` naming the argument.
     """
@@ -91,9 +92,9 @@ def pictures(
 def frames(
     scene: ExposedScene, exposures: Iterable[Exposure], *, white: float = 1.0, lamp_mask: Tensor | None = None
 ) -> Iterator[Frame]:
-    """:meth:`ExposedScene.frames` of exposures by cameras of any number of captures, under a pulsed lamp or none.
+    """:meth:`ExposedScene.frames` for cameras with any number of captures, with or without a pulsed lamp.
 
-    white: as :func:`pictures` takes it. lamp_mask: (H, W), where the exposures' lamp is, see :class:`Flicker`.
+    white: as :func:`pictures` takes it. lamp_mask: (H, W), the pixels that the lamp lights, see :class:`Flicker`.
     """
     for plain, group in groupby(exposures, key=lambda each: not each.camera.captures and each.lamp is None):
         if plain:
@@ -126,10 +127,10 @@ def _frame(scene: ExposedScene, exposure: Exposure, white: float, lamp_mask: Ten
 
 
 def amplified(camera: Camera, gain_db: float) -> tuple[tuple[Capture, ...], float]:
-    """The camera's captures, one where it states none, each at a further gain; and the remaining digital gain, dB.
+    """The camera's captures with ``gain_db`` added to the gain of each, and the remaining digital gain, dB.
 
-    The gain of each ends at ``analogue_gain_max_db``. The remainder is that of the first. Raises ``ValueError``
-    beyond ``gain_max_db``.
+    A camera without captures has one. The gain of each capture ends at ``analogue_gain_max_db``; the remaining gain
+    is that of the first capture. Raises ``ValueError`` beyond ``gain_max_db``.
     """
     an_instance("camera", camera, Camera)
     captures = camera.captures or (Capture(),)
@@ -149,7 +150,7 @@ def _white_e(
     white: float,
     illuminant: str | Curve,
 ) -> Tensor:
-    """Electrons of the first capture, (B,), of the light that is to be white."""
+    """Electrons, (B,), that the light ``white`` gives in the first capture."""
     like = torch.empty(0, dtype=torch.float64)
     exposure = limited_per_image("exposure_s", exposure_s, batch, like)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, like)
@@ -170,14 +171,14 @@ def captured(
     flicker: Flicker | Sequence[Flicker | None] | None = None,
     **options: Any,
 ) -> list[Tensor]:
-    """The digital numbers of every capture, each (B, C, H, W), of a scene or of its light alone, which may exceed 1.
+    """The digital numbers of every capture, each (B, C, H, W), of a scene or of light, which may exceed 1.
 
-    exposure_s: of the first. flicker: a pulsed lamp, one for all or one, or None, for each picture; its phase is
-    where it is when the first row of the first capture begins, and goes on from row to row and capture to capture.
-    trajectory: about the middle of the first capture; it has to go on to the end of the last. options: temperature_c,
-    noise and quantised as :func:`blurnoise.simulate` takes them, like the other arguments. The first is what
-    :func:`blurnoise.simulate` gives, to the bit. Raises ``TypeError`` or ``ValueError`` naming the argument, among
-    them captures that overlap.
+    exposure_s: of the first capture. flicker: a pulsed lamp, one for all pictures, or a lamp or None for each. Its
+    phase refers to the start of the first row of the first capture; the lamp runs on from row to row and capture to
+    capture. trajectory: centred on the middle of the first capture; it must reach the end of the last. The other
+    arguments and the options temperature_c, noise and quantised are those of :func:`blurnoise.simulate`. The first
+    capture equals the result of :func:`blurnoise.simulate` to the bit. Raises ``TypeError`` or ``ValueError`` naming
+    the argument, also for captures that overlap.
     """
     scene = _scene(scene)
     light, batch = scene.light, len(scene.light)
@@ -244,9 +245,10 @@ def merged(
     illuminant: str | Curve = "D55",
     eight_bit: bool = False,
 ) -> Tensor:
-    """The picture of every capture's numbers, as :func:`pictures` has it: of one capture developed, else fused.
+    """The picture of the digital numbers of all captures: one capture is developed, several are fused first.
 
-    white_e: of the first capture, for several. digital_db: for one. eight_bit: as uint8, sRGB-coded.
+    white_e: white in electrons of the first capture, for several captures. digital_db: digital gain, for one capture.
+    eight_bit: return uint8, sRGB-coded.
     """
     if len(captures) == 1:
         (reader,) = readers_of(camera, captures)
@@ -283,7 +285,7 @@ def _lit(
     reader: Camera,
     times: Sequence[tuple[float, float]],
 ) -> ExposedScene:
-    """The scene in the light of pulsed lamps, in exposures of so much start and duration for each picture."""
+    """The scene in the light of pulsed lamps, in an exposure with a start and a duration for each picture."""
     if all(lamp is None or lamp.pwm.duty == 1 for lamp in lamps):
         return scene
     size = (scene.light.shape[-2], scene.light.shape[-1])
@@ -319,7 +321,7 @@ def _displaced(
     place: int,
     later_s: Sequence[float],
 ) -> ExposedScene:
-    """The scene as far on as the middle of the capture at that place is after the first one's."""
+    """The scene displaced by its motion between the middle of the first capture and the middle of this one."""
     light, later = scene.light, scene.light.new_tensor(later_s)
     offsets = light.new_zeros(len(light), 2)
     for item, path in enumerate(paths):

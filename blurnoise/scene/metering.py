@@ -25,7 +25,7 @@ _ALLOWED = "must be mean, pNN (a percentile above 0, up to 100) or x0,y0,x1,y1 (
 
 @dataclass(frozen=True)
 class GreyAnchor:
-    """A percentile of the luminance, or the mean of a region (x0, y0, x1, y1), px; neither: the mean of all."""
+    """A percentile of the luminance, or the mean over a region (x0, y0, x1, y1), px; without both, the mean."""
 
     percentile: float | None = None
     region_px: tuple[int, int, int, int] | None = None
@@ -51,9 +51,9 @@ class GreyAnchor:
         return "mean" if self.percentile is None else f"p{self.percentile:g}"
 
     def scale(self, picture: Tensor) -> float:
-        """Factor that makes the anchor of a picture (C, H, W) 0.18.
+        """Factor that brings the anchor of a picture (C, H, W) to 0.18.
 
-        Raises ``ValueError`` for a region outside the picture, and where the anchor is black.
+        Raises ``ValueError`` if the region lies outside the picture or the anchor is black.
         """
         channels, height, width = picture.shape
         seen = picture.detach().cpu().numpy().astype(float)
@@ -66,7 +66,7 @@ class GreyAnchor:
         light = np.tensordot(np.array(weights), seen, 1)
         grey = float(light.mean() if self.percentile is None else np.percentile(light, self.percentile))
         if grey <= 0 or not math.isfinite(GREY / grey):
-            raise ValueError(f"grey_anchor = {self}: is black here; must have some light to be 18 % grey")
+            raise ValueError(f"grey_anchor = {self}: is black in this picture; must be brighter than black")
         return GREY / grey
 
 
@@ -82,7 +82,7 @@ _STEP = 1e-9  # of a count of rows or periods: a time that is whole but for roun
 
 
 class Setting(NamedTuple):
-    """Auto-exposure's exposure, s, gain, dB, and meter reading; below the target where limits are reached."""
+    """Exposure, s, gain, dB, and meter reading of an auto-exposure; the reading is below the target at the limits."""
 
     exposure_s: float
     gain_db: float
@@ -91,13 +91,13 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """A camera's metering and the limits of its settings.
+    """Automatic exposure and gain: the target of the meter and the limits of the settings.
 
-    target: of the meter's reading. frame_rate_hz, readout_s: the exposure is at most 1 / frame_rate_hz - readout_s,
-    all captures of a camera with several together; longest_s: and at most this. mains_hz: 50 or 60: whole periods of
-    the light, 1 / (2 mains_hz), from one on; 0: any. row_time_s: the exposure is whole rows; 0: any. gain_max_db: in
-    place of the camera's own, if less.
-    Raises ``TypeError`` or ``ValueError`` naming the field.
+    target: meter reading to reach. frame_rate_hz, readout_s: limit the exposure to 1 / frame_rate_hz - readout_s; for
+    a camera with several captures, their sum. longest_s: limits it further. mains_hz: 50 or 60 allow, above one
+    period of the light, only whole periods 1 / (2 mains_hz); 0 allows any exposure. row_time_s: allows only whole
+    rows; 0 allows any exposure. gain_max_db: limits the gain in addition to the camera's own limit. Raises
+    ``TypeError`` or ``ValueError`` naming the field.
     """
 
     target: Annotated[Figure, Gt(0), Le(1)] = 0.18
@@ -132,9 +132,9 @@ class AutoExposure:
         temperature_c: float = 25.0,
         illuminant: str | Curve = "D55",
     ) -> Setting:
-        """For a picture of ``mean_light`` the longest useful time, or a given exposure_s, then gain, 0 dB or more.
+        """The setting for a picture of ``mean_light``: the longest useful exposure or exposure_s, then gain.
 
-        Raises ``ValueError`` naming the argument.
+        The gain is 0 dB or more. Raises ``ValueError`` naming the argument.
         """
         light = in_range("mean_light", mean_light, 0.0, 1e6) * limited("illuminance_lux", illuminance_lux)
         first = (
@@ -153,9 +153,9 @@ class AutoExposure:
         return Setting(exposure_s, gain_db, reading * brightness(camera, gain_db))
 
     def allowed_s(self, wanted_s: float) -> float:
-        """The longest allowed exposure that is not longer than ``wanted_s``, at least one row where rows count.
+        """The longest allowed exposure up to ``wanted_s``, at least one row if ``row_time_s`` is set.
 
-        Below one period of the mains' light the exposure is what it must be: the picture may flicker.
+        Exposures below one period of the mains' light are allowed: such pictures may flicker.
         """
         exposure_s = min(wanted_s, self.limit_s)
         period_s = 1 / (2 * self.mains_hz) if self.mains_hz else 0.0
@@ -167,7 +167,7 @@ class AutoExposure:
 
 
 def brightness(camera: Camera, gain_db: float) -> float:
-    """Factor of a gain on the signal, as a share of the converter's range above black."""
+    """Factor by which a gain brightens the signal, as a share of the converter's range above black."""
     if not camera.gains:
         return float(10 ** (gain_db / 20))
     own, analogue_db = camera.at_0_db, min(gain_db, camera.analogue_gain_max_db)
@@ -191,9 +191,9 @@ USUAL = AutoExposure()
 
 
 def mean_luma(light: Tensor, camera: Camera | None = None, illuminant: str | Curve = "D55") -> Tensor:
-    """Mean light of pictures (B, C, H, W) in linear light, (B,): by luma where there are three colours.
+    """Mean light (B,) of pictures (B, C, H, W) in linear light; the luma of three colours.
 
-    Of a camera whose pictures are grey by what its pixels make of them.
+    With a camera whose pictures are grey, the colours are weighted as its pixels weight them.
     """
     channels = batch_shaped("light", light).shape[1]
     weights = LUMINANCE if channels == 3 else (1 / channels,) * channels

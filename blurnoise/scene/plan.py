@@ -1,8 +1,8 @@
 """The error budget of a frame: how much each part of the chain contributes, and which parts may be left out.
 
-Unit: DN RMS, at the brightest a white surface gets under the conditions. Contributions are bounds that hold
-for any picture within [0, 1], so what is left out stays within the tolerance for all of them. What rounding adds:
-"What is left out" in docs/pages/physics.md.
+Unit: DN RMS, for a white surface at its brightest under the conditions. Contributions are bounds that hold for any
+picture within [0, 1], so the omitted parts stay within the tolerance for every picture. "What is left out" in
+docs/pages/physics.md explains the effect of rounding.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
 TOLERANCE_DN = 0.1
-"""Default of what may be left out, DN RMS: a third of what rounding to digital numbers does anyway."""
+"""Default tolerance for omitted parts, DN RMS: a third of the error of rounding to digital numbers."""
 _DITHER_DN = 0.5  # normal noise, RMS, from which on rounding adds 1/12 DN^2 whatever the mean, to 0.009 DN^2
 _ROUNDING_DN2 = 0.25  # what rounding makes, at most, of a spread that goes to 0
 _SINGLE = 2.0**-24  # relative, of a number in single precision
@@ -45,11 +45,11 @@ class Contribution:
 
 @dataclass(frozen=True)
 class Plan:
-    """The contributions in causal order, and what is left out; plans are equal if they model the same.
+    """The contributions in causal order, and the omitted parts; plans are equal if they model the same parts.
 
-    camera: with what is left out set to 0. without: the names of effects and stages that are passed over; shot
-    noise never, as ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all that is left out, at
-    most tolerance_dn; with what rounding makes of a spread where nothing else protects it.
+    camera: the camera with the omitted figures set to 0. without: the names of the omitted effects and stages; never
+    shot noise, since ``noisy`` says whether any noise is modelled. left_out_dn: RMS of all omitted parts, at most
+    tolerance_dn; it includes the effect of rounding on noise that is too small to dither.
     """
 
     stages: tuple[Contribution, ...] = field(compare=False)
@@ -60,7 +60,7 @@ class Plan:
     tolerance_dn: float = field(default=0.0, compare=False)
 
     def reduced(self, at: Conditions[Number]) -> Conditions[Number]:
-        """The conditions with what is left out set to 0."""
+        """The conditions with the omitted parts set to 0."""
         flow = None if MOTION_VARIATION.name in self.without else at.flow_px
         return replace(at, camera=self.camera, flow_px=flow)
 
@@ -79,15 +79,15 @@ def plan(
     objects: tuple[ObjectMotion, ...] = (),
     size: tuple[int, int] | None = None,
 ) -> Plan:
-    """Keep the smallest set of effects and stages whose absence stays within ``tolerance_dn`` (> 0), DN RMS.
+    """Keep the smallest set of effects and stages whose omissions stay within ``tolerance_dn`` (> 0), DN RMS.
 
-    They leave in the order of what they contribute, smallest first, for as long as the root of the sum of
-    their squares is within the tolerance; what spreads values stays where rounding without it would cost more.
-    displacement_px: uniform motion, beside the trajectory; variation_px: by how much that of some pixels is another,
-    0.484 white RMS per px where one blur serves all. objects: displacement and share of the picture of each
-    (:func:`blurnoise.blur.layers.object_motion`), always modelled. size: (H, W) of the picture, by default the
-    sensor's, which ``how`` is about. The other arguments as in :func:`blurnoise.simulate`, for one picture. Raises
-    ``ValueError`` that names the argument.
+    Effects and stages are omitted by their contribution, smallest first, as long as the root of the sum of squares is
+    within the tolerance. Noise stays where its absence would make rounding cost more.
+    displacement_px: uniform motion in addition to the trajectory. variation_px: largest difference of a pixel's
+    motion from it, 0.484 white RMS per px if one blur serves all pixels. objects: displacement and share of the
+    picture of each (:func:`blurnoise.blur.layers.object_motion`); they are always modelled. size: (H, W) of the
+    picture, by default the sensor's, to which ``how`` refers. The other arguments are those of
+    :func:`blurnoise.simulate`, for one picture. Raises ``ValueError`` naming the argument.
     """
     limited("tolerance_dn", tolerance_dn)
     temperature = limited("temperature_c", temperature_c)
@@ -155,7 +155,7 @@ def _plan(
 def _left_out(
     camera: Camera, bounds: Mapping[str, float], parts: tuple[set[str], ...], budget_dn2: float
 ) -> tuple[set[str], float]:
-    """The parts to leave out, and the DN^2 that rounding adds to their error."""
+    """The parts to omit, and the DN^2 that rounding adds to their error."""
     stay, spreading, dithers = parts
     for kept, charged in ((stay, False), (stay | dithers, False), (stay, True)):
         if kept != stay and budget_dn2 > _ROUNDING_DN2:

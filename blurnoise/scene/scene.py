@@ -39,7 +39,7 @@ _FIELDS = 2  # noise fields that a scene keeps
 
 
 class Frame(NamedTuple):
-    """A developed frame, (H, W, C) uint8, and the ms it took."""
+    """A developed frame, (H, W, C) uint8, and its computing time, ms."""
 
     picture: NDArray[np.uint8]
     simulate_ms: float
@@ -47,9 +47,9 @@ class Frame(NamedTuple):
 
 @dataclass(eq=False, repr=False)
 class ExposedScene:
-    """Pictures as linear light (B, C, H, W), before cameras; 1 is white. Any number of threads may use it.
+    """Pictures as linear light (B, C, H, W) to expose with cameras; 1 is white. Any number of threads may use it.
 
-    layers: objects before the pictures, of all of them or a sequence for each (:mod:`blurnoise.blur.layers`).
+    layers: objects in front of the pictures, the same for all, or a sequence for each (:mod:`blurnoise.blur.layers`).
     border, illuminant, pattern_seed, fidelity and tolerance_dn: as :func:`blurnoise.simulate` takes them. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """
@@ -86,9 +86,9 @@ class ExposedScene:
         encoding: PictureTone = "srgb",
         **options: Any,
     ) -> Self:
-        """The scene of an 8- or 16-bit picture (H, W, C); the further options are the constructor's.
+        """The scene of an 8- or 16-bit picture (H, W, C); the other options are those of the constructor.
 
-        grey_anchor: what is 18 % reflectance, see :class:`.metering.GreyAnchor`; None: its brightness is reflectance.
+        grey_anchor: the part that reflects 18 %, see :class:`.metering.GreyAnchor`; None: brightness is reflectance.
         encoding: the picture's tone curve.
         """
         return cls(anchored(_decoded(picture, encoding), grey_anchor), **options)
@@ -102,7 +102,7 @@ class ExposedScene:
         quantised: bool = True,
         **conditions: Any,
     ) -> Tensor:
-        """Frame i of picture i, digital numbers (B, C, H, W), of a mosaic or one plane (B, 1, H, W).
+        """Expose picture i for frame i; returns digital numbers (B, C, H, W), for a mosaic or one plane (B, 1, H, W).
 
         conditions: exposure_s, illuminance_lux, velocity_px_s, trajectory and temperature_c. All arguments as
         :func:`blurnoise.simulate` takes them.
@@ -141,14 +141,12 @@ class ExposedScene:
         return out
 
     def frames(self, exposures: Iterable[Exposure]) -> Iterator[Frame]:
-        """The only picture under each exposure, developed to 8 bits; neighbours share what they have in common.
+        """Frames of the only picture, one per exposure, developed to 8 bits; adjacent exposures share common steps.
 
         Raises ``ValueError`` where the scene has several pictures.
         """
         if len(self.light) != 1:
-            raise ValueError(
-                f"light: has {len(self.light)} pictures; must be one, which every exposure is of"
-            )
+            raise ValueError(f"light: has {len(self.light)} pictures; must be one, for all the exposures")
         after_effects: dict[Hashable, Tensor] = {}
         for alike, group in groupby(map(self._planned, exposures), key=lambda planned: planned[0]):
             started = time.perf_counter()
@@ -161,7 +159,7 @@ class ExposedScene:
             yield from (Frame(picture, simulate_ms) for picture in pictures)
 
     def plan(self, exposure: Exposure) -> Plan:
-        """What :meth:`frames` keeps and leaves out of an exposure, and why."""
+        """The parts of an exposure that :meth:`frames` models and omits, and why."""
         return self._planned(exposure)[0].needs
 
     def _planned(self, exposure: Exposure) -> tuple[_Alike, Conditions[Tensor]]:
@@ -218,7 +216,7 @@ class ExposedScene:
         return list(seen.permute(0, 2, 3, 1).contiguous().numpy())
 
     def motions(self, exposure: Exposure) -> tuple[tuple[float, float] | Tensor, tuple[Layer, ...]]:
-        """Velocity of the picture, or the flow of its pixels, and the layers before it, under an exposure."""
+        """Velocity of the picture, or the flow of its pixels, and the layers in front of it, for an exposure."""
         if exposure.moves != "all":
             raise ValueError(f"moves = {exposure.moves!r}: must be 'all' of a scene without cut-out parts")
         objects = self._layers[0] if self._layers else ()
@@ -304,27 +302,28 @@ def simulate(
 ) -> Tensor:
     """Expose ``image`` with ``camera``; returns digital numbers, integral values, of the same shape.
 
-    Of a camera with a mosaic, or of one plane of light, it is the raw plane: (B, 1, H, W), C being 1 or 3.
+    For a camera with a mosaic, or one plane of light, the result is the raw plane (B, 1, H, W); C must be 1 or 3.
 
     image: (B, C, H, W) in [0, 1], the scene's reflectance, 1 is white. encoding: its tone curve, "srgb", "linear",
-    "filmic" or points (light, value), as :mod:`blurnoise.optics.colour` has them. exposure_s
+    "filmic" or points (light, value), see :mod:`blurnoise.optics.colour`. exposure_s
     (s) and illuminance_lux (lux on the scene) >= 0, temperature_c (degC): a number or one per image.
-    grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": what of each picture is 18 % reflectance, instead of brightness being
-    reflectance (:mod:`blurnoise.scene.metering`); more than white stays. illuminant: the light's spectrum.
+    grey_anchor: "mean", "pNN" or "x0,y0,x1,y1": the part of each picture that reflects 18 %; None: brightness is
+    reflectance (:mod:`blurnoise.scene.metering`). Light above white is kept. illuminant: the light's spectrum.
     velocity_px_s: (2,) or (B, 2), motion in the image, x right, y down; or of each pixel, (2, H, W) or (B, 2, H, W),
-    as :mod:`blurnoise.motion.ego` gives it for a moving camera.
-    trajectory: :class:`blurnoise.Trajectory`, one for all or one, or None, per image: a path about mid-exposure,
-    added to the velocity, without a gradient (exposure_s's is right to 1 %); :func:`.convolution.path_blur` has one.
-    layers: objects that move for themselves before ``image``, in linear light, each a :class:`blurnoise.Layer` with
-    its velocity; those of all pictures, or a sequence for each. ``velocity_px_s`` is then the background's.
-    pattern_seed: which specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
+    as :mod:`blurnoise.motion.ego` computes it for a moving camera.
+    trajectory: a :class:`blurnoise.Trajectory` for all images, or one or None for each: a path centred on
+    mid-exposure, added to the velocity. It has no gradient (that of exposure_s is right to 1 %); use
+    :func:`.convolution.path_blur` for one.
+    layers: objects in front of ``image`` with motion of their own, in linear light, each a :class:`blurnoise.Layer`;
+    the same for all pictures, or a sequence for each. ``velocity_px_s`` is then the velocity of the background.
+    pattern_seed: selects the specimen of the camera (its fixed pattern). generator: a ``torch.Generator``, one
     seed per image, or None for torch's default generator; image i depends on its own seed alone.
 
     Order: linear light, :data:`blurnoise.light.effects.EFFECTS` (lens, motion), the colour filters, then
     :data:`blurnoise.sensor.stages.STAGES` (shot, dark and read noise, full well, gain, rounding, converter limits).
 
-    fidelity: "full" models everything, "auto" what :func:`blurnoise.plan` keeps of it for each image
-    within ``tolerance_dn`` (DN RMS). noise: without it, the mean frame. quantised: without it, before rounding.
+    fidelity: "full" models everything; "auto" models the parts that :func:`blurnoise.plan` keeps for each image
+    within ``tolerance_dn`` (DN RMS). noise: False returns the mean frame. quantised: False omits rounding.
     Gradients reach image, exposure, illuminance, velocity and temperature; with them, everything is modelled.
     ``torch.compile`` breaks its graph here and runs it uncompiled, with the same result.
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed: at most 3600 s,

@@ -56,11 +56,11 @@ class Frames:
 class SensorStage(ABC):
     """One entry of :data:`blurnoise.sensor.stages.STAGES`.
 
-    name: in plans and explanations. figures: the camera's fields without which it does nothing; setting them to 0
-    leaves it out. essential: never left out, as the signal changes its unit or range. draws: it is noise, over
-    frames, from a stream of its own (``rng.standard_normal(at.seeds, signal, "its name")``), and left out where no
-    noise is asked for. spreads: pixels or frames of an even scene differ by it, as by noise. modelled: how, in a few
-    words.
+    name: in plans and explanations. figures: the camera's fields that it depends on; 0 for all of them disables the
+    stage. essential: the stage is never omitted, since it changes the signal's unit or range. draws: the stage is
+    temporal noise from its own random stream (``rng.standard_normal(at.seeds, signal, "its name")``) and is omitted
+    with noise=False. spreads: the stage makes pixels or frames of a uniform scene differ, as noise does. modelled:
+    short description of the model.
     """
 
     name: str
@@ -75,11 +75,11 @@ class SensorStage(ABC):
         """Return the signal after the stage; differentiable, on any device."""
 
     def bound_dn(self, at: Conditions[float]) -> float | None:
-        """Largest contribution where the picture is white, DN RMS; None: not defined."""
+        """Largest contribution in a white picture, DN RMS; None if undefined."""
         return None
 
     def dither_dn(self, at: Conditions[float]) -> float:
-        """Least normal noise that it adds to every pixel at any light, DN RMS, which dithers rounding."""
+        """Smallest normal noise, DN RMS, that the stage adds to every pixel at any light; it dithers rounding."""
         return 0.0
 
     def how(self, camera: Camera, noisy: bool) -> str:

@@ -270,7 +270,7 @@ LINEAR_MODEL: tuple[SensorStage, ...] = (
 )
 """The stages of EMVA 1288 and a camera's departures from it; the fast route implements all but the bend."""
 STAGES = LINEAR_MODEL
-"""All stages; those of one's own come between: ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
+"""All stages in causal order; insert one of your own by ``(*LINEAR_MODEL[:5], OWN, *LINEAR_MODEL[5:])``."""
 
 
 def active(camera: Camera, without: frozenset[str] = frozenset(), *, noisy: bool = True) -> list[SensorStage]:

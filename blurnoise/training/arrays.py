@@ -24,10 +24,9 @@ def expose_numpy(image: Array, camera: Cameras, *, channels: str = "rgb", **cond
     """Take pictures with a camera: :func:`blurnoise.training.augmentation.expose_pictures` for arrays.
 
     image: (H, W), (H, W, C) or (B, H, W, C), uint8 or float in [0, 1]. channels: their order, "rgb" or, as OpenCV
-    and Ultralytics have it, "bgr". conditions: as ``expose_pictures`` takes them, exposure_s and illuminance_lux
-    at least;
-    masks are (B, N, H, W), arrays or tensors. Returns an array of image's shape and type. Raises ``TypeError`` or
-    ``ValueError`` that names the argument.
+    and Ultralytics have it, "bgr". conditions: the other arguments of ``expose_pictures``, at least exposure_s and
+    illuminance_lux; masks are (B, N, H, W), arrays or tensors. Returns an array of image's shape and type. Raises
+    ``TypeError`` or ``ValueError`` naming the argument.
     """
     one_of("channels", channels, ("rgb", "bgr"))
     if conditions.get("masks") is not None:

@@ -90,23 +90,26 @@ def expose_pictures(
 
     image: (B, C, H, W), float, in [0, 1]; half precision is computed in float32. camera: one, or one for each
     picture, presets by name. exposure_s, illuminance_lux, speed_px_s, direction_deg (counter-clockwise as
-    displayed), temperature_c: a number or one per picture. gain_db: the same, analogue as far as the camera goes,
-    then digital; or auto-exposure, which sets it for each picture's mean light and exposure; or either for each.
+    displayed), temperature_c: a number or one per picture. gain_db: the same, analogue up to the camera's limit, then
+    digital; or an auto-exposure, which sets the gain by the mean light and exposure of each picture; or a list of
+    both.
 
-    masks: (B, N, H, W) within [0, 1], what the targets of each picture cover, empty where there are fewer. moves:
-    what has the speed, "all", the "targets" or the "background" behind them, one or one for each picture; what the
-    targets hide is invented from around them. Pictures without masks, or with nothing beside them, move as a whole.
+    masks: (B, N, H, W) within [0, 1], the pixels that the targets of each picture cover; surplus masks are empty.
+    moves: the part that moves, "all", "targets" or "background", one for all or one for each picture. The background
+    behind the targets is filled in from the pixels around them. Pictures without masks move as a whole, and so do
+    pictures that the masks cover entirely.
 
-    ego_kmh: a number or one per picture, in place of a speed in px/s: the camera drives over a flat road on
-    ``vehicle``, and each place moves by the camera's focal length and the picture's size. With masks and
-    moves = "background" the targets drive along. Where one blur for all of a picture is enough, there is one.
+    ego_kmh: a number or one per picture, in place of speed_px_s: the camera drives over a flat road on ``vehicle``.
+    The motion of each pixel follows from the camera's focal length and the picture's size. With masks and
+    moves = "background" the targets drive along. If one blur is accurate enough for the whole picture, one is used.
 
-    The captures of a camera file are taken one after the other and fused (:func:`blurnoise.scene.hdr.pictures`);
-    exposure_s is the first one's. lamp: pulses, for all or one, or None, for each picture. lamp_lights: their light
-    falls on "all", or on the "targets" of pictures with masks.
+    The captures of an HDR camera are taken one after the other and fused (:func:`blurnoise.scene.hdr.pictures`);
+    exposure_s is that of the first. lamp: a pulsed lamp for all pictures, or a lamp or None for each. lamp_lights:
+    the lamp lights "all", or the "targets" of pictures with masks.
 
-    trajectory, generator, encoding, fidelity: as ``simulate`` takes them; picture i depends on its own conditions
-    and seed alone. Returns image's shape and dtype, in [0, 1], by the camera's tone curve, or linear where image is.
+    trajectory, generator, encoding, fidelity: see :func:`blurnoise.simulate`; picture i depends on its own conditions
+    and seed alone. Returns pictures in [0, 1] of image's shape and dtype, coded by the camera's tone curve, or linear
+    if image is linear.
 
     Gradients reach image and conditions. Raises ``TypeError`` or ``ValueError`` that names the argument.
     """
@@ -121,7 +124,7 @@ def expose_pictures(
     ego = None if ego_kmh is None else limited_per_image("ego_kmh", ego_kmh, batch, scene)
     check_vehicle(vehicle, drives=ego is not None)
     if ego is not None and (bool(speed.detach().any()) or "targets" in names):
-        raise ValueError("ego_kmh: goes with speed_px_s = 0 and moves = 'all' or 'background' alone")
+        raise ValueError("ego_kmh: needs speed_px_s = 0 and moves = 'all' or 'background'")
     still = speed == 0 if ego is None else (ego == 0) & (not vehicle.turns)
     exposure = limited_per_image("exposure_s", exposure_s, batch, scene)
     lux = limited_per_image("illuminance_lux", illuminance_lux, batch, scene)
@@ -221,7 +224,7 @@ def _flickers(
 
 
 def velocity_px_s(speed_px_s: Tensor, direction_deg: Tensor) -> Tensor:
-    """Velocities (B, 2), x right and y down, of speeds (B,) in directions (B,), counter-clockwise as displayed."""
+    """Velocities (B, 2), x right and y down, from speeds (B,) and directions (B,), counter-clockwise as displayed."""
     angle = torch.deg2rad(direction_deg)
     return torch.stack([angle.cos(), -angle.sin()], dim=-1) * speed_px_s[:, None]
 
@@ -299,12 +302,12 @@ class OverConditions:
 
     @classmethod
     def for_run(cls, run: Any, *, direction_deg: Range | None = None, **options: Any) -> Self:
-        """The augmentation under the conditions of a finished sweep: its camera, exposures, lights, speeds, gains and
-        what moves, as :class:`blurnoise.training.table.ExposureTable` reads and spreads them.
+        """The augmentation under the conditions of a finished sweep.
 
-        run: the sweep's folder, or what ``blurnoise_eval.system.urls.location`` makes of its URL. direction_deg:
-        of the motion, None: the run's. options: the class's that are no ranges; encoding, unless it is given, is the
-        run's, too. Raises ``TypeError`` or
+        The conditions are the sweep's cameras, exposures, lights, speeds, gains and ``moves``, as
+        :class:`blurnoise.training.table.ExposureTable` reads and interpolates them. run: the sweep's folder, or
+        ``blurnoise_eval.system.urls.location(URL)``. direction_deg: of the motion; None: as in the run. options: the
+        options of the class that are not ranges; encoding is by default that of the run. Raises ``TypeError`` or
         ``ValueError`` naming the argument, ``OSError`` for a file that cannot be read.
         """
         return cls.for_conditions(ExposureTable.of_run(run, direction_deg=direction_deg), **options)
@@ -314,7 +317,7 @@ class OverConditions:
         """The augmentation under the conditions of a table, as ``ExposureTable.of_grid`` makes one."""
         an_instance("table", table, ExposureTable)
         for name in {"camera", *_RANGES} & options.keys():
-            raise TypeError(f"{name} = {shown(options[name])}: is stated by the conditions; must be left out")
+            raise TypeError(f"{name} = {shown(options[name])}: is part of the conditions; must not be given")
         augmentation = cls(**{"encoding": table.encoding, **options})
         augmentation.ranges = table
         return augmentation
@@ -334,25 +337,26 @@ class OverConditions:
 
 
 class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: ignore[misc]
-    """Take each picture with a camera under conditions drawn for it: :func:`expose_pictures` for Kornia.
+    """Take each picture with a camera under random conditions: :func:`expose_pictures` as a Kornia augmentation.
 
-    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture. Cameras may be of several captures
-    (HDR), and lamps may pulse.
-    encoding: the pictures' tone curve, as ``simulate`` takes it; they come back by the camera's, or "linear" as they
-    were. fidelity: as ``simulate`` takes it.
-    grow_boxes: let boxes cover what the motion sweeps, half the displacement to each side, but not beyond the
-    picture's last pixel (Kornia's boxes end in it); else boxes stay, as masks and keypoints always do.
-    same_on_batch, p, keepdim: as everywhere in Kornia; only the pictures that p chooses are computed.
+    The ranges are those of :class:`ExposureRanges`, drawn anew for each picture. Cameras may have several captures
+    (HDR), and lamps may be pulsed.
+    encoding: the pictures' tone curve, see :func:`blurnoise.simulate`; the result has the camera's tone curve, or is
+    linear if encoding is "linear". fidelity: see :func:`blurnoise.simulate`.
+    grow_boxes: grow boxes to the swept boxes, by half the displacement to each side, at most to the picture's last
+    pixel (Kornia's boxes include it). By default boxes stay unchanged; masks and keypoints always do.
+    same_on_batch, p, keepdim: as in Kornia; only the pictures that p selects are computed.
 
-    With masks, ``expose(pictures, masks=masks)``, parts may move for themselves: moves says which.
-    Kornia's containers show masks to no augmentation of pictures: there everything moves, and masks come back as they
-    are. So let a container do the rest, with data_keys of pictures, boxes and masks, and call this one after it;
-    boxes follow by ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``.
+    With masks, ``expose(pictures, masks=masks)``, parts of the picture can move: ``moves`` selects them.
+    Kornia's containers do not pass masks to augmentations of pictures: there everything moves, and masks stay
+    unchanged. So use a container for the other augmentations, with data_keys of pictures, boxes and masks, and call
+    this one after it; transform boxes by
+    ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``.
 
-    All randomness lies in ``_params``, the noise's too: ``aug(x, params=aug._params)`` gives the same bits.
-    A camera's fixed pattern is one specimen's, the same part of it for pictures of one size; it is drawn once.
-    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. The draws are
-    the compiler's, whose random numbers may differ from torch's own for the same seed.
+    ``_params`` holds all randomness, the noise included: ``aug(x, params=aug._params)`` gives the same bits.
+    The fixed pattern is that of one specimen of the camera, the same for all pictures of one size; it is drawn once.
+    Under ``torch.compile`` the exposure itself runs uncompiled: equal ``_params`` give equal pictures. The compiler
+    draws the conditions, and its random numbers may differ from torch's own for the same seed.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """

@@ -122,17 +122,17 @@ class ExposureRanges(Draws):
     on, are log-uniform: they multiply the light, so that each doubling is as likely as the next. speed_px_s >= 0,
     direction_deg and temperature_c (-273.15 to 300) are uniform, as is gain_db; "auto", or an
     :class:`blurnoise.AutoExposure`, sets it for each picture. The motion during an exposure is 1e5 px at most.
-    shake_px, uniform: the extent of a hand's shake during the exposure, beside that motion. moves: in pictures with
-    masks "all", the "targets" or the "background" behind them move; one or several, equally likely.
+    shake_px, uniform: the extent of a hand's shake during the exposure, in addition to that motion. moves: the part
+    of pictures with masks that moves, "all", "targets" or "background"; one or several, equally likely.
 
     white_e, log-uniform, in place of illuminance_lux: mean electrons of white. blur_px, uniform, in place of
     speed_px_s: length of the motion blur. ego_kmh, uniform, in place of speed_px_s: a camera that drives over a flat
-    road, on ``vehicle``, whose flow follows from its focal length and the picture's size; the picture is all that the
-    camera sees. Masks are of what drives along: "all" or "background".
+    road on ``vehicle``. The flow follows from its focal length and the picture's size; the picture is the camera's
+    whole field of view. Masks mark targets that drive along: moves must be "all" or "background".
 
-    lamp_hz, lamp_duty, uniform: frequency and duty of a pulsed lamp (:class:`blurnoise.light.flicker.Pwm`), as LEDs
-    are; each picture begins anywhere in its period. None: no lamp. lamp_lights: "all", or the "targets" of pictures
-    with masks: they are the lamps then, and dark in exposures that fall between pulses.
+    lamp_hz, lamp_duty, uniform: frequency and duty cycle of a pulsed LED lamp (:class:`blurnoise.light.flicker.Pwm`);
+    each picture begins at a random phase. None: no lamp. lamp_lights: "all", or the "targets" of pictures with masks:
+    then the targets are the lamps, and dark in exposures that fall between pulses.
 
     Raises ``ValueError`` or ``TypeError`` naming the range, its value and what is allowed; warns of exposures of more
     than a second.
@@ -172,7 +172,7 @@ class ExposureRanges(Draws):
             windows(camera.captures, exposure_s)
         warn_of_milliseconds(*checked["exposure_s"])
         if self.ego_kmh is not None and self.blur_px is not None:
-            raise ValueError(f"blur_px = {self.blur_px!r}: must be None with ego_kmh, by which places differ")
+            raise ValueError(f"blur_px = {self.blur_px!r}: must be None with ego_kmh, whose blur varies")
         if self.ego_kmh is not None and "targets" in self.moves:
             raise ValueError(f"moves = {self.moves!r}: must be 'all' or 'background' with ego_kmh")
         for reached in self._reached():
@@ -336,7 +336,7 @@ def check_vehicle(vehicle: Vehicle, *, drives: bool) -> None:
     """Raise ``TypeError`` for what is no vehicle, ``ValueError`` for one that does not drive."""
     an_instance("vehicle", vehicle, Vehicle)
     if not drives and vehicle != USUAL_VEHICLE:
-        raise ValueError("vehicle: goes with ego_kmh, at which it drives")
+        raise ValueError("vehicle: needs ego_kmh, its speed")
 
 
 def cameras_of(camera: Cameras) -> tuple[Camera, ...]:

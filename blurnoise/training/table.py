@@ -58,11 +58,11 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class ExposureTable(ranges.Draws):
-    """Conditions, equally likely, and the cameras that they name by number.
+    """A table of equally likely conditions, and the cameras to which they refer by number.
 
-    gain_db: the auto-exposure of rows without a gain. direction_deg: drawn uniformly in place of the rows', None:
-    theirs. encoding: the tone curve of pictures. Raises ``ValueError`` for no row, or one outside the limits of
-    conditions.
+    gain_db: the auto-exposure for rows without a gain. direction_deg: range to draw the direction from; None: the
+    direction of each row. encoding: the tone curve of the pictures. Raises ``ValueError`` for an empty table and for
+    a row outside the limits.
     """
 
     camera: Cameras
@@ -90,9 +90,9 @@ class ExposureTable(ranges.Draws):
     def of_run(cls, run: Any, *, direction_deg: Range | None = None) -> ExposureTable:
         """The table of a finished sweep, from the file ``conditions.json`` in its folder.
 
-        run: the folder, a path; of one elsewhere what ``blurnoise_eval.system.urls.location`` makes of its URL.
-        Raises ``ValueError`` for a folder without it, or conditions that training pictures cannot be taken under:
-        along a trajectory, before a camera that drives, metered by a grey anchor or in exposure time.
+        run: the path of the folder, or ``blurnoise_eval.system.urls.location(URL)``.
+        Raises ``ValueError`` for a folder without the file, and for conditions that training does not support:
+        trajectories, driving cameras, grey anchors and automatic exposure times.
         """
         path = (Path(run) if isinstance(run, (str, PathLike)) else run) / FILE
         if not path.is_file():
@@ -110,7 +110,7 @@ class ExposureTable(ranges.Draws):
                 return cls(cameras, tuple(_used(held["conditions"])), auto, direction_deg, tone)
         except (KeyError, TypeError, AttributeError, OverflowError, ValueError) as error:
             raise ValueError(f"run = {str(path)!r}: is no table of conditions ({error})") from None
-        raise ValueError(f"run = {str(run)!r}: has {refused[0]}; training pictures are taken without")
+        raise ValueError(f"run = {str(run)!r}: has {refused[0]}; not supported in training")
 
     @classmethod
     def of_grid(
@@ -125,7 +125,7 @@ class ExposureTable(ranges.Draws):
         gain_db: Sequence[float | Literal["auto"]] | Literal["auto"] | AutoExposure = (0.0,),
         moves: Sequence[Moves] = ("all",),
     ) -> ExposureTable:
-        """Every combination of these values. Raises as the class does, ``TypeError`` for what is no sequence."""
+        """Every combination of these values. Raises as the class does, ``TypeError`` for a non-sequence."""
         auto = gain_db if isinstance(gain_db, AutoExposure) else USUAL
         gains: Any = ("auto",) if gain_db == "auto" or gain_db is auto else gain_db
         values = {"exposure_s": exposure_s, "illuminance_lux": illuminance_lux, "speed_px_s": speed_px_s}

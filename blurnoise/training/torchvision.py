@@ -32,13 +32,13 @@ from blurnoise.training.ranges import Cameras, ExposureRanges
 class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
     """:class:`blurnoise.RandomExposure` for torchvision's v2, with the same ranges, ``p`` and defaults.
 
-    Boxes stay, or with ``grow_boxes`` cover what the motion sweeps, whole pixels if they are integers; masks and
-    keypoints stay. ``make_params`` draws everything, the noise seed included, from torch's global generator:
+    Boxes stay unchanged or, with ``grow_boxes``, grow to the swept boxes, in whole pixels if they are integers; masks
+    and keypoints stay unchanged. ``make_params`` draws everything, the noise seed included, from torch's generator:
     ``transform`` with the same parameters gives the same bits. With ``moves`` all masks of a sample, (N, H, W) within
     [0, 1], are its targets, in every frame of a video.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
-    pictures that are neither uint8 nor float, and for rotated boxes that were to grow.
+    pictures that are neither uint8 nor float, and for rotated boxes with ``grow_boxes``.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ def find(name_or_file: str) -> Camera:
     if Path(name_or_file).is_file():
         return Camera.load(name_or_file)
     raise ValueError(
-        f"camera = {name_or_file!r}: neither a preset nor a file; presets are {', '.join(sorted(PRESETS))}"
+        f"camera = {name_or_file!r}: must be a camera file or one of the presets {', '.join(sorted(PRESETS))}"
     )
 
 

@@ -223,8 +223,8 @@ class Evaluation:
         """What summary.json holds."""
         about = self.data.manifest
         summary: dict[str, Any] = {
-            "run": self._run.told(self.folder),
-            "report": self._written.told(self.output / "report.html"),
+            "run": self._run.with_url(self.folder),
+            "report": self._written.with_url(self.output / "report.html"),
             "cells": about["n_cells"],
             **{name: about[name] for name in ("missing_cells", "refined")},
             "skipped": self.skipped,
@@ -306,7 +306,7 @@ def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:
         models = STOP_SIGN
     each = list(models) if isinstance(models, Sequence) and not isinstance(models, str) else [models]
     if not each:
-        raise ValueError("models = []: must hold at least one")
+        raise ValueError("models = []: must contain at least one model")
     opened = iter(open_models([model for model in each if isinstance(model, (str, Path))]))
     found: list[Model] = []
     for model in each:
@@ -317,7 +317,9 @@ def _opened(models: Any, pictures: PictureSet | None) -> list[Model]:
         else:
             found.append(_of_python(model, pictures))
     if len({isinstance(model, Detector) for model in found}) > 1:
-        raise ValueError("models: must be detectors or text readers, not both; give each a run of its own")
+        raise ValueError(
+            "models: must be detectors or text readers, not both; evaluate them in separate runs"
+        )
     return found
 
 
@@ -327,9 +329,11 @@ def _of_python(model: Any, pictures: PictureSet | None) -> Model:
     if not callable(model):
         raise TypeError(f"models: {model!r}: must be {kinds}")
     if hasattr(model, "state_dict"):  # a network of torch's
-        raise TypeError(f"models: {type(model).__name__}: wrap it, TorchvisionDetector(network, classes)")
+        raise TypeError(
+            f"models: {type(model).__name__}: must be wrapped as TorchvisionDetector(network, classes)"
+        )
     if pictures is None or not pictures.categories:
         raise ValueError(
-            f"models: {model!r}: the pictures name no classes; wrap it, PythonDetector(find, classes)"
+            f"models: {model!r}: the pictures have no class names; wrap it as PythonDetector(find, classes)"
         )
     return PythonDetector(model, tuple(pictures.categories))

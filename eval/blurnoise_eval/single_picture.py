@@ -37,7 +37,7 @@ def expose(
     by = find(camera) if isinstance(camera, str) else camera
     if run is not None:
         if not isinstance(picture, Picture):
-            raise TypeError("picture: must be one of the run's, run.picture(NAME)")
+            raise TypeError("picture: must be a picture of the run, run.picture(NAME)")
         return run.expose(run.scene(picture), cell, by)
     of = picture if isinstance(picture, Picture) else None
     image = picture.load() if isinstance(picture, Picture) else picture

@@ -1,4 +1,4 @@
-"""Measurement of a slanted edge: its spatial frequency response, MTF50 and its kin, with intervals and doubts.
+"""Measurement of a slanted edge: spatial frequency response, MTF50 and related numbers, with intervals and flags.
 
 Domain: digital numbers of a linear picture; regions of one size are measured side by side.
 """
@@ -36,7 +36,7 @@ _NONE = torch.empty(0, dtype=torch.float64)
 
 
 class Flag(Enum):
-    """A reason to doubt a measured edge; those of ``WITHHELD`` leave no number at all."""
+    """A reason to doubt a measured edge; with those in ``WITHHELD`` all numbers are NaN."""
 
     NOT_FINITE = "the region holds NaN or Inf"
     CLIPPED = "more than 0.5 % of the pixels stand at black or at full scale"
@@ -66,7 +66,7 @@ WITHHELD = frozenset({Flag.NOT_FINITE, Flag.CLIPPED, Flag.NO_EDGE, Flag.TWO_EDGE
 
 @dataclass(frozen=True)
 class Resamples:
-    """The same edge from n draws of its rows: what the interval of anything derived from it is made of.
+    """Bootstrap resamples: the same edge from n draws of its rows, for the intervals of derived numbers.
 
     power: (n, F). dark, bright, noise_variance_dark, noise_variance_bright: (n,).
     """
@@ -80,18 +80,18 @@ class Resamples:
 
 @dataclass(frozen=True)
 class SlantedEdge:
-    """What one edge shows. Frequencies in cycles/px along its normal; numbers that are not available are NaN.
+    """The measurement of one edge. Frequencies in cycles/px along its normal; unavailable numbers are NaN.
 
     angle_deg: as in :mod:`blurnoise.charts`, 0° vertical and bright on the right, 90° bright at the top.
-    mtf50, mtf50p: where the response is half of that at 0, half of its peak. dark, bright: levels without black
-    level; cnr: their difference over the root of their mean noise variance, edge_snr_db: 20 log10 of it.
-    noise_power_at_0: of the noise power spectrum at frequency 0, over the variance; 1 where noise is white.
-    intervals: 95 % of each scalar by its name, by bootstrap over rows, or over blocks of them whose noise belongs
-    together; inf where 50 % may never be reached. Those of mtf50 and mtf50p reach further, to what clips, tone
-    curves and sharpening that cannot be told from this edge would have changed; noise_intervals are by noise alone,
-    which is all that makes two edges of one chain differ.
-    frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less what noise
-    adds to it: right on the average, hence below 0 where only noise is left; sfr is its root, at least 0.
+    mtf50, mtf50p: frequency where the response is half of the response at 0, half of its peak. dark, bright: levels
+    above the black level; cnr: their difference over the root of their mean noise variance, edge_snr_db: 20 log10
+    cnr. noise_power_at_0: noise power spectrum at frequency 0 over the variance; 1 for white noise.
+    intervals: 95 % interval of each scalar by name, by bootstrap over rows, or over blocks of rows with correlated
+    noise; inf if the response may never reach 50 %. Those of mtf50 and mtf50p are wider: they include the changes by
+    clipping, tone curves and sharpening that the edge cannot exclude. noise_intervals are by noise alone, the only
+    difference between two edges of one camera.
+    frequencies, power, sfr: (F,). In ``exact`` mode power is the squared modulus of the response less the power of
+    noise: it has no bias, hence it is below 0 where only noise is left; sfr is its root, at least 0.
     distance_px, esf, lsf: (K,), the edge's shape along its normal, bright at positive distances, lsf per px.
     """
 
@@ -124,8 +124,8 @@ class SlantedEdge:
     resamples: Resamples | None = None
 
     def estimate(self, name: str) -> Estimate:
-        """The scalar of that name with its interval, NaN without a bootstrap, and the flags of the edge; of a ratio
-        to noise, where there is none, "noiseless"."""
+        """The scalar with this name, its interval (NaN without a bootstrap) and the flags of the edge; "noiseless" is
+        added to a ratio to noise if there is no noise."""
         value, flags = getattr(self, name), frozenset(flag.name.lower() for flag in self.flags)
         if name in ("cnr", "edge_snr_db") and value == math.inf:
             return Estimate(value, flags=flags | {"noiseless"})
@@ -142,18 +142,18 @@ def slanted_edge(
     bootstrap: int = 200,
     seed: int = 0,
 ) -> SlantedEdge | list[SlantedEdge]:
-    """Measure the one edge that each region holds, wherever it lies in it and whichever way it faces.
+    """Measure the one edge in each region, at any place and in any direction.
 
     image: linear digital numbers, (H, W), (C, H, W) or (B, C, H, W), one or three channels (measured as their
-    luminance), uint8, uint16 or float; a batch gives a list. full_scale: the largest number a pixel can hold, None
-    for that of the type, 1 for floats. black_level: that of no light, in the same unit. roi: (left, top, width,
-    height) of the region, px, of every picture. bootstrap: resamples for the intervals, 0 for none; they are drawn
-    from ``seed``, the same for every region.
+    luminance), uint8, uint16 or float; a batch returns a list. full_scale: the largest value of a pixel; None: the
+    largest of the type, 1 for floats. black_level: value without light, in the same unit. roi: (left, top, width,
+    height) of the region, px, of every picture. bootstrap: number of resamples for the intervals, 0 for no intervals;
+    they are drawn from ``seed``, the same for every region.
 
     ``mode="exact"`` puts a spline through every pixel at its own distance from the edge, within the blur's reach.
     ``mode="iso"`` takes the steps of ISO 12233:2023 (4th edition: an edge of 5th order, Tukey's window) as sfrmat5
     does, with their errors, to compare with such numbers.
-    A region without a usable edge raises nothing: its numbers are NaN and its flags say why.
+    A region without a usable edge is no error: its numbers are NaN and its flags give the reason.
 
     Raises ``TypeError`` or ``ValueError`` for another type, shape or mode, values above ``full_scale``, a region
     outside the picture or below 8 x 8 px, and numbers outside their range.

@@ -30,10 +30,11 @@ def names(kind: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Criterion:
-    """Enough is ``level`` of a score or, where it is ``kept``, that share of what the same model reaches with the
-    same targets in the original pictures.
+    """The score that counts as working: an absolute value or a kept share.
 
-    score: one of :func:`names`. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another score.
+    level: the absolute value or, if ``kept``, the share of the same model's score on the same targets in the original
+    pictures. score: one of :func:`names`. Raises ``ValueError`` for a level outside 0-1, a share of 0, or another
+    score.
     """
 
     level: float
@@ -101,7 +102,7 @@ def criterion_for(
     or not on such pictures.
     """
     if threshold is not None and keep is not None:
-        raise ValueError(f"keep = {keep!r}: cannot go with threshold = {threshold!r}; give one of them")
+        raise ValueError(f"keep = {keep!r}: cannot be combined with threshold = {threshold!r}; specify one")
     kept = keep is not None or (threshold is None and not rendered)
     default = (KEPT if kept else ENOUGH), (MATCHES if reads and kept and not rendered else CONFIDENCE)
     level = keep if keep is not None else threshold

@@ -50,7 +50,9 @@ def validate(
     names = ("real from simulated", "real from real")
     scores = {
         kind: {
-            name: [auc.value, auc.low, auc.high] for name, auc in zip(names, pair, strict=True) if auc.told
+            name: [auc.value, auc.low, auc.high]
+            for name, auc in zip(names, pair, strict=True)
+            if auc.available
         }
         for kind, pair in found.apart.items()
     }

@@ -40,7 +40,7 @@ class Lamps:
         for phase in self.pwm_phase:
             in_range("pwm_phase", phase, 0.0, 1.0)
         if self.pwm is None and (self.pwm_mask or self.pwm_phase):
-            raise ValueError(f"{'pwm_mask' if self.pwm_mask else 'pwm_phase'}: goes with pwm")
+            raise ValueError(f"{'pwm_mask' if self.pwm_mask else 'pwm_phase'}: needs pwm")
         _ = self.phases
 
     @cached_property
@@ -55,7 +55,7 @@ class Lamps:
             return ()
         lamp, stated = pwm_of(self.pwm)
         if stated and self.pwm_phase:
-            raise ValueError(f"pwm = {self.pwm!r}: has a phase; goes without pwm_phase")
+            raise ValueError(f"pwm = {self.pwm!r}: has a phase; must not be combined with pwm_phase")
         return (lamp.phase,) if stated else self.pwm_phase
 
     @property

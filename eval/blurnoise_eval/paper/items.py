@@ -200,7 +200,7 @@ def maps(measured: Measurements, chain: Chain) -> Parts:
     numbers = measured[Grid(*MAP_GRID, **MAP)]
     confidence = measured[Grid(*MAP_GRID, **MAP, chain=chain, sizes_px=(32,))]
     nodes = [(float(ms), dx) for ms in MAP_GRID[0] for dx in MAP_GRID[1]]
-    known = [node for node in nodes if all(numbers[metric, *node].told for metric in METRICS.values())]
+    known = [node for node in nodes if all(numbers[metric, *node].available for metric in METRICS.values())]
     if len(known) < 3:
         raise NotRun(f"metrics are withheld at all but {len(known)} of {len(nodes)} conditions")
     scores = [confidence["32 px", *node].value for node in known]

@@ -70,12 +70,12 @@ class Measurements:
     ) -> dict[float, float]:
         """A metric, or the confidence in signs of so many px, over exposure at a speed, or over speed at an exposure.
 
-        What is withheld is left out; raises :class:`NotRun` where all is.
+        Unavailable values are omitted; raises :class:`NotRun` if none is available.
         """
         found = {
             (at_ms if ms is None else at_dx): each.value
             for (name, at_ms, at_dx), each in self[of].items()
-            if name == what and ms in (None, at_ms) and dx in (None, at_dx) and each.told
+            if name == what and ms in (None, at_ms) and dx in (None, at_dx) and each.available
         }
         if not found:
             where = f"{dx:g} px/s" if ms is None else f"{ms:g} ms"

@@ -284,7 +284,7 @@ def measure(
     def at(condition: Conditions) -> list[Row]:
         charts, numbers = Charts(camera, condition, repeats, seed), condition.on(camera)
         found = {metric.name: metric.of(charts) for metric in METRICS}
-        available = {name: sum(estimate.told for estimate in each) for name, each in found.items()}
+        available = {name: sum(estimate.available for estimate in each) for name, each in found.items()}
         return [Row(numbers, name, mean_of(found[name]), available[name], repeats) for name in found]
 
     rows: list[Row] = []

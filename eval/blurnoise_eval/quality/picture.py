@@ -180,8 +180,8 @@ def _second(index: int, rois: Sequence[Roi], edges: Sequence[SlantedEdge]) -> in
 
 
 def reading_text(reading: Estimate) -> str:
-    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash for what cannot be told."""
-    if not reading.told:
+    """'0.09882 (0.0981–0.0995)', '?' behind the number if it is flagged, or a dash if there is no number."""
+    if not reading.available:
         return "-"
     doubted = "?" if reading.flags else ""
     return f"{_number(reading.value, 4)}{doubted} ({_number(reading.low, 3)}–{_number(reading.high, 3)})"

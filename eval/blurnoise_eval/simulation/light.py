@@ -47,7 +47,7 @@ def mask(path: Path, size: tuple[int, ...]) -> Tensor:
     shares = shares if shares.ndim == 2 else shares.mean(-1)
     if shares.shape != size[-2:]:
         sizes = " and ".join(f"{width} x {height}" for height, width in (shares.shape, size[-2:]))
-        raise ValueError(f"{path}: a mask has its picture's size; they are {sizes} px")
+        raise ValueError(f"{path}: a mask must have the size of its picture; they are {sizes} px")
     return shares
 
 
@@ -68,7 +68,7 @@ def _matte(where: str, size: tuple[int, int]) -> Matte:
         segmentation.of_box(box[0], box[1], box[2], box[3], size) if box else mask(Path(where), size).numpy()
     )
     if not found.any():
-        raise ValueError(f"object = {where!r}: covers nothing of the picture")
+        raise ValueError(f"object = {where!r}: covers no pixel of the picture")
     return found
 
 
@@ -80,26 +80,26 @@ def moving_parts(
     stated = {"object_dx": own[0], "object_dy": own[1], "plate": given.plate, "moves": given.moving != "all"}
     if given.object is None:
         if lone := [name for name, value in stated.items() if value]:
-            raise ValueError(f"{', '.join(lone)}: goes with --object, which says what moves")
+            raise ValueError(f"{', '.join(lone)}: needs --object, the part that moves")
         return None, velocity_px_s
     for name, px_s in zip(("object_dx", "object_dy"), own, strict=True):
         limited(name, px_s, "velocity_px_s")
     if given.moving != "all":
         if any(own):
             raise ValueError(
-                "object_dx, object_dy: go without moves, which gives dx and dy to object or the rest"
+                "object_dx, object_dy: cannot be combined with moves, by which dx and dy move one part"
             )
         own, velocity_px_s = (velocity_px_s, still) if given.moving == "targets" else (still, velocity_px_s)
     behind = None
     if given.plate is not None:
         if given.grey_anchor or given.emitters:
             raise ValueError(
-                "plate: goes with neither grey_anchor nor emitters, which change one picture's light"
+                "plate: cannot be combined with grey_anchor or emitters, which change the picture's light alone"
             )
         behind = light(Path(given.plate), given)
         if behind.shape != scene.shape:
             sizes = f"{tuple(behind.shape)}, {tuple(scene.shape)}"
-            raise ValueError(f"{given.plate}: a plate is its picture's twin; they are {sizes}")
+            raise ValueError(f"{given.plate}: a plate must have the size of its picture; they are {sizes}")
     matte = _matte(given.object, (scene.shape[-2], scene.shape[-1]))
     return cutting.cut_out(scene, [matte], [own], behind), velocity_px_s
 
@@ -114,10 +114,10 @@ def flow(
     """What a camera sees that drives, px/s."""
     if ego_m_s is None:
         if given.vehicle is not None:
-            raise ValueError("vehicle: goes with ego_kmh, at which it drives")
+            raise ValueError("vehicle: needs ego_kmh, its speed")
         return None
     if any(velocity):
-        raise ValueError("ego_kmh: goes without dx and dy, which move all of a picture alike")
+        raise ValueError("ego_kmh: cannot be combined with dx and dy, which move the whole picture alike")
     return (given.vehicle or USUAL_VEHICLE).flow_px_s(camera, size, ego_m_s)
 
 
@@ -125,7 +125,7 @@ def flicker(given: SceneFile, scene: Tensor) -> Flicker | None:
     """A lamp "HZ,DUTY[,PHASE]", where the mask says; a phase that is not given is drawn from the seed."""
     if given.pwm is None:
         if given.pwm_mask is not None:
-            raise ValueError("pwm_mask: goes with pwm, whose lamp it shows")
+            raise ValueError("pwm_mask: needs pwm, the pulses of its lamp")
         return None
     lamp, has_phase = pwm_of(given.pwm)
     lamp = lamp if has_phase else lamp.with_phase_of(given.seed)

@@ -145,7 +145,7 @@ def _exposure_of(
     """Time and gain, where the camera sets them."""
     if at["exposure_s"] == AUTOMATIC and at["gain_db"] not in (0.0, AUTOMATIC):
         raise ValueError(
-            f"gain_db = {at['gain_db']:g}: goes with a stated exposure; with an automatic one it is set, too"
+            f"gain_db = {at['gain_db']:g}: needs a fixed exposure; an automatic exposure sets the gain, too"
         )
     if AUTOMATIC not in (at["exposure_s"], at["gain_db"]):
         return {}

@@ -38,7 +38,7 @@ class Stated(dict[str, Any]):
     """A JSON object whose error names a missing key, where other software made the run."""
 
     def __missing__(self, key: str) -> Any:
-        raise ValueError(f"run: was made by other software ({key!r} is missing)")
+        raise ValueError(f"run: was not made by blurnoise ({key!r} is missing)")
 
 
 class PictureFacts(NamedTuple):

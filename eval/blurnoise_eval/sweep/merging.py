@@ -82,7 +82,7 @@ def _joined(
             held = joined.pictures()
             for name, facts in part.store.pictures().items():
                 if name in held and held[name].content != facts.content:
-                    other = f"picture {name!r} is not what it is in the other runs; they cannot be merged"
+                    other = f"picture {name!r} differs from that of the other runs; they cannot be merged"
                     raise StoreError(f"run = {str(part.folder)!r}: {other}")
             joined.take(part.store)
             for name in queries.example_files(part.store):

@@ -61,7 +61,7 @@ class Run:
         self.store, self.folder = store, store.folder
         manifest, identity = store.about("manifest"), store.about("identity")
         if manifest is None or identity is None:
-            raise StoreError(f"run = {str(store.folder)!r}: no sweep has begun here")
+            raise StoreError(f"run = {str(store.folder)!r}: contains no sweep")
         self.manifest: dict[str, Any] = manifest
         self.planned: dict[str, Any] = identity["plan"]
 

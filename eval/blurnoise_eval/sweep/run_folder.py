@@ -57,9 +57,9 @@ def open_run(
     """
     names = [model.name for model in models]
     if len(set(names)) < len(names):
-        raise ValueError(f"model = {names}: must have different names; give one another: model.name = 'b'")
+        raise ValueError(f"model = {names}: must have different names; rename one, as in model.name = 'b'")
     if plan.picture_tone != "srgb" and pictures.kind == "rendered":
-        raise ValueError("picture_tone: goes with pictures of your own; rendered ones are sRGB-coded")
+        raise ValueError("picture_tone: needs pictures of your own; rendered pictures are sRGB-coded")
     every = whole or pictures
     identity = {
         "model": [

@@ -141,7 +141,7 @@ class PreparedPicture(NamedTuple):
         height, width = image.shape[:2]
         if work.camera.cfa not in ("none", "mono") and min(height, width) < 2:
             raise UnreadablePicture(
-                f"{picture.name}: {width} x {height} px; behind a mosaic it must be at least 2 x 2"
+                f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
             scene = Scene(

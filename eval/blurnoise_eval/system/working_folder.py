@@ -25,7 +25,7 @@ class WorkingFolder:
     path: Path
     url: Location | None = None
 
-    def told(self, text: object) -> str:
+    def with_url(self, text: object) -> str:
         """The text with the URL in place of the folder's path."""
         return str(text) if self.url is None else str(text).replace(str(self.path), str(self.url))
 
@@ -61,7 +61,7 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
     except ValueError as error:
         if len(error.args) != 1:
             raise
-        raise type(error)(folder.told(error)) from None
+        raise type(error)(folder.with_url(error)) from None
     finally:
         if results and _found(where).get(RUN_FILE) != found.get(RUN_FILE):
             conflict = (

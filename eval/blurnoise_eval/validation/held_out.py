@@ -117,9 +117,9 @@ class Validation:
             f"Significant differences: {'; '.join(rest)}" if rest else "There are no significant differences"
         )
         scores = [
-            f"{tell.value:.2f} on {kind} frames ({floor.value:.2f} for real frames among themselves)"
-            for kind, (tell, floor) in self.apart.items()
-            if tell.told
+            f"{separation.value:.2f} on {kind} frames ({floor.value:.2f} for real frames among themselves)"
+            for kind, (separation, floor) in self.apart.items()
+            if separation.available
         ]
         classifier = (
             f" A classifier separates them with AUC {' and '.join(scores)}; 0.5 means not at all."
@@ -177,7 +177,7 @@ def validate(
         )
         camera = _at_gain(camera, lowest_db)
     light = _Light(camera, [(frames[0], _frames(files, frames)) for frames in lit])
-    if not light.told:
+    if not light.fitted:
         notes.append("the light is taken from the mean of each level, so the means are not compared")
     pairs, found = [], list[Comparison]()
     stacks: dict[str, list[tuple[Stack, Stack]]] = {"dark": [], "flat": []}
@@ -197,7 +197,7 @@ def validate(
         stacks[first.kind].append((real, simulated))
         errors = _errors(camera, first, simulated, light, fitted, wandering)
         level = compare(name, first.kind, real, simulated, errors)
-        found += level if light.told or first.kind == "dark" else level[1:]
+        found += level if light.fitted or first.kind == "dark" else level[1:]
     refuse(not stacks["flat"], "frames: all flat levels are clipped; one or more must be below saturation")
     if stacks["dark"]:
         found.append(compare_scatter("dark", *zip(*stacks["dark"], strict=True)))
@@ -242,9 +242,9 @@ class _Light:
         ]
         x, seen = np.array(known).T if known else np.empty((2, 0))
         used = seen > 0
-        self.told = len(np.unique(x[used])) >= 3
+        self.fitted = len(np.unique(x[used])) >= 3
         self.scatter = 0.0
-        if self.told:
+        if self.fitted:
             x, seen = x[used], seen[used]
             self._slope, self._offset = np.polyfit(x, seen, 1, w=1 / seen)
             freedom = len(x) - 2
@@ -264,7 +264,7 @@ class _Light:
         """Mean electrons of a level."""
         if frame.kind == "dark":
             return 0.0
-        line = self._slope * self._x(frame) + self._offset if self.told else self.seen(frame, mean_dn)
+        line = self._slope * self._x(frame) + self._offset if self.fitted else self.seen(frame, mean_dn)
         return max(0.0, float(line))
 
 

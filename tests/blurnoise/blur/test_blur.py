@@ -245,7 +245,7 @@ DARK = torch.zeros(1, 1, 4, 4)
         (lambda: motion_blur(DARK, (1e4, 0.0), method="kornia"), "displacement_px.*at most 2000 px"),
         (lambda: motion_blur(DARK, (1.0, 0.0), border="mirror"), "border"),
         (lambda: motion_blur(DARK, (1.0, 0.0), method="fft"), "method"),
-        (lambda: exposure_blur(DARK, (1.0, 0.0), Optics(1.0), method="kornia"), "knows motion only"),
+        (lambda: exposure_blur(DARK, (1.0, 0.0), Optics(1.0), method="kornia"), "supports only motion"),
         (lambda: defocus(DARK, -1.0), "radius_px"),
         (lambda: Optics(gaussian_sigma_px=-0.1), "gaussian_sigma_px"),
     ],

@@ -302,7 +302,7 @@ def test_what_cannot_be_cut_out():
         (np.zeros((61, 84), np.float32), "is empty"),
         (matte[1:], "must be the picture's"),
         (matte * np.float32(np.nan), "contains NaN or Inf"),
-        (np.ones((61, 84), np.float32), "there must be a plate"),
+        (np.ones((61, 84), np.float32), "needs a plate"),
     ):
         with pytest.raises(ValueError, match=message):
             cutting.cut_out(light, [wrong], [(0.0, 0.0)])

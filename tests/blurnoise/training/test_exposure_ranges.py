@@ -217,7 +217,7 @@ def test_gains_that_are_stated_stand_beside_those_that_the_camera_sets(tmp_path)
     ("changes", "message"),
     [
         ({"trajectory": "shake 3 px"}, "trajectory"),
-        ({"speeds": [["person", 0.3]]}, "has speeds; training pictures are taken without"),
+        ({"speeds": [["person", 0.3]]}, "has speeds; not supported in training"),
         ({"conditions": [{"exposure_s": "auto", "illuminance_lux": 5.0, "gain_db": "auto"}]}, "exposures"),
         ({"conditions": [{"exposure_s": 0.01}]}, "no table of conditions"),
         ({"conditions": [{"exposure_s": 1, "illuminance_lux": 5.0, "camera": 9}]}, "camera"),
@@ -236,7 +236,7 @@ def test_runs_that_pictures_are_not_taken_under_are_refused(tmp_path, changes, m
     [
         (lambda: RandomExposure.for_run("/dev"), f"run = .*holds no {FILE}"),
         (lambda: ExposureTable.of_run("s3://bucket/run"), r"run = 's3:.*: holds no .*; must be .*location\(URL\)"),
-        (lambda: RandomExposure.for_conditions(table(), exposure_s=0.01), "exposure_s = 0.01: is stated by the"),
+        (lambda: RandomExposure.for_conditions(table(), exposure_s=0.01), "exposure_s = 0.01: is part of the"),
         (lambda: RandomExposure.for_conditions({}), "table: must be a .*ExposureTable, got dict"),
         (lambda: table(exposure_s=0.01), "exposure_s = 0.01: must be a sequence"),
         (lambda: ExposureRanges(white_e=(10.0, 1.0)), "white_e"),

@@ -26,7 +26,7 @@ def test_what_is_usual(options, rendered, reads, expected):
 @pytest.mark.parametrize(
     ("options", "reads", "message"),
     [
-        ({"keep": 0.9, "threshold": 0.6}, False, r"^keep = 0.9: cannot go with threshold = 0.6"),
+        ({"keep": 0.9, "threshold": 0.6}, False, r"^keep = 0.9: cannot be combined with threshold = 0.6"),
         ({"keep": 1.5}, False, r"^keep = 1.5"),
         ({"keep": 0.0}, False, r"^keep = 0.0: must be .* > 0"),
         ({"threshold": -0.1}, False, r"^threshold = -0.1"),

@@ -89,7 +89,7 @@ def test_run_in_use_and_damaged_run(tmp_path, capsys):
 
     with Store(tmp_path / "run", create=True):
         assert "another process" in complaint()
-    assert "no sweep has begun" in complaint()
+    assert "contains no sweep" in complaint()
     (tmp_path / "run" / "results.sqlite").write_text("no database " * 100)
     assert "damaged" in complaint()
 

@@ -164,7 +164,7 @@ def test_conditions_of_one_node_are_summed():
         ({"grid": {"moves": [0.0, 1.0]}}, "targets or background move separately"),
         ({"grid": {"ego_speed_m_s": [10.0]}, "ego": {}}, "its camera drives"),
         ({"grid": {"f_number": [2.0]}, "trajectory": {"kind": "shake"}}, "its pictures follow a trajectory"),
-        (None, "no sweep has begun here"),
+        (None, "contains no sweep"),
     ],
 )
 def test_runs_whose_motion_no_chart_has_are_refused(plan, reason):

@@ -147,7 +147,7 @@ def test_saturation_withholds_what_it_falsifies(rows):
             assert math.isnan(found.low)
         for metric in ("psnr_db", "ssim"):
             found = reading(rows, metric, 0.1, speed)
-            assert (found.told, found.flags) == (True, {"clipped"})
+            assert (found.available, found.flags) == (True, {"clipped"})
         assert reading(rows, "patch_snr_dark", 0.1, speed).flags == frozenset()
     assert reading(rows, "psnr_db", 0.1).value < reading(rows, "psnr_db", 0.016).value - 10
 
@@ -167,7 +167,7 @@ def test_repeats_are_averaged_and_any_of_them_can_withhold():
     assert both.high == pytest.approx(2 + 0.3 / math.sqrt(2))
     assert quality.mean_of(told[:1]) == told[0]
     lost = quality.mean_of([*told, Estimate(math.nan, flags=frozenset({"clipped"}))])
-    assert (lost.told, lost.flags) == (False, {"a", "b", "clipped"})
+    assert (lost.available, lost.flags) == (False, {"a", "b", "clipped"})
 
 
 # --- the same rows ----------------------------------------------------------

@@ -143,7 +143,7 @@ def test_no_process_outlives_its_sweep(pictures, detector, tmp_path, engine, how
     _, told = process.communicate(timeout=300)
     if how == "interrupted":
         assert process.returncode == 130
-        assert told.strip().splitlines()[-1] == "blurnoise: interrupted; what was finished is kept"
+        assert told.strip().splitlines()[-1] == "blurnoise: interrupted; finished work is kept"
         assert "Traceback" not in told
     while left := alive(family):
         assert time.monotonic() < deadline, left

@@ -186,5 +186,5 @@ def test_what_is_missing_is_counted(detector, tmp_path):
 def test_a_folder_without_a_run_is_refused(tmp_path):
     with pytest.raises(StoreError, match=r"holds no results.sqlite"), Run.open(tmp_path):
         pass
-    with Store(tmp_path, create=True) as store, pytest.raises(StoreError, match="no sweep has begun here"):
+    with Store(tmp_path, create=True) as store, pytest.raises(StoreError, match="contains no sweep"):
         Run(store)

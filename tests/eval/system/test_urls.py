@@ -143,7 +143,7 @@ def test_what_was_written_is_there_at_the_end(tmp_path):
         (folder.path / "examples").mkdir()
         (folder.path / "examples/a.png").write_text("picture")
         (folder.path / f"{RUN_FILE}-wal").write_text("SQLite's own")
-        assert folder.told(folder.path / "report.html") == f"{RUN_URL}/report.html"
+        assert folder.with_url(folder.path / "report.html") == f"{RUN_URL}/report.html"
     assert there() == {"examples/a.png": b"picture", "report.html": b"page", RUN_FILE: b"rows"}
     assert not list((tmp_path / "cache/runs").iterdir()), "nothing stays here"
 

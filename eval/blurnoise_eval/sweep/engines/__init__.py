@@ -40,7 +40,7 @@ def engine_of(name: str, workers: int | None, address: str | None = None) -> Eng
     if address is None:
         return ENGINES[name](usable_cores() if workers is None else workers)
     if name != "ray":
-        raise ValueError(f"address = {address!r}: goes with engine 'ray', not {name!r}")
+        raise ValueError(f"address = {address!r}: needs engine 'ray', not {name!r}")
     return RayEngine(workers, address)
 
 

@@ -93,7 +93,7 @@ class ProcessEngine(base.Staying):
         self.stop()
         raise ChildProcessError(
             f"engine = 'processes': {_OPENINGS} workers one after the other died before they had opened the models "
-            "(killed, out of memory, or a program that has no if __name__ == '__main__':); what was finished is kept"
+            "(killed, out of memory, or a program that has no if __name__ == '__main__':); finished work is kept"
         )
 
     def stop(self) -> None:

@@ -70,7 +70,7 @@ class RayEngine(base.Staying):
                 where = self.address or "this machine"
                 line = next(iter(str(error).splitlines()), type(error).__name__)
                 raise ChildProcessError(
-                    f"engine = 'ray': no cluster at {where} ({line}); what was finished is kept"
+                    f"engine = 'ray': no cluster at {where} ({line}); finished work is kept"
                 ) from None
 
     def _computed(self, ray: Any, work: tuple[Any, ...], blocks: Iterable[Block]) -> Answers:
@@ -91,7 +91,7 @@ class RayEngine(base.Staying):
                 done, _ = ray.wait(list(flying), timeout=self.patience_s)
                 if not done and not _cores(ray):
                     raise ChildProcessError(
-                        f"engine = 'ray': no worker was available for {self.patience_s} s; what was finished is kept"
+                        f"engine = 'ray': no worker was available for {self.patience_s} s; finished work is kept"
                     )
                 for each in done:
                     block = flying.pop(each)
