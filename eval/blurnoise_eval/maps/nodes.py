@@ -77,7 +77,7 @@ def nodes_of(store: Store) -> Nodes:
     run = f"run = {str(store.folder)!r}"
     manifest = store.about("manifest")
     if manifest is None:
-        raise StoreError(f"{run}: no sweep has begun here")
+        raise StoreError(f"{run}: contains no sweep")
     plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
     grid = plan.get("grid") or {name: [value] for name, value in plan["further"].items()}
     others = {
