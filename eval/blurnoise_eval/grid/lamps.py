@@ -103,9 +103,8 @@ def phases_of(text: object) -> tuple[float, ...]:
     """Phases of a file: "random", none, or numbers as axes have them. Raises ``ValueError``."""
     if text == RANDOM:
         return ()
-    if isinstance(text, list | tuple):
-        return tuple(value for each in text for value in phases_of(each))
     try:
-        return numbers(str(text))
+        each = text if isinstance(text, list | tuple) else [text]
+        return tuple(value for one in each for value in numbers(str(one)))
     except ValueError as error:
         raise ValueError(f"{error}, or {RANDOM}") from None

@@ -14,6 +14,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 from blurnoise_eval.datasets import encode
@@ -49,6 +50,7 @@ def write_fiftyone(
     ``ValueError`` where no picture of the run can be opened, and ``OSError``.
     """
     names, slugs, (n_pictures, n_exposures) = sorted(store.pictures()), _slugs(data), _limits(store, data)
+    new = not folder.exists()
     path_within(folder, "data").mkdir(parents=True, exist_ok=True)
     wrong, counts = list[str](), dict[str, int]()
 
@@ -65,11 +67,16 @@ def write_fiftyone(
             except ValueError as error:
                 wrong.append(str(error))
             progress(1)
+        if wrong and not counts:
+            raise ValueError(wrong[0])
         yield b"\n]}\n"
 
-    write_whole(folder / "samples.json", parts())
-    if wrong and not counts:
-        raise ValueError(wrong[0])
+    try:
+        write_whole(folder / "samples.json", parts())
+    except ValueError:
+        if new:
+            rmtree(folder)
+        raise
     document = {"version": _VERSION, "media_type": "image", "sample_fields": _fields(data, slugs)}
     write_whole(folder / "metadata.json", json.dumps(document, indent=1).encode())
     text = f"{sum(counts.values())} samples of {len(counts)} of {len(names)} pictures"

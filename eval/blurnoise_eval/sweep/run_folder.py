@@ -87,7 +87,7 @@ def open_run(
     if differing:
         raise StoreError(
             f"run = {str(store.folder)!r}: holds a run with another {listed(differing)}; "
-            "choose another folder, or repeat that run's command to resume it"
+            "choose another folder; a run is resumed with the same command and the same version of blurnoise"
         )
     write_truth(pictures, store.folder, whole)
     store.set_about("identity", identity)

@@ -250,7 +250,7 @@ ONE = ExposedScene(torch.ones(1, 1, 2, 3))
             lambda: captured(ONE, IMX250, (Capture(), Capture(16.0, start_s=0.005)), **LIT),
             "number 2, 5 to 5.625 ms, overlaps number 1, 0 to 10 ms",
         ),
-        (lambda: captured(ONE, IMX250, (Capture(start_s=0.001),), **LIT), "start_s = 0.001 of the first; must be 0"),
+        (lambda: captured(ONE, IMX250, (Capture(start_s=0.001),), **LIT), "start_s of the first is 0.001; must be 0"),
         (lambda: captured(ONE, IMX250, (Capture(), Capture(0.5)), **LIT), "number 2 saturates at 5358 e- of"),
         (lambda: captured(ONE, IMX250, (Capture(gain_db=30.0),), **LIT), "gain_db = 30.0: must be finite and >= 0"),
         (lambda: Capture(0.0), r"exposure_ratio = 0\.0: must be"),

@@ -142,7 +142,7 @@ def test_no_picture_at_hand_is_an_error_that_says_where_they_were(run, tmp_path)
     moved = Evaluation(run.folder, progress=False, images=tmp_path / "gone")
     with pytest.raises(ValueError, match=r"images = .*gone.*: must be a folder"):
         moved.write_fiftyone(tmp_path / "dataset")
-    assert not (tmp_path / "dataset" / "metadata.json").exists()
+    assert not (tmp_path / "dataset").exists()
 
 
 @pytest.mark.slow

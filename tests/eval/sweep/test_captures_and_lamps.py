@@ -199,6 +199,7 @@ def test_targets_cover_their_outlines_or_boxes():
         ("pwm_phase: 0.5", "pwm_phase: needs pwm"),
         ("pwm: 90,0.1\npwm_phase: 1.5", "pwm_phase = 1.5: must be"),
         ("pwm: 90,0.1\npwm_phase: sometimes", "pwm_phase = 'sometimes': must be numbers"),
+        ("pwm: 90,0.1\npwm_phase: [random, 0.5]", "'random', 0.5.: must be numbers"),
         ("pwm: 90,0.1,0.5\npwm_phase: 0.5", "has a phase; must not be combined with pwm_phase"),
         ("pwm: 90,0.1\npwm_mask: lamps.png", "pwm_mask = 'lamps.png': must be targets"),
         ("emitters: lamps.png:4", "emitters = 'lamps.png:4': must be targets:FACTOR"),

@@ -112,7 +112,7 @@ def test_one_picture_is_exposed_as_its_cell_was(done, pictures):
     ("changes", "error", "named"),
     [
         ({"models": []}, ValueError, "at least one"),
-        ({"camera": "pinhole"}, ValueError, "presets are"),
+        ({"camera": "pinhole"}, ValueError, "one of the presets"),
         ({"threshold": 1.5}, ValueError, "threshold"),
         ({"threads": 0}, ValueError, "threads = 0"),
         ({"models": [7]}, TypeError, "models.*must be"),
