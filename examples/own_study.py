@@ -10,7 +10,7 @@ from blurnoise import Camera
 pictures = datasets.rendered_signs((50, 32), count=8)
 
 # Camera. Your own: Camera.load("mine.yaml").
-camera = Camera.preset("ar0132c")
+camera = Camera.preset("imx250c")
 
 # Detector: the path of an ONNX file, or a function of your own. This one calls the built-in detector.
 network = Detector(STOP_SIGN)

@@ -1,4 +1,4 @@
-"""The camera of pictures whose user names none: a vehicle's, in colour for colours and monochrome for grey.
+"""The default camera: in colour for colours and monochrome for grey, with a global shutter.
 
 The reason for a choice is the source of the camera's name, so a run's manifest and page have it.
 """
@@ -14,8 +14,8 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 
-COLOUR, MONOCHROME, THREE_SENSORS = "ar0132c", "ar0132m", "ar0132at"
-"""Presets of one automotive sensor: behind a Bayer pattern, without filters, and once for each colour."""
+COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
+"""Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""
 _DEFAULT = "chosen: default, "
 _SAMPLED = 8  # pictures that are looked at
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera

@@ -36,7 +36,7 @@ def manifest(done):
 
 
 @pytest.mark.parametrize(
-    ("colours", "name"), [((True, True), "ar0132c"), ((False, False), "ar0132m"), ((False, True), "ar0132c")]
+    ("colours", "name"), [((True, True), "imx250c"), ((False, False), "imx250m"), ((False, True), "imx250c")]
 )
 def test_pictures_choose_the_camera_and_the_manifest_says_why(tmp_path, colours, name):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", *colours)
@@ -61,7 +61,7 @@ def test_a_named_camera_wins(tmp_path, named):
 def test_a_run_of_another_camera_is_not_resumed(tmp_path):
     model, pictures = matched_detector(tmp_path), folder_of(tmp_path / "pictures", True)
     evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
-    with pytest.raises(StoreError, match=r"another camera\.name \(imx250 there, ar0132c here\)"):
+    with pytest.raises(StoreError, match=r"another camera\.name \(imx250 there, imx250c here\)"):
         evaluate(model, pictures, plan=PLAN, output=tmp_path / "run")
     again = evaluate(model, pictures, "imx250", PLAN, tmp_path / "run")
     assert again.outcome is not None
@@ -92,7 +92,7 @@ def test_the_terminal_names_a_default_and_three_sensors():
     for camera in (Camera.preset("imx250"), inputs.camera(None, cfa="none")):
         assert "a sensor for each colour" in str(camera_text(camera, colour=True))
     assert camera_text(Camera.preset("imx250"), colour=False) is None
-    assert camera_text(Camera.preset("ar0132c"), colour=True) is None
+    assert camera_text(Camera.preset("imx250c"), colour=True) is None
     assert camera_text(default_camera(colour=True), colour=True) == (
-        "camera: ar0132c, the default for pictures in colour"
+        "camera: imx250c, the default for pictures in colour"
     )

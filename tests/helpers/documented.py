@@ -11,6 +11,7 @@ NO_COMMAND_OF_OURS = (
     "python3 -m venv",  # CI runs these in fresh environments
     ".venv/bin/pip install",
     "pip install --no-deps rapidocr",
+    "pip install -c constraints.txt --no-deps albumentations",
     "export AWS_PROFILE",
 )
 LONG = {

@@ -43,7 +43,7 @@ WIDE, THIRD = 0.5, 1 / 3
 """Stops from the best tested exposure to its neighbours, or to one that saturates, within which it is known."""
 MOST_COMMON = 4
 """Exposures that are added for each model under all conditions, at most."""
-SURE, FAILS, CANNOT_TELL = "sure", "no", "cannot tell"
+SURE, FAILS, CANNOT_TELL = "works", "fails", "cannot tell"
 _ROUNDED = 0.02  # stops: exposures are rounded to three digits
 _GAIN, _EGO = SETTING.index(GAIN.name), SETTING.index(EGO.name)
 
@@ -116,7 +116,7 @@ class Averages:
 
         Of several gains that were tested at a light, the one that keeps most is used. score: the mean over the
         ``n_conditions``; score_low, score_high: its 95 % interval, errors of prediction as if they were all alike,
-        None from too few pictures. verdict: whether the level is reached: "sure", "no", "cannot tell". regret: how
+        None from too few pictures. verdict: "works", "fails", "cannot tell". regret: how
         much more the best exposure of each condition would keep. saturated_share: the largest of the conditions, None
         where unknown. n_works, n_fails: in how many conditions the level is surely reached, surely missed.
         gain_db: where it is one.

@@ -105,7 +105,7 @@ class Taking(Settings):
 
     camera: str | None = setting(
         None,
-        "a preset or a camera file (default: ar0132c for colour pictures, ar0132m for grey)",
+        "a preset or a camera file (default: imx250c for colour pictures, imx250m for grey)",
         "NAME|FILE",
     )
     cfa: Cfa | None = setting(

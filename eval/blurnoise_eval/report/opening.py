@@ -26,7 +26,7 @@ MAX_MODELS = 4
 MAX_ROWS, MAX_SPEEDS = 8, 3  # of the table in a terminal
 MUCH = 0.05
 """So much better must one exposure for each light be that it is recommended before a single one."""
-MARKS = {SURE: "works", FAILS: "fails", CANNOT_TELL: "?"}
+MARKS = {SURE: SURE, FAILS: FAILS, CANNOT_TELL: "?"}
 Row = Mapping[str, Any]
 Cell = tuple[str, str, list[str]]
 """Of a table: its class, its text, and lines in small print."""
@@ -183,7 +183,15 @@ class _OfModel:
         counts = [sum(row[name] for row in self.lights) for name in ("n_works", "n_fails", "n_conditions")]
         reached = reached_text(f"{self._of_lights():.2f}", self.data.criterion) + self._over(brief=brief)
         unsure = "" if brief else self._unsure(self.lights[0])
-        return f"Set the exposure by {by}, from {span}. This {reached}.{self._works(*counts)}{unsure}"
+        works = self._works(*counts) + self._of_each_kind() * (not brief)
+        return f"Set the exposure by {by}, from {span}. This {reached}.{works}{unsure}"
+
+    def _of_each_kind(self) -> str:
+        """In how many cases some exposure works, if kinds of target differ in this."""
+        works = sum(answer["verdict"] == WORKS for answer in self.answers)
+        several = len({answer["group"] for answer in self.answers}) > 1
+        text = f" For each kind of target alone, an exposure works in {works} of {len(self.answers)} cases."
+        return text * (several and works < len(self.answers))
 
     def _single(self, row: Row, *, brief: bool) -> str:
         """One exposure for everything, and its score."""
@@ -220,7 +228,8 @@ class _OfModel:
         at = "in" if self.combinations.startswith("combinations") else "at"
         unknown = n - works - fails
         if n in (works, fails):
-            return f" It {'works' if works else 'fails'} {at} all {of}."
+            every = f"both{f' {self.combinations}' * named}" if n == 2 else f"all {of}"
+            return f" It {'works' if works else 'fails'} {at} {every}."
         if unknown == n:
             return f" The pictures cannot tell {at} which of {of} it works."
         parts = [f"{verb} {at} {count}" for verb, count in (("works", works), ("fails", fails)) if count]
@@ -360,7 +369,7 @@ class _OfModel:
                 text = EXPOSURE.text(end[0])
                 parts.append(f"Test {side[:-3]}er exposures: {text} is the {side} tested.")
         if self._suits_a_program:
-            parts.append("Make the camera's exposure program with 'blurnoise program RUN'.")
+            parts.append("Make the camera's exposure program with 'blurnoise program RUN -o program'.")
         return (
             " ".join(parts) or "Check this with pictures of other scenes. With these, every verdict is clear."
         )

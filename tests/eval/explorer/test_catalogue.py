@@ -74,7 +74,7 @@ def test_files_that_the_command_names_are_given(tmp_path):
     assert (catalogue.base.picture, catalogue.base.model, catalogue.base.camera) == (
         "given",
         "none",
-        "ar0132m",
+        "imx250m",
     )
     assert catalogue.titles("picture", "given")["given"] == "grey.png"
     with pytest.raises(ValueError, match="trust: needs a run"):
