@@ -119,5 +119,5 @@ def test_command(tmp_path, capsys, what, options, shown):
     assert main(["bench", what, "--quick", "--threads", "1", "-o", str(tmp_path), *options]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert shown in out
-    assert f"open {tmp_path / what}.png" in out
+    assert f"chart: {tmp_path / what}.png" in out
     assert {path.name for path in tmp_path.iterdir()} == {f"{what}.{kind}" for kind in ("csv", "json", "png")}

@@ -134,7 +134,7 @@ def test_decide_answers_and_report_says_the_same(tmp_path, capsys, monkeypatch):
     first = " ".join(capsys.readouterr().out.split())
     with Store(run) as store:
         n_nodes = sum(len(batch.conditions) for batch in asked(store))
-    assert f"{n_nodes} conditions before 8 pictures: {8 * n_nodes} cells" in first
+    assert f"{n_nodes} conditions with 8 pictures: {8 * n_nodes} cells" in first
     assert (run / "report.html").stat().st_size > 100_000
     assert len((run / "answers.csv").read_text().splitlines()) == 1 + 12
     summary = told(capsys, "report", run, "--keep", "0.8")

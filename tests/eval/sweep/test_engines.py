@@ -71,7 +71,7 @@ def test_processes_give_what_threads_give(detector, pictures, tmp_path):
         broken = Recogniser(constant_reader(tmp_path / "nan.onnx", rows))
     threads = computed(tmp_path / "threads", [detector, broken], pictures, ThreadEngine(2), PLAN)
     with pytest.warns(
-        RuntimeWarning, match="nan.onnx: outputs contain NaN"
+        RuntimeWarning, match="nan.onnx: the outputs contain NaN"
     ):  # once more, by the copies there
         processes = computed(tmp_path / "processes", [detector, broken], pictures, ProcessEngine(2), PLAN)
     assert everything(tmp_path / "processes") == everything(tmp_path / "threads")
