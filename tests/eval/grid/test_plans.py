@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, numbers
 from blurnoise_eval.grid.conditions import Cell, Conditions, Part, SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
@@ -18,6 +17,7 @@ from signs_in_memory import CAMERA, PLAN, TWO, matched_detector, rows_of
 from blurnoise import Exposure
 from blurnoise._core.checks import LIMITS
 from blurnoise.motion.ego import Vehicle, View
+from blurnoise.optics.camera import Camera
 from blurnoise.scene.exposure import MOVES
 
 AT = Conditions(exposure_s=0.01, illuminance_lux=50, velocity_x_px_s=300.0, velocity_y_px_s=-400.0)
@@ -49,8 +49,8 @@ def test_ids_of_the_first_four_axes_stay_what_they_were():
 
 @pytest.mark.parametrize(("place", "kmh"), [(1, 50.0), (2, 100.0)])
 def test_default_speeds_are_those_of_a_sign_that_a_vehicle_passes(place, kmh):
-    """5 m beside and 12.5 m ahead, by the default camera's pinhole; to 2 %, as the defaults are round."""
-    camera = default_camera(colour=True)
+    """5 m beside and 12.5 m ahead, seen by a pinhole of 1280 px over 60 degrees; to 2 %, as the defaults are round."""
+    camera = Camera.preset("ar0132c")
     view = View(camera.width_px, camera.height_px, camera.hfov_deg, "rectilinear")
     middle_px = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
     pixel = np.array([[middle_px[0] + view.focal_px * 5 / 12.5], [middle_px[1]]])
