@@ -49,7 +49,7 @@ def test_ids_of_the_first_four_axes_stay_what_they_were():
 
 @pytest.mark.parametrize(("place", "kmh"), [(1, 50.0), (2, 100.0)])
 def test_default_speeds_are_those_of_a_sign_that_a_vehicle_passes(place, kmh):
-    """5 m beside and 12.5 m ahead, seen by a pinhole of 1280 px over 60 degrees; to 2 %, as the defaults are round."""
+    """5 m beside and 12.5 m ahead, by a pinhole of 1280 px over 60 degrees; to 2 %, as the defaults are round."""
     camera = Camera.preset("ar0132c")
     view = View(camera.width_px, camera.height_px, camera.hfov_deg, "rectilinear")
     middle_px = (camera.width_px - 1) / 2, (camera.height_px - 1) / 2
