@@ -1,4 +1,4 @@
-"""Bits that a change of the code's shape must not change; tests/helpers/frozen.py writes new ones where it is meant."""
+"""Bits that a change of the code's shape must not change; tests/helpers/frozen.py writes them anew."""
 
 import json
 

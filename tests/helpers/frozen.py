@@ -168,11 +168,18 @@ def of_runs():
             for name, (plan, camera) in plans.items()
         }
         runs["decide"] = decided(
-            [Detector(STOP_SIGN)], signs, find("imx250c"), usual_plan(), Path(folder, "decide"), progress=False
+            [Detector(STOP_SIGN)],
+            signs,
+            find("imx250c"),
+            usual_plan(),
+            Path(folder, "decide"),
+            progress=False,
         )
         for name, run in runs.items():
-            timed = ("simulate_ms", "inference_ms", "score_ms", "computed_by")
-            rows = [{key: row[key] for key in row if key not in timed} for row in run.cells]
+            rows = [
+                {key: row[key] for key in row if not key.endswith("_ms") and key != "computed_by"}
+                for row in run.cells
+            ]
             yield f"{name}: cells", rows
             yield f"{name}: headers", [list(each[0]) for each in (run.cells, run.targets, run.scores)]
             yield f"{name}: answers", run.answers
