@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from blurnoise_eval.datasets.images import SUFFIXES, read_picture
+import numpy as np
+
+from blurnoise_eval.datasets import netpbm, tiff
+from blurnoise_eval.datasets.images import SUFFIXES, decode, depth_and_pages, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.urls import Location, listing, location, versions
 
 MAX_MEGAPIXELS = 100.0
 """Of a picture: a sweep takes some 100 bytes a pixel."""
+
+
+_LOOKED_AT = 8
+_SIXTEEN_BITS = (".png", *netpbm.SUFFIXES, *tiff.SUFFIXES)
+_FEWER_BITS = 14  # of 16, with which a picture reaches a quarter of full scale at most
 
 
 class Listed(NamedTuple):
@@ -32,15 +41,17 @@ def image_folder(folder: str | Location) -> PictureSet:
     Raises ``ValueError`` when the folder is missing, cannot be read or holds no picture.
     """
     place = location(folder)
-    found = pictures_below(place)
-    return PictureSet("folder", str(place), from_files(place, [*map(Listed, found)], found))
+    found, notes = pictures_below(place)
+    pictures = from_files(place, [*map(Listed, found)], found)
+    return PictureSet("folder", str(place), pictures, notes=(*notes, *picture_doubts(place, [*found])))
 
 
-def pictures_below(folder: Location) -> dict[str, str]:
-    """Versions of the pictures in ``folder`` and below by their names, sorted, as sub/picture.png.
+def pictures_below(folder: Location) -> tuple[dict[str, str], list[str]]:
+    """Versions of the pictures in ``folder`` and below by their names, sorted, as sub/picture.png; and notes.
 
     Links to folders stay shut. What a sweep has written is left out: the folders of runs below, and of a run in
-    ``folder`` itself its own examples and figures. Raises ``ValueError`` as :func:`image_folder`.
+    ``folder`` itself its own examples and figures. What macOS puts into archives is left out with a note. Raises
+    ``ValueError`` as :func:`image_folder`.
     """
     if isinstance(folder, Path) and not folder.is_dir():
         raise ValueError(f"images = {str(folder)!r}: must be a folder")
@@ -51,11 +62,41 @@ def pictures_below(folder: Location) -> dict[str, str]:
     runs = [name.removesuffix(RUN_FILE) for name in found if f"/{name}".endswith(f"/{RUN_FILE}")]
     own = [f"{pictures}/" for pictures in RUN_PICTURES] if "" in runs else []
     left_out = (*own, *filter(None, runs))
-    names = [name for name in sorted(found) if name.lower().endswith(SUFFIXES)]
-    taken = {name: found[name] for name in names if not name.startswith(left_out)}
+    names = [
+        name for name in sorted(found) if name.lower().endswith(SUFFIXES) and not name.startswith(left_out)
+    ]
+    taken = {name: found[name] for name in names if not is_litter(name)}
     if not taken:
         raise ValueError(f"images = {str(folder)!r}: contains no pictures ({' '.join(SUFFIXES)})")
-    return taken
+    litter = len(names) - len(taken)
+    return taken, [f"files of macOS (._NAME), which are no pictures, left out: {litter}"] if litter else []
+
+
+def is_litter(name: str) -> bool:
+    """Whether macOS has put the file beside another, into an archive or onto a foreign disk."""
+    return PurePosixPath(name).name.startswith("._") or "__MACOSX/" in name
+
+
+def picture_doubts(folder: Location, names: Sequence[str]) -> list[str]:
+    """Signs, in up to ``_LOOKED_AT`` of the pictures, that the files mean other values than are read: pictures of 16
+    bits that use fewer, and TIFFs with more pages."""
+    able = [name for name in names if name.lower().endswith(_SIXTEEN_BITS)]
+    places = np.unique(np.linspace(0, len(able) - 1, min(_LOOKED_AT, len(able))).round().astype(int))
+    most, pages, doubts = 0, list[str](), list[str]()
+    for name in (able[place] for place in places):
+        with suppress(UnreadablePicture):
+            header = depth_and_pages(folder / name)
+            pages += [name] * header.more_pages
+            if header.bits == 16:
+                most = max(most, int(decode(folder / name, MAX_MEGAPIXELS).max()))
+    if 0 < most < 2**_FEWER_BITS:
+        doubts.append(
+            f"doubtful values: the brightest of all is {most} of 65535 in the pictures of 16 bits: "
+            f"{max(8, most.bit_length())} bits? They are read as {most / 65535:.1%} of white at most"
+        )
+    if pages:
+        doubts.append(f"doubtful pictures: {pages[0]} has more than one page; only the first is read")
+    return doubts
 
 
 def from_files(

@@ -16,13 +16,16 @@ import PIL.Image
 import PIL.ImageOps
 from numpy.typing import NDArray
 
+from blurnoise_eval.datasets import netpbm, tiff
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, UnreadablePicture
 from blurnoise_eval.system.files import check_regular, write_whole
 from blurnoise_eval.system.urls import Location, for_each, local_file, location
 
-SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".ppm", ".tif", ".tiff", ".webp")
+SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".webp", *netpbm.SUFFIXES, *tiff.SUFFIXES)
 MOST_MEGAPIXELS = 178.0
 """Of any picture: of a larger one the reader of headers, Pillow, does not say the size."""
+_HEAD = 4096  # bytes that hold the headers of PNG and Netpbm
+_PNG_BITS = 24  # the byte with the depth
 _ORIENTATION = 0x0112  # EXIF's tag; its values 5 to 8 swap width and height
 _BITS_PER_SAMPLE = 258  # TIFF's tag
 
@@ -106,13 +109,26 @@ def _stored(path: Location, max_megapixels: float, known: str | None = None) -> 
     if not data:
         raise UnreadablePicture(f"{path}: is empty (0 bytes)")
     try:
+        if portable := netpbm.header(data):
+            _check_size(path, (portable.width, portable.height), max_megapixels)
+            return netpbm.decode(data, portable)
+        if page := tiff.first_page(data):
+            _check_size(path, page.size_px, max_megapixels)
         if header and header.multiplied:
             with PIL.Image.open(BytesIO(data)) as found:  # its mapped files it turns wrongly
                 return np.asarray(PIL.ImageOps.exif_transpose(found).convert("RGB"))
-        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+        decoded = tiff.decode(data, page) if page else _by_opencv(data)
+    except UnreadablePicture:
+        raise
+    except ValueError as error:
+        raise UnreadablePicture(f"{path}: {error}") from None
     except (cv2.error, OSError, SyntaxError):  # a header that promises too much
         return None
     return decoded if decoded is None or decoded.ndim == 2 else np.ascontiguousarray(decoded[..., ::-1])
+
+
+def _by_opencv(data: bytes) -> NDArray[Any] | None:
+    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
 
 
 def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | None]:
@@ -142,6 +158,30 @@ def _header(path: Location, known: str | None = None) -> tuple[Path, _Header | N
         raise UnreadablePicture(f"{path}: must have at most {MOST_MEGAPIXELS:g} megapixels") from None
     except Exception:  # Pillow raises all sorts; what a picture is, OpenCV says
         return source, None
+
+
+class Depth(NamedTuple):
+    """Bits of a value, 0 where only decoding would say them, and whether the file has further pages."""
+
+    bits: int
+    more_pages: bool = False
+
+
+def depth_and_pages(path: Location) -> Depth:
+    """What the header of a PNG, TIFF or Netpbm file says. Raises :class:`UnreadablePicture`."""
+    try:
+        source = local_file(path)
+        check_regular(source)
+        with source.open("rb") as file:
+            head = file.read(_HEAD)
+            if page := tiff.first_page(head + file.read() if head[:2] in (b"II", b"MM") else b""):
+                return Depth(16 if page.bits > 8 else page.bits, page.more)
+        if head.startswith(b"\x89PNG\r\n\x1a\n") and len(head) > _PNG_BITS:
+            return Depth(head[_PNG_BITS])
+        portable = netpbm.header(head)
+        return Depth(0 if portable is None else 16 if portable.maximum > 255 else 8)
+    except (OSError, ValueError) as error:
+        raise UnreadablePicture(f"{path}: {getattr(error, 'strerror', None) or error}") from None
 
 
 def size_px(path: Location) -> tuple[int, int]:

@@ -149,7 +149,7 @@ def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
                 lines = each_line(read_text(source, LARGEST_SET_BYTES), lambda line: inside(line.strip()))
                 listed.append((source.parent, list(lines)))
         else:
-            listed.append((source, list(pictures_below(source))))
+            listed.append((source, list(pictures_below(source)[0])))
     folder = listed[0][0]
     while any(source.parts[: len(folder.parts)] != folder.parts for source, _ in listed):
         folder = folder.parent
