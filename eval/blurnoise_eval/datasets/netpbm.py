@@ -7,7 +7,7 @@ maximum, Pillow 13 reads no PAM and colours with 8 bits only.
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ def decode(data: bytes, found: Header) -> Pixels:
         if kind == 4:
             row = (width + 7) // 8
             rows = np.frombuffer(body, np.uint8, row * height).reshape(height, row)
-            values: NDArray[np.integer] = np.unpackbits(rows, axis=1)[:, :width]
+            values: NDArray[Any] = np.unpackbits(rows, axis=1)[:, :width]
         elif kind < 4:
             text = re.sub(rb"#[^\n\r]*", b"", body)
             listed = re.findall(rb"[01]", text) if kind == 1 else text.split()
@@ -95,8 +95,7 @@ def decode(data: bytes, found: Header) -> Pixels:
     if least < 0 or largest > maximum:
         raise ValueError(f"contains values {least} to {largest}; must be 0 to {maximum}, as its header says")
     values = values[..., :3] if channels > 2 else values[..., 0]
-    kind_of_values = np.uint16 if maximum > 255 else np.uint8
-    full = np.iinfo(kind_of_values).max
-    if maximum == full:
-        return np.ascontiguousarray(values, kind_of_values)
-    return (np.round(np.arange(maximum + 1) * (full / maximum)).astype(kind_of_values))[values]
+    full = 255 if maximum < 256 else 65535
+    if maximum < full:
+        values = np.round(np.arange(maximum + 1) * (full / maximum))[values]
+    return np.ascontiguousarray(values, np.uint8) if full == 255 else np.ascontiguousarray(values, np.uint16)
