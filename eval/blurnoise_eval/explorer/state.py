@@ -9,14 +9,15 @@ of such numbers alone, so that a URL, a command and a script give the same bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
 from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
-from blurnoise.optics.camera import DARK_NOISE, DSNU, PRNU, Camera
+from blurnoise.optics import figures as camera_figures
+from blurnoise.optics.camera import Camera
 from blurnoise_eval.grid import axes
 from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
 from blurnoise_eval.grid.conditions import Conditions
@@ -142,47 +143,18 @@ def of_text(axis: Axis, text: str) -> float:
     return axis.of_option(number(text, automatic=axis.automatic)) + 0.0
 
 
-def _figure(name: str, title: str, unit: str) -> Axis:
+def _axis_of(figure: camera_figures.CameraFigure) -> Axis:
     """A figure of the camera, as if it were an axis."""
+    name, title, unit, span = figure
     low, high, _ = LIMITS[name]
     return Axis(
         name, f"camera.{name}", name, "", title, unit, 1.0, low, high, f"{{}} {unit}", "{}",
-        own=lambda camera: float(getattr(camera, name)),
+        own=lambda camera: float(getattr(camera, name)), span=span,
     )  # fmt: skip
 
 
-FIGURES = (
-    _figure("diffraction_wavelength_um", "Diffraction at", "µm"),
-    _figure("row_time_s", "Rolling shutter", "s"),
-    _figure("prnu", "PRNU", ""),
-    _figure("prnu_row", "PRNU of rows", ""),
-    _figure("prnu_column", "PRNU of columns", ""),
-    _figure("dark_current_e_s", "Dark current", "e-/s"),
-    _figure("read_noise_e", "Read noise", "e-"),
-    _figure("row_noise_e", "Row noise", "e-"),
-    _figure("column_noise_e", "Column noise", "e-"),
-    _figure("dsnu_e", "DSNU", "e-"),
-    _figure("dsnu_row_e", "DSNU of rows", "e-"),
-    _figure("dsnu_column_e", "DSNU of columns", "e-"),
-    _figure("black_level_drift_dn", "Black level drift", "DN"),
-)
-"""The figures that light effects and sensor stages depend on, those that are axes apart."""
+FIGURES: tuple[Axis, ...] = tuple(map(_axis_of, camera_figures.FIGURES))
 STEPS = 200
-_SPANS: Mapping[str, tuple[float, float]] = {
-    "exposure_s": (0.003, 900.0),
-    "illuminance_lux": (0.1, 200_000.0),
-    **dict.fromkeys(VELOCITY, (-2000.0, 2000.0)),
-    "temperature_c": (-40.0, 105.0),
-    "f_number": (1.0, 16.0),
-    "defocus_radius_px": (0.0, 8.0),
-    "ego_speed_m_s": (0.0, 200.0),
-    "row_time_s": (0.0, 100e-6),
-    "diffraction_wavelength_um": (0.0, 1.0),
-    **dict.fromkeys(PRNU, (0.0, 0.05)),
-    **dict.fromkeys((*DARK_NOISE, *DSNU, "black_level_drift_dn"), (0.0, 50.0)),
-    "dark_current_e_s": (0.0, 1000.0),
-}
-"""From where to where a slider goes, in the option's or the figure's unit; of others around the camera's own."""
 
 
 @dataclass(frozen=True)
@@ -234,18 +206,20 @@ class Control:
 def controls(camera: Camera) -> dict[str, Control]:
     """Every control of this camera, by name: one for each axis and figure."""
     known = {each.into for each in axes.AXES}
-    figures = [each for each in FIGURES if each.into not in known]
-    return {each.name: _control(each, camera) for each in (*axes.AXES, *figures)}
+    others = [each for each in FIGURES if each.into not in known]
+    return {each.name: _control(each, camera) for each in (*axes.AXES, *others)}
 
 
 def _control(axis: Axis, camera: Camera) -> Control:
     least, most, own = map(axis.shown, (axis.low, axis.high, axis.own(camera)))
-    around = (0.0, 1.0)
-    if own > 0:
-        around = (own / 10, own * 10) if axis.logarithmic else (0.0, own * 4)
-    spans = {**_SPANS, GAIN.name: (0.0, camera.gain_max_db), MOVES.name: (least, most)}
-    low, high = spans.get(axis.name, around)
+    if axis.choices:
+        return Control(axis, least, most, False, len(axis.choices) - 1)
+    low, high = 0.0, own * 4 if own > 0 else 1.0
+    if axis.span is not None:
+        low, high = axis.span
+    elif axis is GAIN:
+        high = camera.gain_max_db
+    elif axis.logarithmic and own > 0:
+        low, high = own / 10, own * 10
     low, high = max(low, least), min(max(high, 2 * own) if math.isfinite(own) else high, most)
-    return Control(
-        axis, low, high, axis.logarithmic and low > 0, len(axis.choices) - 1 if axis.choices else STEPS
-    )
+    return Control(axis, low, high, axis.logarithmic and low > 0, STEPS)

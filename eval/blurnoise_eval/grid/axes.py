@@ -91,7 +91,8 @@ class Axis:
     slugs: the same for names of files.
     logarithmic: how it is drawn. fails: more of it is worse, so a curve over it has a point at which it fails for
     good. choices: of an axis of names; its values are their places, 0, 1, ..., and names in options and files;
-    captions: of these. without: axes that have no default where this one is specified.
+    captions: of these. without: axes that have no default where this one is specified. span: usual values, in the
+    option's unit, from where to where a slider goes; None: around the camera's own value.
     """
 
     name: str
@@ -116,6 +117,7 @@ class Axis:
     choices: tuple[str, ...] = ()
     captions: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
+    span: tuple[float, float] | None = None
 
     def checked(self, values: Iterable[float | str]) -> tuple[float, ...]:
         """``values`` in the column's unit, sorted, each once; a choice may be a name.
@@ -229,34 +231,38 @@ AXES: tuple[Axis, ...] = (
         "exposure time, ms; auto: set by the camera for each picture", "Exposure", "ms",
         1e-3, 0.0, 3600.0, "{} ms", "{}ms", own=lambda camera: math.nan, digits=3, positive=True, logarithmic=True,
         fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30)),
+        span=(0.003, 900.0),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
         "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 20.0, 400.0, 20_000.0),
-        default_names=("night street", "lit street", "dusk", "daylight"),
+        default_names=("night street", "lit street", "dusk", "daylight"), span=(0.1, 200_000.0),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
         1.0, -1e7, 1e7, "{} px/s", "{}", default=(0.0, 500.0, 1000.0),
-        default_names=("at rest", "50 km/h", "100 km/h"),
+        default_names=("at rest", "50 km/h", "100 km/h"), span=(-2000.0, 2000.0),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",
         1.0, -1e7, 1e7, "{} px/s down", "{}px_s", default=(0.0,),
+        span=(-2000.0, 2000.0),
     ),
     Axis(
         "temperature_c", "temperature_c", "--temperature-c", "sensor temperature, °C", "Sensor temperature", "°C",
-        1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: 25.0, fails=True,
+        1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: 25.0, fails=True, span=(-40.0, 105.0),
     ),
     Axis(
         "f_number", "camera.f_number", "--f-number",
         "f-number of the lens, for its light and its diffraction at 0.55 µm (default: the camera's)", "f-number", "",
         1.0, 0.5, 256.0, "f/{}", "f{}", own=lambda camera: camera.f_number, logarithmic=True, fails=True,
+        span=(1.0, 16.0),
     ),
     Axis(
         "defocus_radius_px", "camera.defocus_radius_px", "--defocus-px",
         "radius of the blur disc of a defocused lens, px (default: the camera's)", "Defocus", "px", 1.0, 0.0, 1000.0,
         "defocus {} px", "defocus{}px", own=lambda camera: camera.defocus_radius_px, fails=True,
+        span=(0.0, 8.0),
     ),
     Axis(
         "gain_db", "gain_db", "--gain",
@@ -274,6 +280,7 @@ AXES: tuple[Axis, ...] = (
         "ego_speed_m_s", "ego_speed_m_s", "--ego-kmh",
         "speed of the camera on a flat road, km/h, instead of dx and dy",
         "Ego-motion", "km/h", 1 / 3.6, 0.0, 100.0, "{} km/h", "{}km_h", fails=True, without=("velocity_x_px_s",),
+        span=(0.0, 200.0),
     ),
 )  # fmt: skip
 NAMES: tuple[str, ...] = tuple(axis.name for axis in AXES)
