@@ -67,14 +67,8 @@ def explore(
             help="write the picture instead of serving the page",
         ),
     ] = None,
-    host: Annotated[
-        str,
-        Option(
-            metavar="ADDRESS", help="address of the server; 0.0.0.0 makes the page visible on the network"
-        ),
-    ] = "127.0.0.1",
     port: Annotated[
-        int, Option(metavar="N", help="port of the server; 0: any free port", min=0, max=65535)
+        int, Option(metavar="N", help="port of the page on this machine; 0: any free port", min=0, max=65535)
     ] = 0,
     browser: Annotated[bool, Option("--browser/--no-browser", help="open the page in the browser")] = True,
     as_json: Json = False,
@@ -87,7 +81,8 @@ def explore(
       blurnoise explore run
       blurnoise explore photo.jpg --at 'exposure-ms=20&lux=5' -o out.png
 
-    The page is served on this machine. "Copy as command" on the page copies a command like the last example, which
+    The page is served to this machine only. To see it on another one, start it with --port 8080 and run
+    ssh -L 8080:127.0.0.1:8080 HOST there. "Copy as Command" on the page gives a command like the last example, which
     writes the same picture bit for bit.
     """
     from importlib.util import find_spec
@@ -111,7 +106,7 @@ def explore(
     def started(url: str) -> None:
         say(f"explorer: {url}  (Ctrl-C ends it)")
 
-    serve(catalogue, state, host=host, port=port, browser=browser, say=started)
+    serve(catalogue, state, port=port, browser=browser, say=started)
 
 
 def _write(catalogue: Catalogue, state: State, output: Path, as_json: bool) -> None:

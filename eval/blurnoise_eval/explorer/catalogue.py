@@ -1,19 +1,19 @@
-"""The catalogue of the explorer: which pictures, cameras and models there are, by the names that states use.
+"""The catalogue of the explorer: pictures, cameras and models, by the names that states have for them.
 
-A visitor names only what is in it, never a file: what the command names, what is built in, a run's own, and uploaded
-pictures. Uploads are kept in memory, under names that nobody can guess, the last few of them.
+A URL names only what is in it, never a file: what the command names, what is built in, what a run has, and pictures
+that were dropped into the page. A state can be written as a command and as a script.
 """
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache, lru_cache, partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
-from uuid import uuid4
+from typing import Any, NamedTuple
 
 from blurnoise.optics.camera import PRESETS, Camera
 from blurnoise_eval.datasets import Picture, read_picture, rendered_signs
@@ -23,18 +23,23 @@ from blurnoise_eval.detectors.model import TIMEOUT_S
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
-from blurnoise_eval.explorer.script import script
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, with_figures
+from blurnoise_eval.grid.axes import AUTOMATIC, CHOICES
 from blurnoise_eval.grid.conditions import Cell
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0
-"""Of a picture that is explored: a visitor waits for it, and some copies of it are held."""
-MOST_UPLOADED_MB = 128
-_UPLOADS = 14
-"""Of all visitors, 1 GB of pictures decoded at most; then the oldest goes."""
-Entry = tuple[str, Callable[[], Any]]
-"""A title, and what opens it."""
+"""Of a picture that is explored: larger ones take too long for a slider."""
+_DROPPED, _MOST_DROPPED = "dropped-", 4
+"""Dropped pictures that are kept, each up to ``MOST_MEGAPIXELS`` in memory."""
+
+
+class Entry(NamedTuple):
+    """A picture, camera or model. title: in lists. code: Python that opens it, for scripts; "" where none does."""
+
+    title: str
+    code: str
+    open: Callable[[], Any]
 
 
 class Catalogue:
@@ -55,52 +60,36 @@ class Catalogue:
         camera: str | Path | None = None,
         timeout_s: float = TIMEOUT_S,
     ) -> None:
-        given = {"where": where, "images": images, "trust": trust, "model": model, "camera": camera}
-        self.arguments = {
+        path = None if where is None else Path(where)
+        given = {"where": path, "images": images, "trust": trust, "model": model, "camera": camera}
+        self._arguments = {
             name: value if value is True else str(value) for name, value in given.items() if value
         }
-        """The arguments of the catalogue."""
-        self._uploads: dict[str, Picture] = {}
-        self._subject: Callable[[str], Subject] = lru_cache(2)(lambda name: self._entry("picture", name)[1]())
-        self._model: Callable[[str], Detector | None] = cache(lambda name: self._entry("model", name)[1]())
-        path = None if where is None else Path(where)
+        self._numbers = count(1)
+        self._subject: Callable[[str], Subject] = lru_cache(2)(
+            lambda name: self._entry("picture", name).open()
+        )
+        self._model: Callable[[str], Detector | None] = cache(lambda name: self._entry("model", name).open())
         self.run: Run | None = None
         if path and (path.is_dir() or path.name == RUN_FILE):
             self.run = Run(path if path.is_dir() else path.parent, images, trusted=trust)
         elif images or trust:
             raise ValueError(f"{'images' if images else 'trust'}: needs a run")
-        pictures, cameras, models = dict[str, Entry](), dict[str, Entry](), dict[str, Entry]()
-        self._entries = {"picture": pictures, "camera": cameras, "model": models}
-        if run := self.run:
-            cameras[OF_RUN] = f"{run.camera.name} (of the run)", lambda: run.camera
-            for name in run.pictures:
-                pictures[f"{OF_RUN}/{name}"] = name, partial(_picture_of, run, name)
-            for name in run.models:
-                models[f"{OF_RUN}/{name}"] = f"{name} (of the run)", partial(run.model, name, timeout_s)
-        elif path:
-            load = partial(read_picture, path, MOST_MEGAPIXELS)
-            pictures[GIVEN] = path.name, lambda: Subject(Picture(path.name, None, load, str(path), 1))
-        for number, sign in enumerate(rendered_signs().pictures, 1):
-            pictures[f"sign-{number}"] = f"Stop signs, scene {number}", partial(Subject, sign)
-        cameras |= {name: (name, partial(PRESETS.__getitem__, name)) for name in sorted(PRESETS)}
-        if camera is not None and str(camera) not in PRESETS:
-            own = Camera.load(camera)
-            cameras[GIVEN] = own.name, lambda: own
-        from blurnoise_models.detector import STOP_SIGN
-
-        models[BUILT_IN] = "built-in stop-sign detector", partial(_detector, STOP_SIGN, timeout_s)
-        models[NO_MODEL] = "no model", lambda: None
-        if model is not None and str(model) not in (BUILT_IN, NO_MODEL):
-            models[GIVEN] = Path(model).stem, partial(_detector, Path(model), timeout_s)
+        self._entries = {
+            "picture": _pictures(self.run, path),
+            "camera": _cameras(self.run, camera),
+            "model": _models(self.run, model, timeout_s),
+        }
+        if GIVEN in self._entries["model"]:
             self._model(GIVEN)
-        self.base = State(picture=next(iter(pictures)), camera=next(iter(cameras)), model=next(iter(models)))
-        if model is not None:
-            self.base = replace(self.base, model=GIVEN if GIVEN in models else str(model))
-        if camera is not None:
-            self.base = replace(self.base, camera=GIVEN if GIVEN in cameras else str(camera))
-        elif not self.run:
-            usual = default_camera(colour=not is_grey(self.subject(self.base).original))
-            self.base = replace(self.base, camera=usual.name)
+        chosen = {kind: next(iter(entries)) for kind, entries in self._entries.items()}
+        for kind, name in (("model", model), ("camera", camera)):
+            if name is not None:
+                chosen[kind] = GIVEN if GIVEN in self._entries[kind] else str(name)
+        if self.run is None and camera is None:
+            original = self._subject(chosen["picture"]).original
+            chosen["camera"] = default_camera(colour=not is_grey(original)).name
+        self.base = State(chosen["picture"], chosen["camera"], chosen["model"])
 
     def start(self, query: str | None = None) -> State:
         """The state of a query; without one ``base``, or the cell in the middle of a run's map. Raises
@@ -122,10 +111,9 @@ class Catalogue:
         own = {"picture": f"{OF_RUN}/{cell.image}", "camera": OF_RUN, "cell": cell.cell_id}
         return replace(state, **own, at=cell.conditions, figures=(), seed=cell.seed)  # type: ignore[arg-type]
 
-    def titles(self, kind: str, name: str) -> dict[str, str]:
-        """Names to titles of every "picture", "camera" or "model"; of uploads that which is named."""
-        titles = {each: title for each, (title, _) in self._entries[kind].items()}
-        return titles | {name: self._entry(kind, name)[0]}
+    def titles(self, kind: str) -> dict[str, str]:
+        """Names to titles of every "picture", "camera" or "model"."""
+        return {name: entry.title for name, entry in self._entries[kind].items()}
 
     def subject(self, state: State) -> Subject:
         """The state's picture, prepared. Raises ``ValueError`` for one that is not here."""
@@ -133,7 +121,7 @@ class Catalogue:
 
     def camera(self, state: State) -> Camera:
         """The state's camera, with the state's figures. Raises ``ValueError``."""
-        return with_figures(self._entry("camera", state.camera)[1](), state.figures)
+        return with_figures(self._entry("camera", state.camera).open(), state.figures)
 
     def model(self, state: State) -> Detector | None:
         """The state's detector. Raises ``ValueError`` for one that is not here."""
@@ -147,50 +135,120 @@ class Catalogue:
     def _entry(self, kind: str, name: str) -> Entry:
         if entry := self._entries[kind].get(name):
             return entry
-        if kind == "picture" and (upload := self._uploads.get(name)):
-            return upload.name, partial(Subject, upload)
         raise ValueError(f"{kind} = {name[:60]!r}: is not available (any more)")
 
     def take(self, title: str, content: bytes) -> str:
-        """Take an uploaded picture; returns its name here. Raises ``ValueError`` that names the file, for what is no
-        picture."""
-        title = Path(title.replace("\\", "/")).name[-80:] or "file"
+        """Take a dropped picture, in place of the oldest of many; returns its name here. Raises ``ValueError`` that
+        names the file, for what is no picture."""
         with TemporaryDirectory(prefix="blurnoise-explore-") as folder:
-            path = Path(folder) / f"picture{Path(title).suffix}"
+            path = Path(folder) / "picture"
             write_whole(path, content)
             try:
-                value = read_picture(path, MOST_MEGAPIXELS)
+                image = read_picture(path, MOST_MEGAPIXELS)
             except (ValueError, OSError) as error:
-                raise ValueError(str(error).replace(str(path), title).replace(path.name, title)) from None
-        name = uuid4().hex
-        self._uploads[name] = Picture(title, None, lambda: value, name, 1)
-        for old in [*self._uploads][:-_UPLOADS]:
-            self._uploads.pop(old, None)
+                raise ValueError(str(error).replace(str(path), title)) from None
+        name, entries = f"{_DROPPED}{next(self._numbers)}", self._entries["picture"]
+        old = [each for each in entries if each.startswith(_DROPPED)][: 1 - _MOST_DROPPED]
+        new = Entry(title, "", lambda: Subject(Picture(title, None, lambda: image, name, 1)))
+        kept = {each: entry for each, entry in entries.items() if each not in old}
+        self._entries["picture"] = {**kept, name: new}
         return name
 
     def command(self, state: State) -> str:
-        """What to type for this picture. Raises ``ValueError`` for an upload."""
-        query, words = self._query(state), ["blurnoise", "explore"]
-        for name, value in self.arguments.items():
+        """What to type for this picture. Raises ``ValueError`` for one that was dropped."""
+        self._code("picture", state)
+        words = ["blurnoise", "explore"]
+        for name, value in self._arguments.items():
             words += [] if name == "where" else [f"--{name}"]
             words += [] if value is True else [str(value)]
-        return shlex.join([*words, "--at", query, "-o", "seen.png"])
+        return shlex.join([*words, "--at", state.query(self.base), "-o", "seen.png"])
 
     def script(self, state: State) -> str:
-        """A script for this picture, and for what the model finds in it. Raises ``ValueError`` for an upload."""
-        self._query(state)
-        return script(state, self._entry("camera", state.camera)[1](), self.run, self.arguments)
+        """A script that writes this picture, and prints what the model finds in it, in names that blurnoise and
+        blurnoise_eval export. Raises ``ValueError`` for a picture that was dropped."""
+        picture, by, model = (self._code(kind, state) for kind in self._entries)
+        taken = [f"seed={state.seed}", *["run=run"] * state.picture.startswith(f"{OF_RUN}/")]
+        taken += [f"{name}={_value(name, value)!r}" for name, value in state.at.stated.items() if value]
+        own, camera = self.camera(replace(state, figures=())), self.camera(state)
+        both = {
+            entry.name: (getattr(own, entry.name), getattr(camera, entry.name)) for entry in fields(Camera)
+        }
+        figures = _keywords({name: new for name, (old, new) in both.items() if new != old})
+        body = [
+            f"picture = {picture}",
+            f"camera = {by}",
+            *[f"camera = replace(camera, {figures})"] * bool(figures),
+            "seen = expose(",
+            *(f"    {each}," for each in ("picture", "camera", *taken)),
+            ")",
+            "datasets.write_picture('seen.png', seen.image)",
+            *[f"print({model}.detect(seen.image))"] * bool(model),
+        ]
+        if self.run:
+            names = {"images": "images", "trusted": "trust"}
+            options = {name: self._arguments[of] for name, of in names.items() if of in self._arguments}
+            body[:0] = [
+                f"run = Run({', '.join(filter(None, (repr(str(self.run.folder)), _keywords(options))))})"
+            ]
+        names_used = ("STOP_SIGN", "Detector", "Run", "datasets", "expose")
+        used = [name for name in names_used if any(f"{name}{end}" in line for line in body for end in "(.)")]
+        head = ["from dataclasses import replace", ""] if figures else []
+        head += ["from blurnoise import Camera"] * any("Camera." in line for line in body)
+        return "\n".join([*head, f"from blurnoise_eval import {', '.join(used)}", "", *body, ""])
 
-    def _query(self, state: State) -> str:
-        if state.picture in self._uploads:
-            raise ValueError(
-                "picture: an uploaded picture has no command; start with `blurnoise explore FILE` instead"
-            )
-        return state.query(self.base)
+    def _code(self, kind: str, state: State) -> str:
+        entry = self._entry(kind, getattr(state, kind))
+        if kind == "picture" and not entry.code:
+            must = "start with its file instead: blurnoise explore FILE"
+            raise ValueError(f"picture = {entry.title!r}: was dropped, which no command can do; {must}")
+        return entry.code
+
+
+def _pictures(run: Run | None, path: Path | None) -> dict[str, Entry]:
+    found = dict[str, Entry]()
+    if run is not None:
+        for name in run.pictures:
+            found[f"{OF_RUN}/{name}"] = Entry(name, f"run.picture({name!r})", partial(_picture_of, run, name))
+    elif path is not None:
+        load = partial(read_picture, path, MOST_MEGAPIXELS)
+        given = Picture(path.name, None, load, str(path), 1)
+        found[GIVEN] = Entry(path.name, f"datasets.read_picture({str(path)!r})", partial(Subject, given))
+    for place, sign in enumerate(rendered_signs().pictures):
+        code = f"datasets.rendered_signs().pictures[{place}]"
+        found[f"sign-{place + 1}"] = Entry(f"Stop signs, scene {place + 1}", code, partial(Subject, sign))
+    return found
 
 
 def _picture_of(run: Run, name: str) -> Subject:
     return Subject(run.picture(name), run)
+
+
+def _cameras(run: Run | None, camera: str | Path | None) -> dict[str, Entry]:
+    found = dict[str, Entry]()
+    if run is not None:
+        found[OF_RUN] = Entry(f"{run.camera.name} (of the run)", "run.camera", lambda: run.camera)
+    for name in sorted(PRESETS):
+        found[name] = Entry(name, f"Camera.preset({name!r})", partial(PRESETS.__getitem__, name))
+    if camera is not None and str(camera) not in PRESETS:
+        own = Camera.load(camera)
+        found[GIVEN] = Entry(own.name, f"Camera.load({str(camera)!r})", lambda: own)
+    return found
+
+
+def _models(run: Run | None, model: str | Path | None, timeout_s: float) -> dict[str, Entry]:
+    from blurnoise_models.detector import STOP_SIGN
+
+    found = dict[str, Entry]()
+    for name in run.models if run is not None else ():
+        opened = partial(run.model, name, timeout_s)  # type: ignore[union-attr]
+        found[f"{OF_RUN}/{name}"] = Entry(f"{name} (of the run)", f"run.model({name!r})", opened)
+    built_in = partial(_detector, STOP_SIGN, timeout_s)
+    found[BUILT_IN] = Entry("built-in stop-sign detector", "Detector(STOP_SIGN)", built_in)
+    found[NO_MODEL] = Entry("no model", "", lambda: None)
+    if model is not None and str(model) not in (BUILT_IN, NO_MODEL):
+        own = partial(_detector, Path(model), timeout_s)
+        found[GIVEN] = Entry(Path(model).stem, f"Detector({str(model)!r})", own)
+    return found
 
 
 def _detector(path: Path, timeout_s: float) -> Detector:
@@ -198,3 +256,14 @@ def _detector(path: Path, timeout_s: float) -> Detector:
     if not isinstance(found, Detector):
         raise ValueError(f"model = {path.name!r}: must be a detector, not a text recogniser")
     return found
+
+
+def _value(name: str, value: float) -> float | str:
+    """A value of an axis as :func:`blurnoise_eval.expose` takes it."""
+    if value == AUTOMATIC:
+        return "auto"
+    return CHOICES[name][int(value)] if name in CHOICES else value
+
+
+def _keywords(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name}={value!r}" for name, value in values.items())

@@ -1,8 +1,8 @@
-"""The page of the explorer, one visitor's: the newest state is shown, older ones are passed over.
+"""The page of the explorer: the newest state is shown, older ones are passed over.
 
 The picture comes first and alone: while a slider moves a smaller one, each once the last has been painted; at rest
-the full one, then what is measured and found in it, then the curve. Full pictures and models are computed in a few
-threads that all visitors share, so that the server goes on answering. It needs the extra ``[explore]``, no network.
+the full one, then what is measured and found in it, then the curve. Full pictures and models are computed in threads,
+so that the server goes on answering. It needs the extra ``[explore]``, no network.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from functools import partial
 from html import escape
 from typing import TypeVar
 from uuid import uuid4
-from weakref import proxy
 
 import cv2
 from nicegui import events, ui
 
-from blurnoise_eval.explorer import charts
-from blurnoise_eval.explorer.catalogue import MOST_UPLOADED_MB, Catalogue
+from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.rendered import (
     Picture8,
     Point,
     Rendered,
     Subject,
+    boxes,
+    chart,
     curve_points,
     rendered,
     verdict,
@@ -43,6 +43,10 @@ from blurnoise_eval.sweep.exposing import Frame
 _FULL = ThreadPoolExecutor(2, thread_name_prefix="explorer")
 """For all but smaller pictures, which wait for no full one."""
 _PICTURES = 6
+_OPEN = (
+    'Drop a picture anywhere on the page, or choose one: <input type="file" accept="image/*" '
+    'onchange="openPicture(this.files[0]); this.value = null">'
+)
 _REST_S = 0.15
 """A slider that has not moved for so long is taken to rest."""
 _PAINTED_S = 1.0  # for a picture to be painted, before the next one is sent all the same
@@ -51,14 +55,13 @@ T = TypeVar("T")
 
 
 class Page:
-    """One visitor's page of a picture, camera and model, from a state on. note: what a URL asked for in vain.
+    """The page of a picture, camera and model, from a state on.
 
-    files: the last pictures, as PNG, by their names. name: part of their URLs, which nobody else can guess.
+    files: takes the last pictures, as PNG, by the names in their URLs. note: what a URL asked for in vain.
     """
 
-    def __init__(self, catalogue: Catalogue, state: State, note: str = "") -> None:
-        self.catalogue, self.run, self.state, self.name = catalogue, catalogue.run, state, uuid4().hex
-        self.files: dict[str, bytes] = {}
+    def __init__(self, catalogue: Catalogue, state: State, files: dict[str, bytes], note: str = "") -> None:
+        self.catalogue, self.run, self.state, self.files = catalogue, catalogue.run, state, files
         self._changed, self._painted = asyncio.Event(), asyncio.Event()
         self._changed.set()
         self._drawn: object = None
@@ -131,7 +134,7 @@ class Page:
             curve.append(point)
         if curve:
             at_ms = 1e3 * found.exposure.exposure_s
-            self._curve.options.update(charts.confidences(curve, at_ms, found.standard.required))
+            self._curve.options.update(chart(curve, at_ms, found.standard.required))
             self._curve.update()
             self._window.set_text(window_sentence(curve, at_ms, found.standard))
 
@@ -141,7 +144,7 @@ class Page:
         self.files[name] = content
         for old in [*self.files][:-_PICTURES]:
             del self.files[old]
-        return f"/pictures/{self.name}/{name}"
+        return f"/pictures/{name}"
 
     def change(self, make: Callable[[], State]) -> None:
         """Show another state, which may not be allowed."""
@@ -166,16 +169,6 @@ class Page:
         state = state.put(MOVES.name, None) if kind == "picture" else state
         with self._panes:
             ui.navigate.to(f"/?{state.query(self.catalogue.base)}")
-
-    async def uploaded(self, event: events.UploadEventArguments) -> None:
-        """A picture has arrived: take it, or report why not."""
-        try:
-            if event.file.size() > MOST_UPLOADED_MB << 20:
-                raise ValueError(f"{event.file.name[-80:]}: must be at most {MOST_UPLOADED_MB} MB")
-            content = await event.file.read()
-            self._select("picture", await asyncio.to_thread(self.catalogue.take, event.file.name, content))
-        except (ValueError, OSError, MemoryError) as error:
-            self.fails(str(error))
 
     def _cell(self, run: Run, at: Mapping[str, float]) -> None:
         """A cell of the run's map: of the picture that is shown, or of the first."""
@@ -203,8 +196,8 @@ class Page:
         """What is measured and found in the picture."""
         with self._panes:
             ui.navigate.history.replace(f"?{found.state.query(self.catalogue.base)}")
-        self._seen.set_content(charts.boxes(found, found.sight))
-        self._original.set_content(charts.boxes(found, found.clean))
+        self._seen.set_content(boxes(found, found.sight))
+        self._original.set_content(boxes(found, found.clean))
         good, sentence = verdict(found)
         self._verdict.set_content(escape(sentence))
         self._verdict.classes(add="" if good else "no", remove="no" if good else "")
@@ -293,16 +286,20 @@ class Page:
         with ui.card():
             for kind in ("picture", "camera", "model"):
                 name = getattr(self.state, kind)
-                select = ui.select(self.catalogue.titles(kind, name), label=kind.capitalize(), value=name)
+                select = ui.select(self.catalogue.titles(kind), label=kind.capitalize(), value=name)
                 select.props("dense")
                 select.on_value_change(lambda event, kind=kind: self._select(kind, event.value))
-            page = proxy(self)  # FastAPI keeps the route
-            upload = ui.upload(
-                label="Upload a picture", auto_upload=True, on_upload=lambda event: page.uploaded(event)
-            )
-            upload.props("accept=image/* flat bordered")
+            ui.html(_OPEN, sanitize=False, tag="label").classes("open")
+        ui.on("dropped", lambda event: self._select("picture", event.args))
+        ui.on("refused", lambda event: self.fails(event.args))
         with ui.expansion("Values of the camera").classes("q-card"):
             self._rows += [Row(each, self.moved) for name, each in every.items() if name not in self.state.at]
+
+
+class Slider(ui.slider):
+    """A slider that moves at once: NiceGUI's waits for the server, and keys pressed meanwhile are lost."""
+
+    LOOPBACK = False
 
 
 class Row:
@@ -315,7 +312,7 @@ class Row:
             ui.label(title)
             self._text = ui.input().props(f'dense suffix="{control.axis.unit}" aria-label="{title}"')
             self._text.on("change", lambda: moved(control, self._text.value))
-            slider = ui.slider(min=0, max=control.steps, on_change=self._slid)
+            slider = Slider(min=0, max=control.steps, on_change=self._slid)
             self._slider = slider.props(f'aria-label="{title}"')
 
     def show(self, value: float) -> None:

@@ -1,7 +1,8 @@
 """What a state shows: the picture, its measures, what a detector finds in it, and how much of the original that is.
 
 All physics is the simulator's and all scoring the harness's: a picture here has the bits of the sweep's cell with the
-same conditions and seed. Domain: pictures (H, W, 3) uint8 RGB; confidences 0 to 1, of each target.
+same conditions and seed. Domain: pictures (H, W, 3) uint8 RGB; confidences 0 to 1, of each target. Texts from files
+are escaped where they are drawn.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import NamedTuple
+from html import escape
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,9 @@ from blurnoise_eval.explorer.run import USUAL, Run
 from blurnoise_eval.explorer.state import State, controls
 from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
 from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.scoring.matching import FOUND_SCORE
+from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
+from blurnoise_eval.scoring.boxes import iou
+from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
 from blurnoise_eval.scoring.on_picture import ModelOutput, View
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames, snr_db
 
@@ -40,6 +44,7 @@ PREVIEW_PX = 120_000
 """A picture of more pixels is shown smaller first, while a slider moves."""
 _GREY = 0.18
 POINTS = 29  # of a curve, from end to end
+_INK, _ACCENT, _GOOD = "#7c8894", "#2584ad", "#12803f2b"  # readable on light and dark
 
 
 class Point(NamedTuple):
@@ -252,3 +257,66 @@ def curve_points(
             sight = standard.sight(view.evaluate(frame.image, frame.move_boxes, frame.sweep_boxes))
             if sight.targets:
                 yield Point(exposure_ms, mean_confidence(sight), frame.saturated or 0.0)
+
+
+def boxes(found: Rendered, sight: ModelOutput | None) -> str:
+    """As SVG over the picture: targets with their confidence, found and missed, and what else a detector finds in it
+    or, where ``sight`` is of that, in the original."""
+    if sight is None:
+        return ""
+    size = height, width = found.frame.image.shape[:2]  # of its own, since a smaller picture may lie below
+    targets = sorted(sight.targets, key=lambda row: -row["width_px"] * row["height_px"])[:MOST_BOXES]
+    places = [[row["x0"], row["y0"], row["x1"], row["y1"]] for row in targets]
+    leading = sight.detections.leading
+    rows = zip(leading.boxes_xyxy.tolist(), leading.scores.tolist(), leading.class_ids.tolist(), strict=True)
+    drawn = [
+        _box(box, "other", f"{found.classes[class_id][:24]} {score:.2f}", size)
+        for box, score, class_id in [row for row in rows if row[1] >= OTHER_SCORE][:MOST_BOXES]
+        if not (iou([box], places) >= MATCH_IOU).any()
+    ]
+    for row, place in zip(targets, places, strict=True):
+        kind = "found" if row["confidence"] >= FOUND_SCORE else "missed"
+        drawn.append(_box(place, kind, f"{row['confidence']:.2f}", size))
+    return (
+        f'<svg class="boxes" viewBox="0 0 {width} {height}" width="100%" height="100%" preserveAspectRatio="none">'
+        f"{''.join(drawn)}</svg>"
+    )
+
+
+def _box(box: Sequence[float], kind: str, text: str, size: tuple[int, int]) -> str:
+    font = max(size) / 32
+    x0, y0, x1, y1 = (min(max(edge, -1e5), 1e5) for edge in box)
+    y = y0 - 0.3 * font if y0 > 1.3 * font else y1 + font
+    return (
+        f'<g class="{kind}"><rect x="{x0:.1f}" y="{y0:.1f}" width="{max(0.0, x1 - x0):.1f}" '
+        f'height="{max(0.0, y1 - y0):.1f}" vector-effect="non-scaling-stroke"/>'
+        f'<text x="{max(0.0, x0):.1f}" y="{y:.1f}" font-size="{font:.1f}">{escape(text)}</text></g>'
+    )
+
+
+def chart(curve: Sequence[Point], at_ms: float, required: float) -> dict[str, Any]:
+    """Mean confidences along the exposure, as options of ECharts. at_ms: of the picture; required: the level."""
+    works = window(curve, required, at_ms)
+    lines = [
+        {"yAxis": required, "lineStyle": {"type": "dashed"}},
+        {"xAxis": at_ms, "lineStyle": {"type": "solid", "width": 2}},
+    ]
+    area = [[{"xAxis": works[0]}, {"xAxis": works[1]}]] if works else []
+    mean = {
+        "type": "line",
+        "data": [[point.exposure_ms, point.mean] for point in curve],
+        "symbolSize": 7,
+        "color": _ACCENT,
+        "markLine": {"symbol": "none", "label": {"show": False}, "lineStyle": {"color": _INK}, "data": lines},
+        "markArea": {"itemStyle": {"color": _GOOD}, "data": area},
+    }
+    ends = {"min": curve[0].exposure_ms, "max": curve[-1].exposure_ms}
+    return {
+        "animation": False,
+        "textStyle": {"color": _INK},
+        "grid": {"left": 34, "right": 16, "top": 8, "bottom": 24},
+        "tooltip": {"trigger": "item"},
+        "xAxis": {"type": "log", **ends, "splitLine": {"show": False}, "axisLabel": {"hideOverlap": True}},
+        "yAxis": {"min": 0, "max": 1, "interval": 0.5},
+        "series": [mean],
+    }

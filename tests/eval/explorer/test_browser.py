@@ -1,6 +1,6 @@
-"""The explorer in a real browser: what sliders, files, keys and two visitors do; skipped where there is no
-Chromium."""
+"""The explorer in a real browser: what sliders, dropped files and keys do; skipped where there is no Chromium."""
 
+import math
 import os
 import re
 import subprocess
@@ -10,6 +10,7 @@ from typing import Any
 
 import browsers
 import pytest
+from blurnoise_eval.datasets import rendered_signs, write_picture
 
 pytest.importorskip("nicegui")
 pytestmark = [
@@ -92,6 +93,35 @@ def test_the_first_screen_answers(tab):
         assert told in text(tab, f"[data-number={name}]")
     assert tab.run("document.querySelectorAll('.seen .boxes > g').length") >= 3
     assert tab.run("location.search") == "?exposure-ms=20&lux=2&dx=1000&dy=0&gain=auto"
+
+
+def test_no_key_is_lost_however_fast_they_are_pressed(tab):
+    changes(tab, lambda: slide(tab, "exposure_s", times=20))
+    ratio = 900 / 0.003
+    expected = 0.003 * ratio ** ((round(200 * math.log(20 / 0.003, ratio)) + 20) / 200)
+    assert float(tab.run("document.querySelector('[data-control=exposure_s] input').value")) == pytest.approx(
+        expected, rel=5e-3
+    )
+
+
+def drop(tab, path):
+    for kind in ("dragEnter", "dragOver", "drop"):
+        data = {"items": [], "files": [str(path)], "dragOperationsMask": 1}
+        tab.call("Input.dispatchDragEvent", type=kind, x=300, y=300, data=data)
+
+
+def test_a_dropped_picture_is_shown_and_a_wrong_file_is_a_line(tab, tmp_path):
+    picture, wrong = tmp_path / "50.png", tmp_path / "wrong.png"
+    write_picture(picture, rendered_signs((50,), count=1).pictures[0].load())
+    wrong.write_text("no picture")
+    drop(tab, wrong)
+    tab.until("document.querySelector('.message').innerText.startsWith('wrong.png: must be an 8- or 16-bit')")
+    tab.failures.clear()  # the browser's own, of the status 422
+    drop(tab, picture)
+    tab.until("location.search.includes('picture=dropped-1')")
+    tab.until(READY)
+    assert "1 of 1 found" in text(tab, "h1")
+    assert "50.png" in text(tab, "aside")
 
 
 def test_sliders_and_what_is_typed_move_the_picture_the_numbers_and_the_url(tab, browser):

@@ -1,4 +1,4 @@
-"""The catalogue: uploads, what is named but not there, and commands and scripts that give the same picture."""
+"""The catalogue: what is dropped, what is named but not there, and commands and scripts of the same picture."""
 
 import builtins
 import io
@@ -38,7 +38,7 @@ def catalogue():
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [("text.png", b"hello, I am no picture", "text.png: must be an 8- or 16-bit"), ("empty.png", b"", "empty"),
-     ("huge.png", PNG, "huge.png: 52 x 40 px"), ("../../etc/passwd", b"root", "passwd: must be an 8")],
+     ("huge.png", PNG, "huge.png: 52 x 40 px")],
 )  # fmt: skip
 def test_what_is_no_picture_or_too_large_is_refused_with_a_line(name, content, told, catalogue, monkeypatch):
     monkeypatch.setattr(catalogues, "MOST_MEGAPIXELS", 0.001)
@@ -48,17 +48,22 @@ def test_what_is_no_picture_or_too_large_is_refused_with_a_line(name, content, t
     assert "/tmp" not in str(error.value)
 
 
-def test_uploads_are_listed_for_who_can_name_them_and_leave_no_file(catalogue, tmp_path, monkeypatch):
+def test_the_last_dropped_pictures_are_listed_each_under_its_own_name_and_leave_no_file(
+    catalogue, tmp_path, monkeypatch
+):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    name = catalogue.take("C:\\photos\\a b.png", PNG)
+    names = [catalogue.take("a b.png", PNG) for _ in range(6)]
     assert list(tmp_path.iterdir()) == []
-    assert name != catalogue.take("a b.png", PNG), "nobody can guess it"
-    assert name not in catalogue.titles("picture", "sign-1")
-    assert catalogue.titles("picture", name)[name] == "a b.png"
-    state = State(picture=name, model="none")
+    assert [*catalogue.titles("picture")][-4:] == names[2:]
+    assert catalogue.titles("picture")[names[5]] == "a b.png"
+    state = State(picture=names[5], model="none")
     assert catalogue.start(state.query(catalogue.base)) == state
-    assert catalogue.subject(state) is catalogue.subject(state)
     assert catalogue.subject(state).size == (40, 52)
+    with pytest.raises(ValueError, match="picture = 'dropped-2': is not available"):
+        catalogue.start("picture=dropped-2")
+    for make in (catalogue.command, catalogue.script):
+        with pytest.raises(ValueError, match=r"'a b.png': was dropped.* blurnoise explore FILE"):
+            make(state)
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "run/a.png", "sign-999", "0f", "given"])
@@ -76,7 +81,7 @@ def test_files_that_the_command_names_are_given(tmp_path):
         "none",
         "imx250m",
     )
-    assert catalogue.titles("picture", "given")["given"] == "grey.png"
+    assert catalogue.titles("picture")["given"] == "grey.png"
     with pytest.raises(ValueError, match="trust: needs a run"):
         Catalogue(tmp_path / "grey.png", trust=True)
     with pytest.raises(ValueError, match="gone"):

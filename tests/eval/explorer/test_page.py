@@ -67,7 +67,7 @@ Visit = Callable[[State, Steps], Told]
 @pytest.fixture
 def visit(catalogue, monkeypatch):
     async def go(state, steps):
-        page = Told(catalogue, state)
+        page = Told(catalogue, state, {})
         monkeypatch.setattr(pages, "ui", SimpleNamespace(run_javascript=page.run_javascript))
         loop = asyncio.create_task(page.live())
         await steps(page)

@@ -12,12 +12,12 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.datasets import Picture, rendered_signs
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.explorer import charts
 from blurnoise_eval.explorer.rendered import (
     POINTS,
     Point,
     Standard,
     Subject,
+    boxes,
     curve_points,
     mean_confidence,
     rendered,
@@ -170,7 +170,7 @@ def drawn(classes, *targets):
     places = np.array([[0, 0, 9, 9], [60, 20, 90, 50]], np.float32)
     detections = Detections(places, np.array([0.9, 0.8], np.float32), np.array([0, 0]))
     found: Any = SimpleNamespace(classes=classes, frame=SimpleNamespace(image=np.zeros((80, 120, 3))))
-    return ET.fromstring(charts.boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
+    return ET.fromstring(boxes(found, ModelOutput(detections, targets, 1.0, None, 0)))
 
 
 def test_boxes_are_found_missed_or_others():
