@@ -66,6 +66,14 @@ def pytest_terminal_summary(terminalreporter, config):
         Path(noted).write_text("".join(f"{name}\n" for name in names), encoding="utf-8")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def account(tmp_path_factory):
+    """The folder of the secret by which runs are known as one's own: not that of who tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("BLURNOISE_STATE", str(folder := tmp_path_factory.mktemp("account")))
+        yield folder
+
+
 @pytest.fixture(scope="session")
 def detector(tmp_path_factory):
     """One small detector for all tests of the harness: of stop signs, exact by construction."""

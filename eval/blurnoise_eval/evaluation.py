@@ -35,11 +35,12 @@ from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
 from blurnoise_eval.sweep.exposing import check_plan
+from blurnoise_eval.sweep.open import ENOUGH, Run
 from blurnoise_eval.sweep.pictures import RunPictures
 from blurnoise_eval.sweep.refining import refined
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
-from blurnoise_eval.sweep.score_tables import ENOUGH, question_of
+from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
 from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.progress import ProgressBar
@@ -135,10 +136,11 @@ def evaluate(
         if outcome.skipped and len(outcome.skipped) == len(shown):
             raise ValueError(f"images: none could be read (first: {next(iter(outcome.skipped.values()))})")
         if refine and own is None:
-            wanted, _ = question_of(store)
+            wanted = criterion_of(Run(store))
             refined(store, plan, wanted, cluster, len(shown), compute, outcome, progress)
         note_models(store, opened, shown, comparisons, computed=outcome.computed)
-    return Evaluation(folder, **enough, cluster=cluster, outcome=outcome, progress=progress, images=whole)
+    done: dict[str, Any] = {"outcome": outcome, "progress": progress, "images": whole, "trust": True}
+    return Evaluation(folder, **enough, cluster=cluster, **done)
 
 
 class Evaluation:
@@ -152,8 +154,10 @@ class Evaluation:
     :func:`evaluate` takes it. What is not given is as the sweep was asked. ``pandas.DataFrame`` takes each list as it
     is.
     ``output``: where pages, tables and figures are written, by default the run's folder. ``images``: where the
-    original pictures are, or the pictures themselves, by default where the sweep found them. Raises
-    :class:`~blurnoise_eval.store.store.StoreError` for a folder without a run.
+    original pictures are, or the pictures themselves, by default where the sweep found them. trust: the run is this
+    user's own, so that files outside its folder may be opened where it says they are; of runs that this user's
+    account has computed that is known. Raises :class:`~blurnoise_eval.store.store.StoreError` for a folder without a
+    run, or with one that no sweep has written.
     """
 
     _on_lines: Callable[[Store, Tables], Tables] = staticmethod(lambda store, measured: measured)
@@ -170,27 +174,31 @@ class Evaluation:
         outcome: Outcome | None = None,
         progress: bool | None = None,
         images: str | Path | PictureSet | None = None,
+        trust: bool = False,
     ) -> None:
         self._run = working_folder(folder)
         self._written = self._run if output is None else working_folder(output)
         self.folder, self.output = self._run.path, self._written.path
         self.outcome = outcome
-        self._progress, self._images = progress, images
-        with Store(self.folder, shared=True) as store:
-            self.criterion, self.cluster = question_of(store, threshold, keep, score, cluster)
-            check_cluster(self.cluster, store.pictures())
+        self._progress = progress
+        with Run.open(self.folder, trust=trust) as run:
+            self.criterion = criterion_of(run, threshold, keep, score)
+            self.cluster = cluster_of_run(run, cluster)
+            check_cluster(self.cluster, run.store.pictures())
+            self.pictures = RunPictures(run, images)
+            """The run's original pictures, and any of its simulated ones again."""
         self.threshold = self.criterion.level
 
     @cached_property
     def cells(self) -> Rows:
         """A row per picture, condition and model, as results.csv has them."""
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             return [named(row) for row in store.cells()]
 
     @cached_property
     def targets(self) -> Rows:
         """A row per cell and target, as targets.csv has them."""
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             return [named(row) for row in store.targets()]
 
     @property
@@ -243,17 +251,12 @@ class Evaluation:
             summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
 
-    @cached_property
-    def pictures(self) -> RunPictures:
-        """The run's original pictures, and any of its simulated ones again."""
-        return RunPictures(self.folder, self._images, trusted=True)
-
     def report(self) -> Path:
         """Write the run's tables, figures and pages; returns the page's path. Raises ``OSError``."""
         from blurnoise_eval.report import charts, failures, page  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             write_exports(store, self.output)
             failures.write_failures(store, self.data, self.output, self.pictures)
         write_tables(self.data, self.output)
@@ -268,7 +271,7 @@ class Evaluation:
         from blurnoise_eval.report.fiftyone_export import write_fiftyone
 
         with (
-            Store(self.folder, shared=True) as store,
+            Store(self.folder) as store,
             ProgressBar("FiftyOne", len(store.pictures()), self._progress) as advance,
         ):
             return write_fiftyone(store, self.data, self.pictures, Path(folder), advance)
@@ -281,7 +284,7 @@ class Evaluation:
     @cached_property
     def data(self) -> RunData:
         """Everything that the page shows."""
-        with Store(self.folder, shared=True) as store, ExitStack() as bar:
+        with Store(self.folder) as store, ExitStack() as bar:
             steps = store.count_different(*CONDITIONS, "model")
             advance = bar.enter_context(ProgressBar("score", steps, self._progress))
             return read_run(

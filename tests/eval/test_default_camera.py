@@ -31,7 +31,7 @@ def folder_of(folder, *colours):
 
 
 def manifest(done):
-    with Store(done.folder, shared=True) as store:
+    with Store(done.folder) as store:
         return dict(store.about("manifest")["camera"])
 
 

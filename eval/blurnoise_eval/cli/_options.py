@@ -144,6 +144,14 @@ Keep = option_of(PlanFile, "keep")
 Threshold = option_of(PlanFile, "threshold")
 Score = option_of(PlanFile, "score")
 Cluster = option_of(PlanFile, "cluster")
+Trust = Annotated[
+    bool,
+    Option(
+        "--trust",
+        help="open the pictures and models at the paths in the run, though another user has made it; use it for runs "
+        "of people you trust only",
+    ),
+]
 Contract = Annotated[
     str | None,
     Option(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from blurnoise_eval.cli._options import Json, ModelTimeout, new_file
+from blurnoise_eval.cli._options import Json, ModelTimeout, Trust, new_file
 from blurnoise_eval.cli.console import print_facts
 from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say
@@ -39,13 +39,7 @@ def explore(
         str | None, Option(metavar="ID", help="cell_id of a run's results.csv; the cell is computed again")
     ] = None,
     images: Annotated[Path | None, Option(metavar="DIR", help="folder of the pictures of a run")] = None,
-    trust: Annotated[
-        bool,
-        Option(
-            "--trust",
-            help="open the pictures and models at the paths in the run; use it for your own runs only",
-        ),
-    ] = False,
+    trust: Trust = False,
     model: Annotated[
         str | None,
         Option(

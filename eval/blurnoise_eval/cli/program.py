@@ -36,15 +36,15 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program import scenario as of
     from blurnoise_eval.program.optimise import optimise
     from blurnoise_eval.program.problem import Problem, inputs_of
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.score_tables import question_of
+    from blurnoise_eval.sweep.open import Run
+    from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
-    with read_run(run) as read, Store(read.path) as store, ProgressBar("program", 2) as advance:
-        question = question_of(store, config.threshold, config.keep, config.score, config.cluster)
-        inputs = inputs_of(store, *question, config.model)
+    with read_run(run) as read, Run.open(read.path) as opened, ProgressBar("program", 2) as advance:
+        criterion = criterion_of(opened, config.threshold, config.keep, config.score)
+        inputs = inputs_of(opened.store, criterion, cluster_of_run(opened, config.cluster), config.model)
         camera, own = inputs.metering.camera, inputs.scenario
         shortest_s = camera.row_time_s or of.PREGIUS_LEAST_S
         within_s = 1 / config.fps - config.readout_ms / 1e3

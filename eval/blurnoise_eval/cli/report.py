@@ -16,6 +16,7 @@ from blurnoise_eval.cli._options import (
     RunRead,
     Score,
     Threshold,
+    Trust,
     new_folder,
     new_place,
 )
@@ -67,6 +68,7 @@ def report(
             metavar="DIR", help="folder of the original pictures, if it is not where the sweep found them"
         ),
     ] = None,
+    trust: Trust = False,
     as_json: Json = False,
 ) -> None:
     """Write the figures, tables and page of a run again. No model is evaluated again.
@@ -95,13 +97,14 @@ def report(
             output=written,
             progress=True,
             images=images,
+            trust=trust,
         )
         if coco:
             from blurnoise_eval.store.store import Store
             from blurnoise_eval.sweep.coco_export import write_detections
 
             place = path_within(done.output, "coco")
-            with Store(done.folder, shared=True) as store:
+            with Store(done.folder) as store:
                 files = write_detections(store, place)
             say(f"{', '.join(map(str, files))}: each with its -instances.json", error=True)
         if fiftyone:

@@ -36,10 +36,10 @@ from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep import run as sweep
 from blurnoise_eval.sweep.contract_checks import contracts_chosen
 from blurnoise_eval.sweep.engines import Engine, engine_facts, engine_of, staying
-from blurnoise_eval.sweep.open import Batch, Place, ask, asked
+from blurnoise_eval.sweep.open import ENOUGH, Batch, Place, ask, asked
 from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
-from blurnoise_eval.sweep.score_tables import ENOUGH, run_averages, score_tables, withheld_models
+from blurnoise_eval.sweep.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say
@@ -94,9 +94,9 @@ def decided(
             list(models), pictures, camera, plan, folder,
             **enough, cluster=cluster, engine=engine, threads=threads, progress=progress, command=command,
         )  # fmt: skip
-        with Store(folder.path) as store:
+        with Store(folder.path, create=True) as store:
             store.set_about(_QUESTION, asdict(replace(question, because=because)))
-        return Decision(folder, **enough, cluster=cluster, progress=progress)
+        return Decision(folder, **enough, cluster=cluster, progress=progress, trust=True)
     further = {name: (value,) for name, value in question.further.items()}
     nodes = replace(plan, grid=further, only=(), direction=direction_of_all(question.lines), ego=None)
     if nodes.cuts:
@@ -117,7 +117,7 @@ def decided(
         run = _Run(store, models, camera, pictures, nodes, *of_question, engine_kept, progress)
         run.compute()
         note_models(store, models, pictures, comparisons, computed=run.outcome.computed)
-    return Decision(folder, **enough, cluster=cluster, outcome=run.outcome, progress=progress)
+    return Decision(folder, **enough, cluster=cluster, outcome=run.outcome, progress=progress, trust=True)
 
 
 @dataclass(frozen=True)
@@ -229,9 +229,14 @@ def question_of(store: Store) -> Question | None:
     """What was asked of the run last; None of a sweep. Raises ``StoreError`` for one of other software."""
     held = store.about(_QUESTION)
     try:
-        return None if held is None else Question(**held)
-    except TypeError:
-        raise store.damaged(_QUESTION, "must have grid and because") from None
+        question = None if held is None else Question(**held)
+        if question and dict(SweepPlan(question.grid).grid) != {
+            n: (*each,) for n, each in question.grid.items()
+        }:
+            raise ValueError("grid: is none of a plan")
+        return question
+    except (TypeError, ValueError, AttributeError) as error:
+        raise store.damaged(_QUESTION, str(error)) from None
 
 
 def on_lines(store: Store, measured: Tables) -> Tables:
@@ -258,7 +263,7 @@ class Decision(Evaluation):
     def decided(self) -> dict[str, Any] | None:
         """The numbers of ``nodes``, ``pictures`` and ``cells`` that were computed, and of the ``grid_cells`` that the
         grid would need; ``because``: why the full grid was computed. None of a run without a question."""
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             question, batches = question_of(store), asked(store)
             if question is None:
                 return None

@@ -14,8 +14,9 @@ from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, NAMES, Axis
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
+from blurnoise_eval.sweep import open as opened
 from blurnoise_eval.sweep.pictures import RunPictures
-from blurnoise_eval.sweep.score_tables import question_of
+from blurnoise_eval.sweep.score_tables import criterion_of
 
 USUAL = Criterion(KEPT, kept=True)
 """The criterion where no run has one in confidences."""
@@ -38,18 +39,20 @@ class Run(RunPictures):
     def __init__(
         self, folder: str | Path, images: str | Path | None = None, *, trusted: bool = False
     ) -> None:
-        super().__init__(folder, images, trusted=trusted)
-        if any(model["kind"] != "detector" for model in self.manifest["models"]):
-            raise ValueError(f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers")
-        with Store(self.folder, shared=True) as store:
-            asked, _ = question_of(store)
+        with opened.Run.open(folder, trust=trusted) as run:
+            super().__init__(run, images)
+            if any(model["kind"] != "detector" for model in self.manifest["models"]):
+                raise ValueError(
+                    f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers"
+                )
+            asked = criterion_of(run)
         self.criterion = asked if asked.score == CONFIDENCE else USUAL
         self.means = cache(self._read_means)
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
 
     def _read_means(self, model: str) -> list[tuple[dict[str, float], float]]:
         """A detector's mean confidence under each condition."""
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             rows = [row for row in queries.target_sums(store, model) if not row["clean"]]
         counted = [(row, row["n_target_confidence"]) for row in rows if row["n_target_confidence"]]
         return [({name: row[name] for name in NAMES}, row["target_confidence"] / n) for row, n in counted]

@@ -7,6 +7,7 @@ share their seed, so they see the same noise field and differ by physics, not by
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -42,6 +43,8 @@ from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
 
 DIFFRACTION_UM = 0.55
 """Wavelength at which a stated f-number spreads the light, where the camera names none: green, the eye's peak."""
+MOST_CONDITIONS = 1_000_000
+"""Of a plan; a picture of each takes hours."""
 _STAND_INS: Mapping[str, float] = {"exposure_s": 1e-3, "gain_db": 0.0}
 _PLACE = {name: place for place, name in enumerate(NAMES)}
 _LENS = tuple(each.name for each in AXES if each.into.startswith("camera."))
@@ -213,6 +216,8 @@ class SweepPlan:
         stated = {name: () if value is None else (value,) for name, value in core} | {**self.grid}
         checked = {each.name: each.checked(stated[each.name]) for each in AXES if each.name in stated}
         object.__setattr__(self, "grid", checked)
+        if (count := math.prod(map(len, checked.values()))) > MOST_CONDITIONS:
+            raise ValueError(f"grid: has {count} conditions; must have at most {MOST_CONDITIONS}")
         in_range("hdr_white", self.hdr_white, 1e-6, 1e6)
         integer("repeats", self.repeats, 1, 1_000_000)
         integer("seed", self.seed, 0, rng.LAST_SEED)

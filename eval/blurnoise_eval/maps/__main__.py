@@ -37,15 +37,15 @@ def maps(
     from blurnoise_eval.maps import figures
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
-    from blurnoise_eval.store.store import Store
-    from blurnoise_eval.sweep.score_tables import question_of
+    from blurnoise_eval.sweep.open import Run
+    from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
-    with read_run(run) as read, Store(read.path) as store:
-        question = question_of(store, threshold, keep, score, cluster)
-        nodes = nodes_of(store)
+    with read_run(run) as read, Run.open(read.path) as opened:
+        question = criterion_of(opened, threshold, keep, score), cluster_of_run(opened, cluster)
+        nodes = nodes_of(opened)
         with ProgressBar("maps", len(nodes)) as advance:
-            found = maps_of(store, nodes, *question, threads=workers, progress=advance)
+            found = maps_of(opened.store, nodes, *question, threads=workers, progress=advance)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
         write(found, folder.path)

@@ -19,10 +19,11 @@ from blurnoise.optics.radiometry import dark_electrons
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.answers.table import ORDER, ScoreTable
 from blurnoise_eval.cameras import behind_one_filter
-from blurnoise_eval.grid.axes import CORE, LIGHT, MOVES, SETTING
+from blurnoise_eval.grid.axes import CORE, LIGHT, SETTING
 from blurnoise_eval.grid.conditions import Conditions
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import StoreError
+from blurnoise_eval.sweep.open import Run
 
 Array = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -71,29 +72,24 @@ class Nodes:
         return replace(table, conditions={}, sums=sums, counts=counts)
 
 
-def nodes_of(store: Store) -> Nodes:
+def nodes_of(run: Run) -> Nodes:
     """The nodes of a run. Raises :class:`StoreError` for a run without a condition with light, or one whose motion is
     not the straight motion of the whole picture, as which charts move."""
-    run = f"run = {str(store.folder)!r}"
-    manifest = store.about("manifest")
-    if manifest is None:
-        raise StoreError(f"{run}: contains no sweep")
-    plan = store.about("identity")["plan"]  # of a grid, or of the nodes that a search asked for
-    grid = plan.get("grid") or {name: [value] for name, value in plan["further"].items()}
+    where, plan = f"run = {str(run.folder)!r}", run.plan  # of a grid, or of the nodes that a search asked for
     others = {
-        "targets or background move separately": any(map(MOVES.place_of, grid.get(MOVES.name, ()))),
-        "its camera drives": plan.get("ego") is not None,
-        "its pictures follow a trajectory": plan.get("trajectory") is not None,
-        "it has lamps": plan.get("lamps") is not None,
-        "its camera takes several captures": bool(manifest.get("camera", {}).get("captures")),
+        "targets or background move separately": plan.cuts,
+        "its camera drives": plan.ego is not None,
+        "its pictures follow a trajectory": plan.trajectory is not None,
+        "it has lamps": plan.lamps is not None,
+        "its camera takes several captures": bool(run.camera.captures),
     }
     if reason := next((text for text, holds in others.items() if holds), None):
         raise StoreError(
-            f"{run}: {reason}; maps need a run with straight motion of the whole picture, in one capture"
+            f"{where}: {reason}; maps need a run with straight motion of the whole picture, in one capture"
         )
-    nodes = nodes_at(queries.exposed_conditions(store), Camera.from_dict(manifest["camera"]), list(grid))
+    nodes = nodes_at(queries.exposed_conditions(run.store), run.camera, list(plan.grid))
     if not len(nodes):
-        raise StoreError(f"{run}: has no pictures with light")
+        raise StoreError(f"{where}: has no pictures with light")
     return nodes
 
 

@@ -245,7 +245,7 @@ def _complete(manifest: Row, run: Run, store: Store, cluster: str | None) -> Non
     for model in manifest["models"]:
         model["non_finite_values"] = not_finite.get(model["name"], 0)
     manifest |= {"plan": run.planned, "software": store.software(), "cluster": cluster}
-    manifest |= {"wall_s": store.about("wall_s") or 0.0, **queries.counts(store)}
+    manifest |= {"wall_s": run.wall_s, **queries.counts(store)}
     manifest |= {"simulate_ms": queries.median_simulate_ms(store), "errors": queries.errors(store)}
     if not manifest["images"]["labelled"]:
         manifest["targets_found"] = queries.labels_when_clean(store)

@@ -10,7 +10,7 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence, Set
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -21,7 +21,9 @@ import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
+from blurnoise_eval.store.reading import Steps, check_files, check_tables, connect, most_steps
 from blurnoise_eval.system.files import RUN_FILE, path_within
+from blurnoise_eval.system.signing import is_own, signed
 
 _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<i4")])
 """A class that is not the first of its box is stored as its complement, a number below 0."""
@@ -69,55 +71,59 @@ class CellResult:
 class Store:
     """The results of one run. Use as a context manager; raises :class:`StoreError` when it cannot be used.
 
-    shared: other processes may read it, too. ``memory``: values computed from the rows, until the rows change.
+    A run that is there is read: see :mod:`~blurnoise_eval.store.reading`. create: it is written, by one process at a
+    time, and made where it is not there. own: what is written is signed as this user's. ``memory``: values computed
+    from the rows, until the rows change.
     """
 
-    def __init__(self, folder: Path, *, create: bool = False, shared: bool = False) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, *, create: bool = False, own: bool = True) -> None:
+        self.folder, self._own, self._reads = folder, own, not create
         self.memory: dict[str, Any] = {}
+        self._steps: Steps | None = None
         path = folder / RUN_FILE
         if not create and not path.is_file():
             raise StoreError(f"run = {str(folder)!r}: holds no {RUN_FILE}; make one with 'blurnoise sweep'")
         path = self.file(RUN_FILE)
         with self._explained(), ExitStack() as opened:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
-            if not shared:
-                self._db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
-            self._db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
+            try:
+                if create:
+                    db = self._written(path)
+                else:
+                    self._steps = most_steps(path)
+                    db = connect(path, self._steps)
+            except ValueError as error:
+                raise StoreError(f"run = {str(folder)!r}: {error}") from None
+            self._db = opened.enter_context(closing(db))
+            if create:
+                opened.callback(
+                    db.execute, "PRAGMA journal_mode = DELETE"
+                )  # no files beside one that is done
             self._db.row_factory = sqlite3.Row
-            (version,) = self._db.execute("PRAGMA user_version").fetchone()
-            if version == 0:
-                self._db.executescript(
-                    f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT"
-                )
-            elif version != schema.VERSION:
-                self._rename_columns()
             self._opened = opened.pop_all()
 
-    def _rename_columns(self) -> None:
-        """Give the columns of an earlier version their names of today. Raises :class:`StoreError` where this does not
-        make the tables those of today; the file then stays as it was."""
-        with closing(sqlite3.connect(":memory:")) as new, self._db as db:
-            new.executescript(schema.TABLES)
-            db.execute("BEGIN IMMEDIATE")
-            for table in schema.RUN_TABLES:
-                for name in _names(db, table):
-                    if name in schema.RENAMED:
-                        db.execute(f"ALTER TABLE {table} RENAME COLUMN {name} TO {schema.RENAMED[name]}")
-                if _names(db, table) != _names(new, table):
-                    raise StoreError(
-                        f"run = {str(self.folder)!r}: was made by another version of blurnoise; choose another folder"
-                    )
-            db.execute(f"PRAGMA user_version = {schema.VERSION}")
+    def _written(self, path: Path) -> sqlite3.Connection:
+        """The connection of the one that writes."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        check_files(path)
+        with ExitStack() as opened:
+            db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
+            db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            db.execute("PRAGMA journal_mode = WAL")
+            db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
+            db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
+            (version,) = db.execute("PRAGMA user_version").fetchone()
+            if version == 0:
+                db.executescript(f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT")
+            check_tables(db)
+            opened.pop_all()
+            return db
 
     def __enter__(self) -> Store:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._opened.close()
+        with suppress(sqlite3.Error):  # the rows are committed already
+            self._opened.close()
 
     def file(self, name: str) -> Path:
         """The path of a file that the run names. Raises :class:`StoreError` for one outside the run's folder."""
@@ -133,16 +139,37 @@ class Store:
         )
 
     def set_about(self, key: str, value: Any) -> None:
-        """Keep a value under ``key``, as JSON; arrays are lists there."""
+        """Keep a value under ``key``, as JSON, signed; arrays are lists there."""
+        text = json.dumps(value, default=np.ndarray.tolist)
+        signature = signed(f"{key} {text}") if self._own else None
         with self._transaction() as db:
-            text = json.dumps(value, default=np.ndarray.tolist)
-            db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, text))
+            db.execute("INSERT OR REPLACE INTO about VALUES (?, ?, ?)", (key, text, signature))
 
-    def about(self, key: str) -> Any:
-        """The JSON value under ``key``, None when there is none."""
-        for row in self.rows("SELECT value FROM about WHERE key = ?", key):
-            return self._document(key, row["value"])
+    def is_own(self) -> bool:
+        """Whether this user has written every document of the run."""
+        rows = self.rows("SELECT key, value, signature FROM about")
+        others = [row for row in rows if not is_own(f"{row['key']} {row['value']}", row["signature"])]
+        return not others
+
+    def about(self, key: str, *, own: bool = False) -> Any:
+        """The JSON value under ``key``, None when there is none. own: nor one that somebody else has written."""
+        for row in self.rows("SELECT value, signature FROM about WHERE key = ?", key):
+            if not own or is_own(f"{key} {row['value']}", row["signature"]):
+                return self._document(key, row["value"])
         return None
+
+    def keep(self, key: str, value: Any) -> None:
+        """As :meth:`set_about`; of a run that is read only where it is this user's and can be written."""
+        if not self._reads:
+            self.set_about(key, value)
+        if not self._reads or not self.is_own():
+            return
+        with suppress(sqlite3.Error, StoreError):
+            self._db.rollback()  # others may write
+            with Store(self.folder, create=True) as writing:
+                writing.set_about(key, value)
+        with self._explained():
+            self._db.execute("BEGIN")
 
     def add(self, results: Sequence[CellResult]) -> None:
         """Commit finished cells, all of them or none; their pictures are not skipped."""
@@ -236,36 +263,44 @@ class Store:
     def rows(self, query: str, *values: object) -> Iterator[dict[str, Any]]:
         """The result of an SQL query, a row at a time."""
         with self._explained():
+            self._begin()
             for row in self._db.execute(query, values):
                 found = dict(row)
                 if "clean" in found:
                     found["clean"] = bool(found["clean"])
                 yield found
 
-    def tuples(self, query: str, *values: object) -> Iterator[list[tuple[Any, ...]]]:
+    def tuples(
+        self, query: str, *values: object, at_once: int | None = None
+    ) -> Iterator[list[tuple[Any, ...]]]:
         """The result of an SQL query as tuples, some thousands of rows at a time."""
         with self._explained():
+            self._begin()
             cursor = self._db.cursor()
             cursor.row_factory = None
             cursor.execute(query, values)
-            while rows := cursor.fetchmany(_AT_ONCE):
+            while rows := cursor.fetchmany(at_once or _AT_ONCE):
                 yield rows
 
-    def columns(self, table: str) -> dict[str, str]:
-        """Names and SQLite types of the columns that tables have."""
+    def _begin(self) -> None:
+        if self._steps is not None:
+            self._steps.begin()
+
+    def columns(self, table: str, *, shown: bool = True) -> dict[str, str]:
+        """Names and SQLite types of a table's columns. shown: without those that exports leave out."""
         with self._explained():
             found = self._db.execute(f"PRAGMA table_info({table})").fetchall()
-        return {row["name"]: row["type"] for row in found if row["name"] not in _NOT_SHOWN}
+        return {row["name"]: row["type"] for row in found if not shown or row["name"] not in _NOT_SHOWN}
 
     def _add_columns(self, names: Set[str]) -> None:
         """Add those columns of a pulsed lamp that the cells lack."""
         for name in sorted(names - self.columns("cells").keys(), reverse=True) if names else ():
             with self._transaction() as db:
-                db.execute(f"ALTER TABLE cells ADD COLUMN {name} {schema.OF_LAMPS[name]}")
+                db.execute(schema.add_column(name))
 
     def _document(self, field: str, text: str) -> Any:
         try:
-            return json.loads(text, object_hook=Stated)
+            return json.loads(text, object_hook=Stated, parse_constant=_infinite)
         except (ValueError, RecursionError) as error:
             raise self.damaged(field, str(error)) from None
 
@@ -283,14 +318,21 @@ class Store:
         except OSError as error:
             why = f"cannot be written ({error.strerror or error})"
         except sqlite3.OperationalError as error:
+            if str(error) == "interrupted":
+                if self._steps is None or not self._steps.used_up:
+                    raise KeyboardInterrupt from None
+                error = sqlite3.OperationalError("a query of it does not end")
             why = "another process is using it" if "locked" in str(error) else f"cannot be used ({error})"
         except sqlite3.DatabaseError as error:
             why = f"{RUN_FILE} is damaged ({error})"
         raise StoreError(f"run = {str(self.folder)!r}: {why}") from None
 
 
-def _names(db: sqlite3.Connection, table: str) -> list[str]:
-    return [row[1] for row in db.execute(f"PRAGMA table_info({table})")]
+def _infinite(constant: str) -> float:
+    """What the camera sets is infinite; nothing is no number."""
+    if constant == "NaN":
+        raise ValueError("NaN")
+    return float(constant)
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -8,11 +8,13 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from blurnoise._core.files import read_bytes
+from blurnoise._core.checks import shown
+from blurnoise._core.files import json_of, read_bytes
 from blurnoise_eval.datasets import PictureSet
 from blurnoise_eval.scoring.evaluated import Truth, coco_results
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.sweep.documents import validated
 from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.files import path_within, write_whole
 
@@ -53,9 +55,15 @@ def write_instances(run: Path, truth: Mapping[str, Any]) -> None:
 def read_truth(store: Store) -> dict[str, Any]:
     """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
     try:
-        held = json.loads(read_bytes(path_within(store.folder, INSTANCES)))
-        return {name: list(held[name]) for name in ("images", "annotations", "categories")}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        held = validated("truth", json_of(read_bytes(path_within(store.folder, INSTANCES)).decode()))
+        names = {each["file_name"] for each in held["images"]}
+        categories = {each["id"] for each in held["categories"]}
+        if missing := sorted(store.pictures().keys() - names):
+            raise ValueError(f"images: {missing[0]!r}, a picture of the run, is missing")
+        if unknown := [each for each in held["annotations"] if each["category_id"] not in categories]:
+            raise ValueError(f"category_id = {shown(unknown[0]['category_id'])}: must be in categories")
+        return held
+    except (OSError, ValueError) as error:
         raise StoreError(
             f"{store.folder / INSTANCES}: cannot be read ({error}); repeat the sweep's command to restore it"
         ) from None
@@ -68,16 +76,12 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
     """
     coco, run = read_truth(store), Run(store)
     image_ids = {entry["file_name"]: entry["id"] for entry in coco["images"]}
-    sizes_px = {
-        image_ids[name]: (facts.width_px, facts.height_px)
-        for name, facts in store.pictures().items()
-        if name in image_ids
-    }
+    sizes_px = {image_ids[name]: (each.width_px, each.height_px) for name, each in store.pictures().items()}
 
     def truth_of(name: str) -> Truth | None:
         if run.models[name]["kind"] != "detector":
             return None
-        classes = run.models[name]["contract"]["classes"]
+        classes = run.classes(name)
         if run.labelled:
             categories = {category["name"]: category["id"] for category in coco["categories"]}
             known = {index: categories[label] for index, label in enumerate(classes) if label in categories}
@@ -86,6 +90,8 @@ def truths(store: Store) -> Callable[[str], Truth | None]:
         annotations = []
         for number, row in enumerate(queries.found_when_clean(store, name), start=1):
             box = [row["x0"], row["y0"], row["width_px"], row["height_px"]]
+            if row["label"] not in ids:
+                raise store.damaged("targets.label", f"{row['label']!r} is no class of {name!r}")
             facts = {"id": number, "image_id": image_ids[row["image"]], "category_id": ids[row["label"]]}
             annotations.append({**facts, "bbox": box, "area": box[2] * box[3], "iscrowd": 0})
         names = [{"id": number, "name": label} for label, number in ids.items()]

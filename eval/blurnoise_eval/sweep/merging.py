@@ -10,12 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from blurnoise._core.files import read_bytes
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import read_truth, write_instances
-from blurnoise_eval.sweep.open import Batch, Run, ask
+from blurnoise_eval.sweep.open import ENOUGH, Batch, Run, ask
 from blurnoise_eval.sweep.run_folder import differences, listed
-from blurnoise_eval.sweep.score_tables import ENOUGH
 from blurnoise_eval.system.files import write_whole, written_whole
 
 
@@ -41,7 +41,7 @@ def merge(
         raise StoreError(f"output = {str(output)!r}: is not empty; choose another folder")
     with ExitStack() as opened:
         different = {run.resolve(): run for run in runs}  # one that is named twice counts once
-        parts = [opened.enter_context(Run.open(run, shared=False)) for run in different.values()]
+        parts = [opened.enter_context(Run.open(run)) for run in different.values()]
         identity = _identity(parts)
         truth = _truth(parts)
         origin = command or " ".join(["blurnoise merge", *map(str, runs), "-o", str(output)])
@@ -49,9 +49,9 @@ def merge(
         about = {
             "identity": identity,
             "manifest": {**parts[0].manifest, "images": images, "command": origin},
-            "wall_s": sum(part.store.about("wall_s") or 0.0 for part in parts),
+            "wall_s": sum(part.wall_s for part in parts),
         }
-        questions = [part.store.about(ENOUGH) for part in parts]
+        questions = [part.enough for part in parts]
         if all(each == questions[0] for each in questions):
             about[ENOUGH] = questions[0]
         try:
@@ -77,7 +77,7 @@ def _truth(parts: Sequence[Run]) -> dict[str, Any]:
 def _joined(
     parts: Sequence[Run], folder: Path, about: dict[str, Any], progress: Callable[[int], None]
 ) -> Merged:
-    with Store(folder, create=True) as joined:
+    with Store(folder, create=True, own=all(part.trusted for part in parts)) as joined:
         for part in parts:
             held = joined.pictures()
             for name, facts in part.store.pictures().items():
@@ -89,7 +89,7 @@ def _joined(
                 file = joined.file(name)
                 if part.store.file(name).is_file() and not file.exists():
                     file.parent.mkdir(parents=True, exist_ok=True)
-                    write_whole(file, part.store.file(name).read_bytes())
+                    write_whole(file, read_bytes(part.store.file(name)))
             progress(1)
         for key, value in about.items():
             joined.set_about(key, value)

@@ -20,39 +20,32 @@ from blurnoise_eval.grid.axes import CORE
 from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import open as opened
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
+from blurnoise_eval.sweep.open import Run
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 _LABELS = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd, "text": datasets.texts}
 
 
 class RunPictures:
-    """A run's folder, read. Raises :class:`StoreError` for one without a run.
+    """The pictures of an open run.
 
-    images: where its pictures are, if not where they were, or the pictures themselves. trusted: labels, pictures and
-    models may be opened where the run says they are.
+    images: where they are, if not where they were, or the pictures themselves. Labels, pictures and models are opened
+    where a run says they are, if it is trusted.
     """
 
-    def __init__(
-        self,
-        folder: str | Path,
-        images: str | Path | PictureSet | None = None,
-        *,
-        trusted: bool = False,
-    ) -> None:
-        self.folder, self.trusted = Path(folder), trusted
+    def __init__(self, run: Run, images: str | Path | PictureSet | None = None) -> None:
+        self.folder, self.trusted = run.folder, run.trusted
         self._images = images if isinstance(images, PictureSet) or not images else Path(images)
-        with opened.Run.open(self.folder) as run:
-            self.manifest, self.camera, self.objects = run.manifest, run.camera, run.objects
-            self._plan, self._grid, self._batches = run.plan, run.grid, run.asked
-            self._held = run.store.pictures()
+        self.manifest, self.camera, self.objects = run.manifest, run.camera, run.objects
+        self._plan, self._grid, self._batches = run.plan, run.grid, run.asked
+        self._held = run.store.pictures()
         self.pictures: tuple[str, ...] = tuple(sorted(self._held))
 
     def cell(self, **columns: Any) -> Cell:
         """The cell in the middle of those that hold these values in these columns, in full, as its id is made of it.
         Raises ``ValueError`` for none."""
-        with Store(self.folder, shared=True) as store:
+        with Store(self.folder) as store:
             rows = [*queries.cells_with(store, clean=0, **columns)]
         if not rows:
             text = ", ".join(f"{name} = {value!r}" for name, value in columns.items())
@@ -87,9 +80,8 @@ class RunPictures:
         rendered = _RENDERED.fullmatch(identity)
         if rendered:
             sizes = [float(size) for size in rendered["sizes"].split("-")]
-            pictures = datasets.rendered_signs(
-                sizes, count=int(rendered["number"]) + 1, seed=int(rendered["seed"])
-            )
+            number, seed = int(rendered["number"]), int(rendered["seed"])
+            pictures = datasets.rendered_signs(sizes, count=number + 1, seed=seed)
         else:
             pictures = self._opened
         picture = next((each for each in pictures if each.name == name), None)

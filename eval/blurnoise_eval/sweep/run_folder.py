@@ -28,6 +28,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.sweep.contract_checks import Comparison
+from blurnoise_eval.sweep.open import Run
 from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
 from blurnoise_eval.system.machine import hardware, limited_threads, versions
 
@@ -82,7 +83,7 @@ def open_run(
         held = None
     differing = [] if held is None else differences(held, identity)
     if answered:
-        differing += differences(store.about("manifest")["versions"], versions(), "software")
+        differing += differences(Run(store).manifest["versions"], versions(), "software")
     differing += [f"picture {picture.name!r}" for picture in _replaced(pictures, store)]
     if differing:
         raise StoreError(
@@ -91,7 +92,7 @@ def open_run(
         )
     write_truth(pictures, store.folder, whole)
     store.set_about("identity", identity)
-    before = {model["name"]: model for model in (store.about("manifest") or {"models": []})["models"]}
+    before = {} if store.about("manifest") is None else Run(store).models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
     manifest = {
         "title": f"{', '.join(names)} seen through {camera.name}",

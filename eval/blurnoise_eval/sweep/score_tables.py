@@ -35,35 +35,38 @@ from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.coco_export import truths
 from blurnoise_eval.sweep.open import Run
 
-ENOUGH = "enough"
-"""The key of a run's store for the last threshold, keep, score and cluster."""
 LEAST_AP50 = 0.05
 """On the labelled original pictures: a detector below this has no answers."""
 _SCORES, _VERSION = "scores", 8  # under which the store keeps the scores; of how they are computed
 _DARK = 0.09  # of full scale: half of what auto-exposure aims at
 
 
-def question_of(
-    store: Store,
-    threshold: float | None = None,
-    keep: float | None = None,
-    score: str | None = None,
-    cluster: str | None = None,
-) -> tuple[Criterion, str | None]:
-    """The criterion of a run, see :func:`.criterion_for`, and the pattern of its clusters: as given here, or else as
-    the sweep was given them. A threshold replaces a share to keep, and the other way round.
+def criterion_of(
+    run: Run, threshold: float | None = None, keep: float | None = None, score: str | None = None
+) -> Criterion:
+    """The criterion of a run, see :func:`.criterion_for`: as given here, or else as the sweep was given it.
 
-    Raises ``StoreError`` for a run that never began.
+    A threshold replaces a share to keep, and the other way round. Raises ``ValueError``.
     """
-    run = Run(store)
     reads = any(model["kind"] == "reader" for model in run.models.values())
     rendered = run.manifest["images"]["kind"] == "rendered"
-    asked: dict[str, Any] = store.about(ENOUGH) or {}
     if threshold is None and keep is None:
-        threshold, keep = asked.get("threshold"), asked.get("keep")
+        threshold, keep = run.enough["threshold"], run.enough["keep"]
     of = {"rendered": rendered, "reads": reads, "labelled": run.labelled}
-    found = criteria.criterion_for(threshold, keep, score or asked.get("score"), **of)
-    return found, cluster or asked.get("cluster")
+    return criteria.criterion_for(threshold, keep, score or run.enough["score"], **of)
+
+
+def cluster_of_run(run: Run, cluster: str | None = None) -> str | None:
+    """The pattern of the run's clusters: as given here, or else as the sweep was given it.
+
+    Raises ``ValueError`` for one of a run that is not trusted: a search for it may never end.
+    """
+    held: str | None = run.enough["cluster"]
+    if cluster is None and held is not None and not run.trusted:
+        raise ValueError(
+            f"cluster = {held!r}: is of a run that is not your own; state it again if it is harmless"
+        )
+    return held if cluster is None else cluster
 
 
 def run_scores(
@@ -77,7 +80,7 @@ def run_scores(
     names = [score.name for score in of_conditions()]
     made_of: dict[str, Any] = {"of": queries.count_rows(store), "cluster": cluster, "by_size": by_size}
     made_of |= {"version": _VERSION, "scores": names}
-    kept = store.about(_SCORES)
+    kept = store.about(_SCORES, own=True)
     if kept is not None and made_of == {name: kept.get(name) for name in made_of}:
         return [
             Scored(
@@ -89,7 +92,7 @@ def run_scores(
     for each in _scored(store, cluster, by_size):
         found.append(each)
         progress(1)
-    store.set_about(_SCORES, made_of | {"found": found})
+    store.keep(_SCORES, made_of | {"found": found})
     return found
 
 
@@ -185,8 +188,9 @@ def _clean_values(
 ) -> NDArray[np.float64]:
     """The score of each row's target in the original picture, NaN where it is unknown."""
     most = 1 + int(columns.target_id.max(initial=0))
-    key = columns.picture.astype(np.int64) * most + columns.target_id
-    of_target: NDArray[np.float64] = np.full(1 + int(key.max(initial=0)), np.nan)
+    every = columns.picture.astype(np.int64) * most + columns.target_id
+    different, key = np.unique(every, return_inverse=True)
+    of_target: NDArray[np.float64] = np.full(len(different), np.nan)
     of_target[key[original]] = values[original]
     return np.asarray(of_target[key])
 

@@ -157,7 +157,7 @@ def run(tmp_path_factory):
 
 
 def rows(run):
-    with Store(run.folder, shared=True) as store:
+    with Store(run.folder) as store:
         return list(store.cells())
 
 
@@ -185,7 +185,7 @@ def test_a_cell_explored_has_the_picture_and_confidences_of_the_run(run):
     assert shown.standard is not None
     assert shown.standard.required == criterion.level == 0.6  # rendered signs: a confidence of their own
     cell, model = str(row["cell_id"]), str(row["model"])
-    with Store(run.folder, shared=True) as store:
+    with Store(run.folder) as store:
         targets = [each["confidence"] for each in queries.targets_of(store, cell, model)]
         detections = store.detections(cell, model)
     assert shown.sight is not None
@@ -204,7 +204,8 @@ def test_scripts_of_a_run_take_its_pictures_camera_and_models(run, tmp_path, mon
     assert "Detections" in capsys.readouterr().out
 
 
-def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path):
+def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path, monkeypatch):
+    """Of a run of one's own without a word, of another account's if it is trusted."""
     folder = tmp_path / "pictures"
     folder.mkdir()
     (picture,) = rendered_signs((50,), count=1).pictures
@@ -214,8 +215,10 @@ def test_pictures_of_a_folder_are_found_again_or_refused(tmp_path):
     )
     row = next(row for row in rows(run) if row["example"] and not row["clean"])
     kept = read_picture(run.folder / str(row["example"]))
+    assert np.array_equal(frame(run, row), kept)
+    monkeypatch.setenv("BLURNOISE_STATE", str(tmp_path / "another"))
     with pytest.raises(ValueError, match=r"is outside the folder of the run; --trust .* --images"):
-        frame(run, row)
+        frame(Run(run.folder), row)
     assert np.array_equal(frame(Run(run.folder, trusted=True), row), kept)
     moved = folder.rename(tmp_path / "moved")
     with pytest.raises(ValueError, match="pictures"):
@@ -231,7 +234,7 @@ def test_files_outside_a_foreign_run_are_not_opened(what, run, tmp_path, monkeyp
     """Nor does a pipe hold up a run that is trusted."""
     folder = shutil.copytree(run.folder, tmp_path / "run")
     os.mkfifo(pipe := tmp_path / "pipe")
-    with Store(folder) as store:
+    with Store(folder, create=True, own=False) as store:
         manifest, identity, name = store.about("manifest"), store.about("identity"), run.pictures[0]
         if what == "model":
             manifest["models"][0] |= {"file": str(pipe), "sha256": "0"}

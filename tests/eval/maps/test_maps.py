@@ -17,6 +17,7 @@ from commands import main
 from made_planes import KEEP, exact, plane, row, scores_at
 from made_tables import table
 from plans import IMX250
+from plans import plan as swept
 from scipy import stats
 
 PLANE = plane()
@@ -161,14 +162,12 @@ def test_conditions_of_one_node_are_summed():
 @pytest.mark.parametrize(
     ("plan", "reason"),
     [
-        ({"grid": {"moves": [0.0, 1.0]}}, "targets or background move separately"),
-        ({"grid": {"ego_speed_m_s": [10.0]}, "ego": {}}, "its camera drives"),
-        ({"grid": {"f_number": [2.0]}, "trajectory": {"kind": "shake"}}, "its pictures follow a trajectory"),
-        (None, "contains no sweep"),
+        (swept((0.01,), (5.0,), moves=(0.0, 1.0)), "targets or background move separately"),
+        (swept((0.01,), (5.0,), ego_speed_m_s=(10.0,)), "its camera drives"),
+        (replace(swept((0.01,), (5.0,)), trajectory="shake:6"), "its pictures follow a trajectory"),
     ],
 )
 def test_runs_whose_motion_no_chart_has_are_refused(plan, reason):
-    abouts = {"manifest": plan and {}, "identity": {"plan": plan}}
-    store: Any = SimpleNamespace(folder="run", about=abouts.get)
+    run: Any = SimpleNamespace(folder="run", plan=plan, camera=IMX250)
     with pytest.raises(StoreError, match=reason):
-        nodes_of(store)
+        nodes_of(run)

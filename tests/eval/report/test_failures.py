@@ -82,7 +82,7 @@ def test_a_confidence_just_below_is_missed_though_it_reads_alike(run, targets, t
     """0.24996 rounds to 0.250, and is below 0.25."""
     copy = tmp_path / "run"
     shutil.copytree(run.folder, copy)
-    with Store(copy) as store, store._transaction() as db:
+    with Store(copy, create=True) as store, store._transaction() as db:
         db.execute("UPDATE targets SET confidence = 0.24996 WHERE label = 'grey' AND clean = 1")
     Evaluation(copy, progress=False).report()
     model = numbers_of(copy / "failures.html")["models"][0]
@@ -147,7 +147,7 @@ def test_without_the_pictures_the_page_says_so_and_keeps_its_numbers(run, number
 def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, numbers, tmp_path):
     copy = tmp_path / "run"
     shutil.copytree(run.folder, copy)
-    with Store(copy) as store, store._transaction() as db:
+    with Store(copy, create=True) as store, store._transaction() as db:
         for table in ("cells", "targets"):
             db.execute(f"UPDATE {table} SET cell_id = 'other ' || cell_id")
     Evaluation(copy, progress=False).report()

@@ -1,10 +1,8 @@
 """Results survive: whole or not at all, one writer, errors in words, exports as people read them."""
 
 import csv
-import sqlite3
 import subprocess
 import sys
-from contextlib import closing
 from itertools import product
 
 import numpy as np
@@ -13,7 +11,7 @@ from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.grid.axes import AUTOMATIC, MOVES, named
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.queries import write_exports
-from blurnoise_eval.store.schema import CONDITIONS, RENAMED
+from blurnoise_eval.store.schema import CONDITIONS
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.system.files import RUN_FILE
 from stored_rows import clean_result, result
@@ -111,34 +109,10 @@ def test_file_that_is_no_database(tmp_path):
 def test_a_store_that_is_shared_keeps_sweeps_out(tmp_path):
     """And a sweep keeps those out that would share."""
     refused = pytest.raises(StoreError, match="another process")
-    with Store(tmp_path, create=True), refused, Store(tmp_path, shared=True):
+    with Store(tmp_path, create=True), refused, Store(tmp_path):
         pass
-    with Store(tmp_path, shared=True), Store(tmp_path, shared=True), refused, Store(tmp_path, create=True):
+    with Store(tmp_path), Store(tmp_path), refused, Store(tmp_path, create=True):
         pass
-
-
-def test_a_run_with_the_columns_of_an_earlier_version(tmp_path):
-    """They get their names of today; a file with other columns is refused and stays as it was."""
-    with Store(tmp_path, create=True) as store:
-        store.add([result(0, targets=2)])
-        held = list(store.cells()), list(store.targets())
-    of_tables = {"cells": ("saturated", "invented_share"), "targets": ("invented_share",)}
-    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as db:
-        for table, names in of_tables.items():
-            for name in names:
-                db.execute(f"ALTER TABLE {table} RENAME COLUMN {RENAMED[name]} TO {name}")
-        db.execute("PRAGMA user_version = 1")
-    for _ in range(2):
-        with Store(tmp_path) as store:
-            assert (list(store.cells()), list(store.targets())) == held
-    with closing(sqlite3.connect(tmp_path / RUN_FILE)) as db:
-        db.execute("ALTER TABLE cells RENAME COLUMN saturated_share TO saturated")
-        db.execute("ALTER TABLE cells ADD COLUMN weather TEXT")
-        db.execute("PRAGMA user_version = 1")
-    before = (tmp_path / RUN_FILE).read_bytes()
-    with pytest.raises(StoreError, match="another version of blurnoise"):
-        Store(tmp_path)
-    assert (tmp_path / RUN_FILE).read_bytes() == before
 
 
 def test_the_time_of_a_frame_is_the_median(tmp_path):

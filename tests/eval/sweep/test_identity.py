@@ -96,7 +96,7 @@ def test_a_picture_that_changes_under_the_sweep_ends_it(detector, photos, tmp_pa
     pictures = (replace(first, load=changing), second)
     assert computed(detector, photos, tmp_path / "run", pictures=pictures) == (6, 0)
     shown = replace(image_folder(photos), pictures=pictures)
-    with Store(tmp_path / "run") as store:
+    with Store(tmp_path / "run", create=True) as store:
         before = [row for row in store.cells() if row["image"] == "a.bmp"]
         with pytest.raises(StoreError, match=r"picture 'a\.bmp' has changed since"):
             sweep.run([detector], CAMERA, shown, replace(SMALL, repeats=2), store)
@@ -110,7 +110,7 @@ def test_every_part_of_a_run_is_in_its_identity(cut, detector, tmp_path):
         open_run(store, [model], camera, pictures, plan, {"threads": threads})
 
     other = Detector(matched_filter.build(tmp_path / "m.onnx", sizes_px=(22, 16, 10), input_px=64))
-    with Store(shutil.copytree(cut, tmp_path / "run")) as store:
+    with Store(shutil.copytree(cut, tmp_path / "run"), create=True) as store:
         opened(threads=2)
         opened()
         assert store.about("manifest")["threads"] == 1
@@ -142,7 +142,7 @@ def cut(tmp_path_factory, detector):
 @pytest.mark.parametrize("name", ["torch", "blurnoise", "sources"])
 def test_other_software_is_named(cut, detector, tmp_path, name):
     run = shutil.copytree(cut, tmp_path / "run")
-    with Store(run) as store:
+    with Store(run, create=True) as store:
         store.set_about("manifest", {**store.about("manifest"), "versions": {**versions(), name: "0.0.7"}})
     with pytest.raises(StoreError, match=rf"another software\.{name} \(0\.0\.7 there, .* here\)"):
         evaluate(detector, labelled(), CAMERA, CUTTING, run, threads=1, refine=False)

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from blurnoise_eval.evaluation import evaluate
 from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.store.store import Store
+from blurnoise_eval.store.store import PictureFacts, Store
 from blurnoise_eval.sweep.open import asked
 from blurnoise_eval.sweep.refining import STOPS
 from plans import plan as swept_plan
@@ -61,7 +61,8 @@ def scored(model, cell):
         at = cell.conditions.on(CAMERA)
         found = result(0, **shared, **at, blur_px=0.0)
         kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
-    return replace(found, targets=tuple({**row, "confidence": 0.9 * kept} for row in found.targets))
+    targets = tuple({**row, "confidence": 0.9 * kept} for row in found.targets)
+    return replace(found, targets=targets, picture=PictureFacts(cell.image, "", 320, 320, ""))
 
 
 def swept(folder, detector, engine=None, **options):

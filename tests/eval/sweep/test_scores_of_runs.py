@@ -124,7 +124,7 @@ def test_scores_are_computed_once_for_each_question(run):
 
     def computed(by_size, cluster=None):
         told = []
-        with Store(run, shared=True) as store:
+        with Store(run) as store:
             run_scores(store, cluster, told.append, by_size=by_size)
         return sum(told)
 

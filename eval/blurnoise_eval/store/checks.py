@@ -1,0 +1,63 @@
+"""Checks of a run's rows before anything is computed from them: types and ranges of values, and that tables agree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from blurnoise_eval.store import schema
+from blurnoise_eval.store.store import Store, StoreError, unpack_all
+from blurnoise_eval.system.files import inside
+
+_AT_ONCE = 500  # blobs, of 7 kB mostly
+_OF_CELLS = ("image", "repeat", *schema.CONDITIONS)
+_SAME = " AND ".join(f"cells.{name} IS targets.{name}" for name in _OF_CELLS)
+_ALIEN = {
+    "cells.image": "SELECT image FROM cells EXCEPT SELECT image FROM pictures LIMIT 1",
+    "targets.cell_id": "SELECT targets.cell_id FROM targets LEFT JOIN cells ON cells.cell_id = targets.cell_id "
+    f"AND cells.model = targets.model WHERE ({_SAME}) IS NOT 1 LIMIT 1",
+}
+"""By column, a value that another table lacks, or describes otherwise."""
+
+
+def check_rows(store: Store, classes: Mapping[str, int]) -> None:
+    """Raise :class:`StoreError` for rows that no sweep writes. classes: by model, the number of its classes."""
+    for table, columns in schema.COLUMNS.items():
+        there = store.columns(table, shown=False)
+        known = [*columns, *(schema.OF_LAMPS[name] for name in there if name in schema.OF_LAMPS)]
+        if _first(store, schema.faulty(table, known)):
+            (held,) = _first(store, schema.faulty(table, known, one_by_one=True))
+            (name, *_), *_ = (column for column, holds in zip(known, held, strict=True) if holds != 1)
+            raise store.damaged(f"{table}.{name}", "a value of another type, or out of its range")
+    for column, query in _ALIEN.items():
+        for (value,) in _first(store, query):
+            raise store.damaged(column, f"{value!r} is not in the other tables")
+    for query in (
+        "SELECT image FROM pictures",
+        "SELECT DISTINCT example FROM cells WHERE example IS NOT NULL",
+    ):
+        for rows in store.tuples(query):
+            _check_names(store, (name for (name,) in rows))
+    for rows in store.tuples("SELECT model, image, repeat, detections FROM cells", at_once=_AT_ONCE):
+        for model in {row[0] for row in rows}:
+            if model not in classes:
+                raise store.damaged("cells.model", f"{model!r} is no model of the run")
+            found = unpack_all(*zip(*(row[1:] for row in rows if row[0] == model), strict=True))
+            numbers = np.concatenate([found.boxes_xyxy.ravel(), found.scores])
+            if not np.isfinite(numbers).all() or (found.class_ids >= classes[model]).any():
+                raise store.damaged("cells.detections", f"no detections of {model!r}")
+
+
+def _first(store: Store, query: str) -> list[tuple[object, ...]]:
+    """The first row, if any."""
+    return next(store.tuples(query), [])[:1]
+
+
+def _check_names(store: Store, names: Iterable[str]) -> None:
+    """Raise :class:`StoreError` for one that leaves the folder in which it is looked for."""
+    for name in names:
+        try:
+            inside(name)
+        except ValueError as error:
+            raise StoreError(f"run = {str(store.folder)!r}: {error}") from None

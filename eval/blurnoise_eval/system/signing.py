@@ -1,0 +1,53 @@
+"""Signatures of what this user has written, by a secret of the account: nobody else's file passes for one's own.
+
+The secret lies in BLURNOISE_STATE, else in $XDG_STATE_HOME/blurnoise or ~/.local/state/blurnoise. Where it can be
+neither read nor written nothing is one's own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import os
+import secrets
+from contextlib import suppress
+from pathlib import Path
+
+from blurnoise._core.files import write_whole
+
+_BYTES = 32
+
+
+def signed(text: str) -> str | None:
+    """The signature of a text; None where there is no secret."""
+    secret = _secret(make=True)
+    return secret and _of(text, secret)
+
+
+def is_own(text: str, signature: str | None) -> bool:
+    """Whether the signature is this user's, of this text."""
+    secret = _secret()
+    return bool(secret and signature) and hmac.compare_digest(
+        _of(text, secret).encode(), str(signature).encode()
+    )
+
+
+def _of(text: str, secret: bytes) -> str:
+    return hmac.new(secret, text.encode("utf-8", "surrogatepass"), hashlib.sha256).hexdigest()
+
+
+def _secret(*, make: bool = False) -> bytes | None:
+    with suppress(OSError, RuntimeError):  # no home
+        state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+        path = Path(os.environ.get("BLURNOISE_STATE") or Path(state, "blurnoise")) / "secret"
+        if make and not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            made = path.with_name(f"{path.name}.{os.getpid()}")
+            write_whole(made, secrets.token_bytes(_BYTES))
+            made.chmod(0o600)
+            with suppress(FileExistsError):
+                os.link(made, path)  # of several at a time the first
+            made.unlink()
+        secret = path.read_bytes()
+        return secret if len(secret) == _BYTES else None
+    return None
