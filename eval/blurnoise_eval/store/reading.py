@@ -32,6 +32,7 @@ _LIMITS = {
 _AT_A_TIME = 100_000  # steps of SQLite's machine, about a millisecond, after which Python looks for Ctrl-C
 _STEPS, _STEPS_PER_BYTE = 300_000_000, 100
 """Steps of a query: a row of 100 bytes takes about 500; some seconds in a small file."""
+_DEFENSIVE = 1010  # SQLite's SQLITE_DBCONFIG_DEFENSIVE
 _WAL = b"\2"  # at byte 18 of a file with a journal ahead of it
 
 
@@ -90,7 +91,7 @@ def connect(path: Path, steps: Steps) -> sqlite3.Connection:
         db.execute("PRAGMA cell_size_check = ON")
         db.execute("PRAGMA query_only = ON")
         if hasattr(db, "setconfig"):  # from Python 3.12 on
-            db.setconfig(sqlite3.SQLITE_DBCONFIG_DEFENSIVE, True)
+            db.setconfig(_DEFENSIVE, True)
         db.execute("BEGIN")  # all that is read is of one moment
         check_tables(db)
     except BaseException:

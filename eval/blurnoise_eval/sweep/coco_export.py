@@ -55,7 +55,9 @@ def write_instances(run: Path, truth: Mapping[str, Any]) -> None:
 def read_truth(store: Store) -> dict[str, Any]:
     """What :func:`write_truth` has written. Raises :class:`StoreError` where it is missing or broken."""
     try:
-        held = validated("truth", json_of(read_bytes(path_within(store.folder, INSTANCES)).decode()))
+        held: dict[str, Any] = validated(
+            "truth", json_of(read_bytes(path_within(store.folder, INSTANCES)).decode())
+        )
         names = {each["file_name"] for each in held["images"]}
         categories = {each["id"] for each in held["categories"]}
         if missing := sorted(store.pictures().keys() - names):

@@ -21,15 +21,15 @@ _BYTES = 32
 def signed(text: str) -> str | None:
     """The signature of a text; None where there is no secret."""
     secret = _secret(make=True)
-    return secret and _of(text, secret)
+    return _of(text, secret) if secret else None
 
 
 def is_own(text: str, signature: str | None) -> bool:
     """Whether the signature is this user's, of this text."""
     secret = _secret()
-    return bool(secret and signature) and hmac.compare_digest(
-        _of(text, secret).encode(), str(signature).encode()
-    )
+    if not secret or not signature:
+        return False
+    return hmac.compare_digest(_of(text, secret).encode(), signature.encode("utf-8", "surrogatepass"))
 
 
 def _of(text: str, secret: bytes) -> str:
