@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
-from blurnoise_eval.store import schema
+from blurnoise_eval.store import queries, schema
 from blurnoise_eval.store.store import Store, StoreError, unpack_all
 from blurnoise_eval.system.files import inside
 
@@ -33,12 +33,11 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
     for column, query in _ALIEN.items():
         for (value,) in _first(store, query):
             raise store.damaged(column, f"{value!r} is not in the other tables")
-    for query in (
-        "SELECT image FROM pictures",
-        "SELECT DISTINCT example FROM cells WHERE example IS NOT NULL",
-    ):
-        for rows in store.tuples(query):
-            _check_names(store, (name for (name,) in rows))
+    for name in (*store.pictures(), *queries.example_files(store)):
+        try:
+            inside(name)
+        except ValueError as error:
+            raise StoreError(f"run = {str(store.folder)!r}: {error}") from None
     for rows in store.tuples("SELECT model, image, repeat, detections FROM cells", at_once=_AT_ONCE):
         for model in {row[0] for row in rows}:
             if model not in classes:
@@ -52,12 +51,3 @@ def check_rows(store: Store, classes: Mapping[str, int]) -> None:
 def _first(store: Store, query: str) -> list[tuple[object, ...]]:
     """The first row, if any."""
     return next(store.tuples(query), [])[:1]
-
-
-def _check_names(store: Store, names: Iterable[str]) -> None:
-    """Raise :class:`StoreError` for one that leaves the folder in which it is looked for."""
-    for name in names:
-        try:
-            inside(name)
-        except ValueError as error:
-            raise StoreError(f"run = {str(store.folder)!r}: {error}") from None

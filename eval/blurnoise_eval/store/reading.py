@@ -102,8 +102,9 @@ def connect(path: Path, steps: Steps) -> sqlite3.Connection:
 
 def check_tables(db: sqlite3.Connection) -> None:
     """Raise ``ValueError`` for a file whose tables are not those that a sweep writes, to the letter."""
-    (version,) = db.execute("PRAGMA user_version").fetchone()
-    if version != schema.VERSION:
+    names = "user_version", "application_id"
+    version, application = (db.execute(f"PRAGMA {name}").fetchone()[0] for name in names)
+    if version != schema.VERSION or application not in (0, schema.APPLICATION):
         raise ValueError(OTHER_VERSION)
     with closing(sqlite3.connect(":memory:")) as new:
         new.executescript(schema.TABLES)

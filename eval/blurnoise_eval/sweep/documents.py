@@ -66,7 +66,7 @@ class Manifest(TypedDict):
     models: Annotated[list[ModelNote], Len(1, 1000)]
     camera: Plain
     images: ImagesNote
-    seed: int
+    seed: Annotated[int, Ge(0), Le(2**63)]
     grey_anchor: str | None
     trajectory: TrajectoryNote | None
     versions: dict[str, str]

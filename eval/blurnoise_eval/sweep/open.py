@@ -40,11 +40,12 @@ class Batch:
 
 def asked(store: Store) -> tuple[Batch, ...]:
     """Every batch in order; none where no search has asked."""
-    every = _document(store, _KEY) or ()
-    return tuple(
-        Batch(n_pictures, tuple((u, w) for u, w in places), tuple(map(_conditions, conditions)))
-        for n_pictures, places, conditions in map(itemgetter("n_pictures", "places", "conditions"), every)
-    )
+    every = map(itemgetter("n_pictures", "places", "conditions"), _document(store, _KEY) or ())
+    with _named(store, _KEY):
+        return tuple(
+            Batch(n_pictures, tuple((u, w) for u, w in places), tuple(map(_conditions, conditions)))
+            for n_pictures, places, conditions in every
+        )
 
 
 def ask(store: Store, batch: Batch) -> None:
