@@ -19,6 +19,7 @@ import torch
 from annotated_types import Interval
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from torch import Tensor
+from torch._subclasses.fake_tensor import FakeTensor
 
 Numbers = float | Tensor | Iterable[float]
 """A number, or one number per image of a batch."""
@@ -33,6 +34,9 @@ class Limit(NamedTuple):
 
 
 ABSOLUTE_ZERO_C = -273.15
+_REAL = {torch.float16, torch.bfloat16, torch.float32, torch.float64}
+_REAL |= {torch.uint8, torch.int8, torch.int16, torch.int32, torch.int64}
+"""Types that PyTorch can compute with."""
 _LIMITS = {
     # conditions
     "exposure_s start_s": Limit(0.0, 3600.0),
@@ -130,6 +134,10 @@ def in_range(
     try:
         if isinstance(value, (str, bytes, bool, np.bool_)):
             raise TypeError
+        if isinstance(value, Tensor) and (
+            _without_values(value) or value.dtype not in _REAL or value.ndim > 1
+        ):
+            raise TypeError
         number = float(value)
     except OverflowError:  # an integer beyond 1e308
         number = math.inf
@@ -169,10 +177,10 @@ def picture_size(name: str, value: object) -> tuple[int, int]:
 
 def boxes(name: str, value: object) -> Tensor:
     """Return boxes (N, 4) as floats. Raises ``TypeError`` or ``ValueError`` for anything else, NaN and infinity."""
-    tensor = finite(name, real_tensor(name, value))
+    tensor = real_tensor(name, value)
     if tensor.ndim != 2 or tensor.shape[1] != 4:
         raise ValueError(f"{name}: shape must be (N, 4), got {tuple(tensor.shape)}")
-    return tensor if tensor.is_floating_point() else tensor.float()
+    return finite(name, tensor if tensor.dtype in (torch.float32, torch.float64) else tensor.float())
 
 
 def an_instance(name: str, value: object, kind: type) -> None:
@@ -207,7 +215,7 @@ def batch_shaped(name: str, value: Tensor, shape: str = "(B, C, H, W)") -> Tenso
     """:func:`image_batch` without a check of the values."""
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor of shape {shape}, got {type(value).__name__}")
-    _dense(name, value)
+    dense(name, value)
     if value.dtype not in (torch.float32, torch.float64):
         must = "must be float32 or float64 (integers over full scale; half precision holds no full well's electrons)"
         raise TypeError(f"{name}: {must}, got {value.dtype}")
@@ -264,16 +272,28 @@ def real_tensor(name: str, value: object) -> Tensor:
         raise ValueError(f"{name} = {shown(value)}: must be finite") from None
     except (TypeError, ValueError, RuntimeError):
         raise TypeError(f"{name} = {shown(value)}: must be numbers") from None
-    _dense(name, tensor)
+    dense(name, tensor)
     if tensor.is_complex() or tensor.dtype == torch.bool:
         raise TypeError(f"{name}: must be real numbers, got {tensor.dtype}")
-    return tensor
+    return tensor if tensor.dtype in _REAL else tensor.double()
 
 
-def _dense(name: str, tensor: Tensor) -> None:
-    if tensor.is_meta or tensor.layout != torch.strided:
-        kind = "meta" if tensor.is_meta else tensor.layout
+def dense(name: str, tensor: Tensor) -> None:
+    """Raise ``TypeError`` for a tensor without values (meta, fake), or that stores them otherwise (sparse)."""
+    if kind := _without_values(tensor):
         raise TypeError(f"{name}: must be a dense tensor with values, got a {kind} tensor")
+
+
+def _without_values(tensor: Tensor) -> str:
+    kinds = {
+        "nested": tensor.is_nested,
+        "fake": isinstance(tensor, FakeTensor),
+        "meta": tensor.is_meta,
+        "quantised": tensor.is_quantized,
+        str(tensor.layout): tensor.layout != torch.strided,
+        "negative view": tensor.device.type == "cpu" and tensor.is_neg(),
+    }
+    return next((kind for kind, applies in kinds.items() if applies), "")
 
 
 def _bounds(low: float, high: float, above: bool = False) -> str:
@@ -283,7 +303,12 @@ def _bounds(low: float, high: float, above: bool = False) -> str:
 
 def shown(value: object) -> str:
     """The value in a message: on one line of at most 120 characters, however large it is inside."""
-    text = " ".join(_SHORT.repr(value.tolist() if isinstance(value, Tensor) else value).split())
+    if isinstance(value, Tensor):
+        kind = _without_values(value)
+        value = (
+            f"{kind} tensor {tuple(value.shape)}" if kind and not value.is_nested else kind or value.tolist()
+        )
+    text = " ".join(_SHORT.repr(value).split())
     return text if len(text) <= 120 else f"{text[:117]}..."
 
 
@@ -333,8 +358,14 @@ def check_fields(record: Any) -> None:
     """
     given = {entry.name: getattr(record, entry.name) for entry in fields(record)}
     kind: Any = type(record)
+    plain = {}
+    for name, value in given.items():
+        try:
+            plain[name] = _plain(value)
+        except RecursionError:
+            raise ValueError(f"{name}: must not be nested so deeply") from None
     try:
-        found = _model(kind).model_validate({name: _plain(value) for name, value in given.items()})
+        found = _model(kind).model_validate(plain)
     except ValidationError as error:
         raise _first_fault(error, given, _model(kind)) from None
     for name in given:
@@ -352,6 +383,8 @@ def _model(kind: Any) -> type[BaseModel]:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         return dict(value)
+    if isinstance(value, np.longdouble):  # is no Python number as it stands
+        return float(value)
     if isinstance(value, (np.ndarray, np.generic)):
         return _plain(value.tolist())
     if type(value) in (list, tuple):  # of many floats, mostly

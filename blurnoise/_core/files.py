@@ -165,16 +165,27 @@ def yaml_of(text: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses a key that stands twice, of which one would be lost, and many aliases, with which a short text holds a
-    billion values. 1:30 is text, not 90 as in YAML 1.1."""
+    """Refuses a key that stands twice, of which one would be lost; a value that contains itself; and many aliases,
+    with which a short text holds a billion values. 1:30 is text, not 90 as in YAML 1.1."""
 
-    aliases = 0
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.aliases = 0
+        self.around: list[str | None] = []  # anchors of the values in which the next one stands
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        self.aliases += self.check_event(yaml.AliasEvent)
-        if self.aliases > _MOST_ALIASES:
-            raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
-        return super().compose_node(parent, index)
+        anchor = self.peek_event().anchor
+        if self.check_event(yaml.AliasEvent):
+            self.aliases += 1
+            if self.aliases > _MOST_ALIASES:
+                raise ValueError(f"more than {_MOST_ALIASES} aliases (*name)")
+            if anchor in self.around:
+                raise ValueError(f"*{anchor}: must not stand within &{anchor}")
+        self.around.append(anchor)
+        try:
+            return super().compose_node(parent, index)
+        finally:
+            self.around.pop()
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         node = super().compose_mapping_node(anchor)

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import integer, shown
+from blurnoise._core.checks import dense, integer, shown
 from blurnoise._core.threads import side_by_side, threads_for
 
 Randomness = torch.Generator | Sequence[int] | int | None
@@ -40,7 +40,9 @@ def item_seeds(randomness: Randomness, batch: int) -> list[int]:
         device = "cpu" if randomness is None else randomness.device
         drawn = torch.randint(LAST_SEED, (batch,), generator=randomness, device=device)
         return [int(seed) for seed in drawn.tolist()]
-    seeds: Any = randomness.tolist() if isinstance(randomness, Tensor) else randomness
+    if isinstance(randomness, Tensor):
+        dense("generator", randomness)
+    seeds: Any = randomness.tolist() if hasattr(randomness, "tolist") else randomness
     seeds = list(seeds) if isinstance(seeds, Iterable) else [seeds]
     if len(seeds) != batch:
         raise ValueError(f"generator: got {len(seeds)} seeds for a batch of {batch}; must be one per item")

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
@@ -17,7 +18,7 @@ from torch import Tensor
 
 Job = TypeVar("Job")
 P = ParamSpec("P")
-R = TypeVar("R")
+_AUTOCAST = ("cpu", "cuda", "mps", "xpu")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
 _PIECE = 1 << 17  # values: they stay in a core's cache, and threads seldom wait for each other's Python
@@ -52,17 +53,47 @@ def threads_for(picture: Tensor) -> int:
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
-def no_torch_compile(function: Callable[P, R]) -> Callable[P, R]:
-    """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python."""
+def same_bits(function: Callable[P, Tensor]) -> Callable[P, Tensor]:
+    """``function``, whose bits depend neither on ``torch.compile``, nor on autocast, nor on gradients.
+
+    ``torch.compile`` leaves it alone: threads, seeds and plans are Python. Where a result carries gradients, they are
+    those of the differentiable route, which rounds elsewhere and also models what is negligible; the values are those
+    of the route without gradients.
+    """
 
     @wraps(function)
-    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+    def run(*args: P.args, **kwargs: P.kwargs) -> Tensor:
         if torch.compiler.is_compiling():  # the compiler is slow to import, hence not before
-            disabled: Callable[P, R] = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
+            disabled: Callable[P, Tensor] = torch.compiler.disable(run)  # type: ignore[no-untyped-call]
             return disabled(*args, **kwargs)
-        return function(*args, **kwargs)
+        with ExitStack() as precise:
+            for kind in filter(torch.is_autocast_enabled, _AUTOCAST):
+                precise.enter_context(torch.autocast(kind, enabled=False))
+            if not torch.is_grad_enabled() or getattr(_state, "differentiates", False):
+                return function(*args, **kwargs)
+            draws = _generator(kwargs)
+            before = draws.get_state()
+            _state.differentiates = True
+            try:
+                found = function(*args, **kwargs)
+            finally:
+                _state.differentiates = False
+            if not found.requires_grad:
+                return found
+            after = draws.get_state()
+            draws.set_state(before)
+            with torch.no_grad():
+                values = function(*args, **kwargs)
+            draws.set_state(after)
+            return values + (found - found.detach())
 
     return run
+
+
+def _generator(arguments: Mapping[str, object]) -> torch.Generator:
+    """The one that a call draws its seeds from, if any."""
+    given = arguments.get("generator")
+    return given if isinstance(given, torch.Generator) else torch.default_generator
 
 
 def _mark_worker() -> None:
@@ -85,7 +116,12 @@ def side_by_side(work: Callable[[Job], object], jobs: Iterable[Job], threads: in
             _pools[threads] = ThreadPoolExecutor(threads, initializer=_mark_worker)
         pool = _pools[threads]
     futures = [pool.submit(work, job) for job in todo]
-    wait(futures)
+    try:
+        wait(futures)
+    except BaseException:  # an interrupt
+        for future in futures:
+            future.cancel()
+        raise
     for future in futures:
         future.result()
 

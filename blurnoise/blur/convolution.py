@@ -21,7 +21,7 @@ from torch import Tensor
 
 from blurnoise._core.borders import BORDERS, Border, extended
 from blurnoise._core.checks import an_instance, image_batch, limited, limited_motion, one_of, real_tensor
-from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side, threads_for
+from blurnoise._core.threads import differentiable, same_bits, side_by_side, threads_for
 from blurnoise.blur import fourier
 from blurnoise.blur.path_otf import Path
 from blurnoise.motion.trajectory import Polyline
@@ -35,7 +35,7 @@ NEGLIGIBLE = 1e-5
 """RMS error, in units of white, below which ``auto`` leaves a blur out: a twenty-fifth of a 12-bit step."""
 
 
-@no_torch_compile
+@same_bits
 def motion_blur(
     image: Tensor,
     displacement_px: Tensor | Iterable[float],
@@ -61,7 +61,7 @@ def motion_blur(
     return exposure_blur(image, displacement_px, SHARP, method=method, border=border)
 
 
-@no_torch_compile
+@same_bits
 def path_blur(
     image: Tensor, path: Polyline | Tensor, optics: Optics = SHARP, *, border: Border = "reflect"
 ) -> Tensor:
@@ -118,7 +118,7 @@ def exposure_blur(
             dx, dy = group.detach().abs().amax(0).tolist()
             left_out = transfer.motion_error(dx, dy) + optics.error
             response = fourier.Straight(group, optics)
-        seen = left_out > NEGLIGIBLE or method != "auto" or response.variable.requires_grad
+        seen = left_out > NEGLIGIBLE or method != "auto" or differentiable(response.variable)
         responses.append(response if seen and method != "none" and any(response.reach_px) else None)
     return _applied(image, responses, border, tiled=method != "transfer")
 
@@ -154,7 +154,7 @@ def motions(name: str, value: object, image: Tensor) -> Tensor:
     return vectors.to(device=image.device, dtype=image.dtype).expand(len(image), 2)
 
 
-@no_torch_compile
+@same_bits
 def defocus(image: Tensor, radius_px: float, *, border: Border = "reflect") -> Tensor:
     """Blur by a disc of radius_px >= 0, with its exact area in each pixel; the identity up to half a pixel.
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core.borders import Border, continued, extended
-from blurnoise._core.threads import plain, side_by_side
+from blurnoise._core.threads import differentiable, plain, side_by_side
 from blurnoise.optics import transfer
 from blurnoise.optics.transfer import SHARP, Optics
 
@@ -284,7 +284,7 @@ class Straight(Response):
     @property
     def reach_px(self) -> tuple[float, float]:
         x, y = (along / 2 for along in self.displacement_px.detach().abs().amax(0).tolist())
-        if self.optics != SHARP or self.displacement_px.requires_grad:  # which an axis at rest has, too
+        if self.optics != SHARP or differentiable(self.displacement_px):  # which an axis at rest has, too
             return y + self.optics.reach_px + STILL_PX, x + self.optics.reach_px + STILL_PX
         return y if y > STILL_PX / 2 else 0.0, x if x > STILL_PX / 2 else 0.0
 

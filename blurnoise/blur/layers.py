@@ -38,7 +38,7 @@ from blurnoise._core.checks import (
     real_tensor,
     shown,
 )
-from blurnoise._core.threads import differentiable
+from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur import convolution, fourier, rows, sub_exposures
 from blurnoise.blur.displacement import Displacement, Readout, spread_px
 from blurnoise.blur.sub_exposures import Sheet
@@ -99,7 +99,7 @@ class Layer:
     def requires_grad(self) -> bool:
         """Whether any part of it needs gradients."""
         velocity = torch.as_tensor(self.velocity_px_s)
-        return self.light.requires_grad or self.alpha.requires_grad or velocity.requires_grad
+        return differentiable(self.light, self.alpha, velocity)
 
 
 Layers = Sequence[Layer] | Sequence[Sequence[Layer]]
@@ -125,6 +125,7 @@ def layers_per_picture(layers: Layers, background: Tensor) -> tuple[tuple[Layer,
     return tuple(map(tuple, found))
 
 
+@same_bits
 def expose_layers(
     background: Tensor,
     layers: Layers,
@@ -194,7 +195,7 @@ def exposed(
     if not groups:
         return blurred
     follows = differentiable(blurred, moves.exposure_s) or any(layer.requires_grad for layer in layers)
-    out = blurred.clone() if blurred is background or (torch.is_grad_enabled() and follows) else blurred
+    out = blurred.clone() if blurred is background or follows else blurred
     for window, members in meeting([each.window for each in groups]):
         near: list[_Alike] = []
         for each in (groups[place] for place in members):
@@ -304,7 +305,7 @@ def trimmed(layer: Layer) -> Layer:
     """The layer without margins in which its matte is 0: an object that meets no border goes on beyond none. One
     whose matte needs gradients, or is empty, keeps them."""
     x, y, width, height = cv2.boundingRect((layer.alpha.detach() > 0).byte().cpu().numpy())
-    if layer.alpha.requires_grad or width == 0 or (height, width) == tuple(layer.alpha.shape):
+    if differentiable(layer.alpha) or width == 0 or (height, width) == tuple(layer.alpha.shape):
         return layer
     own, (left, top) = (slice(y, y + height), slice(x, x + width)), layer.place_px
     return replace(layer, light=layer.light[:, *own], alpha=layer.alpha[own], place_px=(left + x, top + y))

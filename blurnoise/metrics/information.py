@@ -135,7 +135,7 @@ def neq_0(edge: SlantedEdge) -> Estimate:
     """Noise-equivalent quanta of the bright side at frequency 0: its squared signal-to-noise ratio."""
     checks.an_instance("edge", edge, SlantedEdge)
     if math.isnan(edge.bright) or edge.resamples is None:
-        return Estimate(math.nan)
+        return Estimate(math.nan, flags=_flags(edge))
     if edge.noise_variance_bright <= 0:
         return Estimate(math.nan, flags=frozenset({"noiseless"}))
     drawn = edge.resamples.bright**2 / (edge.resamples.noise_variance_bright * edge.noise_power_at_0)

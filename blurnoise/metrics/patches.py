@@ -118,7 +118,7 @@ def detection_probability(
     Autonomous Vehicles".
     """
     middle = checks.in_range("nominal", nominal, -1.0, LIMITS["contrast"].high)
-    limited("tolerance", tolerance, "contrast")
+    tolerance = limited("tolerance", tolerance, "contrast")
     low, high = sorted((1 + middle * (1 - tolerance), 1 + middle * (1 + tolerance)))
     if not 0 < low < high:
         must = f"the contrasts {low - 1:g} to {high - 1:g} must differ and lie above -1"

@@ -61,7 +61,7 @@ def real(name: str, value: Tensor, *, dims: int = 0) -> Tensor:
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{name}: must be a torch.Tensor, got {type(value).__name__}")
-    checks.real_tensor(name, value)
+    value = checks.real_tensor(name, value)
     if value.ndim < dims or 0 in value.shape:
         raise ValueError(
             f"{name}: must have at least {dims} dimensions, none empty, got shape {tuple(value.shape)}"
@@ -109,6 +109,7 @@ def read_regions(image: Tensor, *, full_scale: float | None, black_level: float,
     if not isinstance(image, Tensor) or image.dtype not in _FULL_SCALE:
         got = image.dtype if isinstance(image, Tensor) else type(image).__name__
         raise TypeError(f"image: must be a tensor of uint8, uint16, float32 or float64, got {got}")
+    checks.dense("image", image)
     if image.ndim not in (2, 3, 4) or 0 in image.shape or (image.ndim > 2 and image.shape[-3] not in (1, 3)):
         raise ValueError(
             "image: shape must be (H, W), (C, H, W) or (B, C, H, W) with 1 or 3 channels, none empty, "

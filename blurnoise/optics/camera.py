@@ -17,7 +17,18 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import LIMITS, Figure, Text, check_fields, in_range, known, shown, within
+from blurnoise._core.checks import (
+    LIMITS,
+    Figure,
+    Text,
+    check_fields,
+    in_range,
+    integer,
+    known,
+    picture_size,
+    shown,
+    within,
+)
 from blurnoise.optics import camera_files, colour, gain
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
 from blurnoise.optics.gain import ConversionGain as ConversionGain
@@ -238,7 +249,7 @@ class Camera:
     def variance_factor(self, charge_e: float) -> float:
         """Variance of shot noise over the mean charge, electrons, by ``photon_transfer``."""
         shares, factors = zip(*self.photon_transfer or [(0.0, 1.0)], strict=True)
-        return float(np.interp(charge_e / self.saturation_e, shares, factors))
+        return float(np.interp(in_range("charge_e", charge_e) / self.saturation_e, shares, factors))
 
     @property
     def field(self) -> Field:
@@ -251,8 +262,11 @@ class Camera:
         gain is 1 + prnu N(0, 1) and multiplies the photo signal; offset_e is dsnu_e N(0, 1). Values of whole rows
         and columns of each plane of C are added likewise.
         """
+        if not isinstance(shape, (tuple, list)) or len(shape) != 3:
+            raise TypeError(f"shape = {shown(shape)}: must be (C, H, W)")
+        planes = integer("shape, C", shape[0], 1, 3), *picture_size("shape, (H, W)", shape[1:])
         figures = tuple(getattr(self, name) for name in (*PRNU, *DSNU))
-        return _fixed_pattern(figures, tuple(shape), *rng.item_seeds(seed, 1))
+        return _fixed_pattern(figures, planes, *rng.item_seeds(seed, 1))
 
     @property
     def dark_noise_e(self) -> float:
@@ -274,7 +288,7 @@ class Camera:
 
     def dark_variance_dn2(self, dark_e: float = 0.0) -> float:
         """Temporal variance without light, DN^2: K^2 (dark_noise_e^2 + dark_e) + 1/12 (rounding)."""
-        return self.system_gain_dn_per_e**2 * (self.dark_noise_e**2 + dark_e) + 1 / 12
+        return self.system_gain_dn_per_e**2 * (self.dark_noise_e**2 + in_range("dark_e", dark_e)) + 1 / 12
 
     @property
     def snr_max_db(self) -> float:

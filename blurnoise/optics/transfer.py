@@ -16,6 +16,7 @@ from annotated_types import Ge, Le
 from torch import Tensor
 
 from blurnoise._core.checks import Figure, check_fields, limited
+from blurnoise._core.threads import differentiable
 from blurnoise.optics.spectra import check_samples
 
 
@@ -77,7 +78,7 @@ def pixel(fx: Tensor, fy: Tensor) -> Tensor:
 
 def sinc(x: Tensor) -> Tensor:
     """Normalised sinc, sin(pi x) / (pi x)."""
-    if torch.is_grad_enabled() and x.requires_grad:
+    if differentiable(x):
         return torch.sinc(x)
     phase = (x * math.pi).add_(1e-30)  # nothing but 0 changes; torch.sinc treats 0 too, ten times slower
     return torch.sin(phase).div_(phase)

@@ -17,10 +17,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, finite
+from blurnoise._core.checks import an_instance, dense, finite
 from blurnoise._core.lookup import look_up, look_up_codes
 from blurnoise._core.luminance import LUMINANCE
-from blurnoise._core.threads import differentiable, no_torch_compile, side_by_side
+from blurnoise._core.threads import differentiable, same_bits, side_by_side
 from blurnoise.optics import colour
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import Encoding
@@ -29,7 +29,7 @@ from blurnoise.picture import steps
 from blurnoise.picture.steps import OFFSET, SCALE, Development, PictureStep, by_opencv, padded
 
 
-@no_torch_compile
+@same_bits
 def develop(
     dn: Tensor,
     camera: Camera,
@@ -92,6 +92,7 @@ def in_channels(picture: Tensor, channels: int) -> Tensor:
 def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep, ...]]:
     """The dtype of a picture made of ``dn``, and its steps."""
     an_instance("dn", dn, Tensor)
+    dense("dn", dn)
     kind = torch.float32
     if dn.dtype in (torch.float32, torch.float64):
         kind = finite("dn", dn).dtype

@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import an_instance, image_batch
+from blurnoise._core.checks import an_instance, dense, image_batch, real_tensor
 from blurnoise.blur.displacement import spread_px
 from blurnoise.blur.layers import Layer
 
@@ -125,11 +125,12 @@ def _from_around(part: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray
 def checked_masks(masks: Tensor, batch: int, size: tuple[int, int]) -> Tensor:
     """Masks (B, N, H, W) of a batch of pictures (H, W). Raises ``TypeError`` or ``ValueError``."""
     an_instance("masks", masks, Tensor)
+    dense("masks", masks)
     if masks.ndim != 4 or (len(masks), *masks.shape[2:]) != (batch, *size):
         wanted = f"({batch}, N, {size[0]}, {size[1]})"
         raise ValueError(f"masks: shape must be {wanted}, one row for each picture, got {tuple(masks.shape)}")
     if masks.numel() and masks.dtype != torch.bool:
-        low, high = map(float, masks.detach().aminmax())
+        low, high = map(float, real_tensor("masks", masks).detach().aminmax())
         if not (low >= 0 and high <= 1):
             raise ValueError(f"masks: values span [{low:g}, {high:g}]; must lie within [0, 1]")
     return masks

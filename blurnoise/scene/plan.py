@@ -89,7 +89,7 @@ def plan(
     picture, by default the sensor's, to which ``how`` refers. The other arguments are those of
     :func:`blurnoise.simulate`, for one picture. Raises ``ValueError`` naming the argument.
     """
-    limited("tolerance_dn", tolerance_dn)
+    tolerance_dn = limited("tolerance_dn", tolerance_dn)
     temperature = limited("temperature_c", temperature_c)
     white_e = photoelectrons(camera, illuminance_lux, exposure_s, illuminant)
     white_e *= radiometry.peak(camera, illuminant)

@@ -19,7 +19,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise._core.borders import BORDERS, Border
 from blurnoise._core.checks import Numbers, an_instance, batch_shaped, image_batch, integer, limited, one_of
-from blurnoise._core.threads import differentiable, no_torch_compile
+from blurnoise._core.threads import differentiable, same_bits
 from blurnoise.blur.layers import Layer, Layers, layers_per_picture
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
@@ -93,6 +93,7 @@ class ExposedScene:
         """
         return cls(anchored(_decoded(picture, encoding), grey_anchor), **options)
 
+    @same_bits
     def expose(
         self,
         camera: Camera,
@@ -113,7 +114,7 @@ class ExposedScene:
         seeds = rng.item_seeds(generator, len(self.light))
         moved = torch.as_tensor(at.displacement_px) if at.flow_px is None else at.flow_px
         asked = differentiable(self.light, at.exposure_s, at.white_e, moved, at.temperature_c)
-        asked |= torch.is_grad_enabled() and any(layer.requires_grad for own in self._layers for layer in own)
+        asked |= any(layer.requires_grad for own in self._layers for layer in own)
         alike: dict[tuple[Plan, bool], list[int]] = {}
         for item, one in enumerate(at.each()):
             needs = Plan((), at.camera) if asked else self._plan(one, self._brightest[item])
@@ -278,7 +279,7 @@ def _decoded(picture: NDArray[Any], encoding: PictureTone) -> Tensor:
     return torch.from_numpy(np.stack([table[plane] for plane in cv2.split(picture)]))[None]
 
 
-@no_torch_compile
+@same_bits
 def simulate(
     image: Tensor,
     camera: Camera,
@@ -324,7 +325,8 @@ def simulate(
 
     fidelity: "full" models everything; "auto" models the parts that :func:`blurnoise.plan` keeps for each image
     within ``tolerance_dn`` (DN RMS). noise: False returns the mean frame. quantised: False omits rounding.
-    Gradients reach image, exposure, illuminance, velocity and temperature; with them, everything is modelled.
+    Gradients reach image, exposure, illuminance, velocity and temperature; they are of the full model, and the
+    numbers are the same with them and without.
     ``torch.compile`` breaks its graph here and runs it uncompiled, with the same result.
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed: at most 3600 s,
     1e9 lux, 1e7 px/s, and 1e5 px of motion during the exposure.

@@ -30,9 +30,16 @@ def expose_numpy(image: Array, camera: Cameras, *, channels: str = "rgb", **cond
     """
     one_of("channels", channels, ("rgb", "bgr"))
     if conditions.get("masks") is not None:
-        conditions["masks"] = torch.as_tensor(conditions["masks"])
+        conditions["masks"] = _masks(conditions["masks"])
     seen = expose_pictures(_flipped(to_tensor(image), channels), camera, **conditions)
     return to_array(_flipped(seen, channels), image)
+
+
+def _masks(given: object) -> Tensor:
+    try:
+        return torch.as_tensor(given)
+    except (TypeError, ValueError, RuntimeError):
+        raise TypeError(f"masks = {shown(given)}: must be an array or tensor (B, N, H, W)") from None
 
 
 def to_tensor(image: Array) -> Tensor:

@@ -22,6 +22,7 @@ from blurnoise._core import rng
 from blurnoise._core.checks import (
     Numbers,
     an_instance,
+    dense,
     image_batch,
     in_range,
     limited,
@@ -29,7 +30,7 @@ from blurnoise._core.checks import (
     one_of,
     shown,
 )
-from blurnoise._core.threads import no_torch_compile
+from blurnoise._core.threads import same_bits
 from blurnoise.light import effects
 from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
@@ -64,7 +65,7 @@ _FAR = [[False, False], [True, False], [True, True], [False, True]]
 """Which corners of Kornia's boxes lie at the right, at the bottom."""
 
 
-@no_torch_compile
+@same_bits
 def expose_pictures(
     image: Tensor,
     camera: Cameras,
@@ -172,8 +173,7 @@ def expose_pictures(
     taken_by: dict[tuple[Camera, float, bool], list[int]] = {}
     for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure, lux, temperature))):
         taken_by.setdefault((cameras[item], gain, item in cuts), []).append(item)
-    with torch.autocast(scene.device.type, enabled=False):
-        parts = [pictures(taker, gain, items) for (taker, gain, _), items in taken_by.items()]
+    parts = [pictures(taker, gain, items) for (taker, gain, _), items in taken_by.items()]
     if len(parts) == 1:
         return parts[0]
     out = torch.empty_like(image)
@@ -399,6 +399,8 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
 
         Of one picture masks are (N, H, W). They are kept in ``_params``, as a replay needs them.
         """
+        an_instance("input", input, Tensor)
+        dense("input", input)
         if masks is not None:
             batch = self.transform_tensor(input)
             own = masks[None] if input.ndim == 3 and masks.ndim == 3 else masks

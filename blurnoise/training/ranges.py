@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, limited, one_of, shown
+from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limited, one_of, shown
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration_s, shake
@@ -288,13 +288,13 @@ def shakes(params: Params, cameras: Sequence[Camera], of: list[int] | slice) -> 
 
 def bounds(name: str, value: Range) -> tuple[float, float]:
     """The two ends of a range. Raises ``TypeError`` or ``ValueError`` outside the limits of its name."""
-    value = _plain(value)
+    value = _plain(name, value)
     ends = (value, value) if isinstance(value, Real) else value
     if not isinstance(ends, Sequence) or isinstance(ends, str) or len(ends) != 2:
         raise TypeError(f"{name} = {shown(value)}: must be a number or (low, high)")
     # blur_px may be 0, which the limit of roads excludes
     entry = "displacement_px" if name == "blur_px" else name
-    first, last = (limited(name, _plain(each), entry) for each in ends)
+    first, last = (limited(name, _plain(name, each), entry) for each in ends)
     if first < 0 and name == "blur_px":
         raise ValueError(f"blur_px = {shown(value)}: must be >= 0")
     if first > last:
@@ -306,8 +306,10 @@ def bounds(name: str, value: Range) -> tuple[float, float]:
     return first, last
 
 
-def _plain(value: Any) -> Any:
-    """A tensor or array of one number as that number."""
+def _plain(name: str, value: Any) -> Any:
+    """A tensor or array of one number as that number. Raises ``TypeError`` for a tensor without values."""
+    if isinstance(value, Tensor):
+        dense(name, value)
     return value.item() if isinstance(value, (Tensor, np.ndarray)) and value.ndim == 0 else value
 
 
@@ -316,7 +318,7 @@ def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, floa
         return gain_db
     if isinstance(gain_db, str) and gain_db == "auto":
         return AutoExposure()
-    gain_db = _plain(gain_db)
+    gain_db = _plain("gain_db", gain_db)
     if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
         must = "must be a number, (low, high), 'auto' or an AutoExposure"
         raise TypeError(f"gain_db = {shown(gain_db)}: {must}")

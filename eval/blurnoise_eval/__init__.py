@@ -6,10 +6,11 @@ Names are imported when they are first used, so that the command's ``--help`` is
 from __future__ import annotations
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from blurnoise_eval import datasets
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.detectors.python_models import PythonDetector, TorchvisionDetector

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch._subclasses.fake_tensor import FakeTensorMode
 
 import blurnoise
 from blurnoise import AutoExposure, Camera, charts, metrics
@@ -60,8 +61,16 @@ MEASURING = {"image": EDGE, "mode": "exact", "full_scale": 1.0, "black_level": 0
 MEASURING |= {"bootstrap": 2, "seed": 0}
 METERED = {"target": 0.18, "frame_rate_hz": 30.0, "readout_s": 0.001, "longest_s": 0.02, "mains_hz": 50.0}
 METERED |= {"row_time_s": 1e-5, "gain_max_db": 24.0}
+
+
+def fixed_pattern(shape):
+    return CAMERA.fixed_pattern(shape, 0)
+
+
 CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Camera, {**FIGURES, "quantum_efficiency": 0.5}),
+    (fixed_pattern, {"shape": (1, 24, 31)}),
+    (CAMERA.dark_variance_dn2, {"dark_e": 0.0}),
     (blurnoise.Layer, LAYER),
     (blurnoise.expose_layers, {**MOVED, "background": PICTURES, "layers": [blurnoise.Layer(**LAYER)]}),
     (blurnoise.Curve, {"wavelengths_nm": (400.0, 700.0), "values": (0.1, 0.2)}),
@@ -109,6 +118,10 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (patches.ssim, {"picture": PICTURES, "reference": PICTURES, "data_range": 1.0}),
 ]  # fmt: skip
 METRICS = (information, patches)
+with FakeTensorMode():
+    FAKE = torch.ones(())
+WITHIN_ITSELF: list[Any] = []
+WITHIN_ITSELF.append(WITHIN_ITSELF)
 HOSTILE: Mapping[str, Any] = {
     "None": None,
     "text": "abc",
@@ -131,6 +144,15 @@ HOSTILE: Mapping[str, Any] = {
     "complex pictures": torch.zeros(2, 3, 24, 31, dtype=torch.complex64),
     "masks": torch.zeros(2, 3, 24, 31, dtype=torch.bool),
     "five axes": torch.zeros(1, 1, 1, 2, 2),
+    "meta": torch.ones((), device="meta"),
+    "meta pictures": torch.ones(2, 3, 24, 31, device="meta"),
+    "meta list": [torch.ones((), device="meta")] * 2,
+    "fake": FAKE,
+    "sparse": torch.ones(2).to_sparse(),
+    "float8": torch.tensor(1.0).to(torch.float8_e4m3fn),
+    "one pixel": torch.ones(1, 1, 1, 1),
+    "within itself": WITHIN_ITSELF,
+    "longdouble": np.longdouble(1),
 }
 
 
@@ -181,6 +203,8 @@ def test_wrong_arguments_are_named_in_a_line(function, good):
         (lambda: blurnoise.simulate(PICTURES.to("meta"), **LIT), "image: must be a dense tensor with values"),
         (lambda: blurnoise.motion_blur(PICTURES, torch.ones(2, device="meta")), "displacement_px: must be a dense"),
         (lambda: Camera.load(3), "path = 3: must be a path"),
+        (lambda: blurnoise.RandomExposure()(PICTURES.to("meta")), "input: must be a dense tensor with values"),
+        (lambda: blurnoise.RandomExposure()("text"), "input: must be a torch.Tensor, got str"),
     ],
 )  # fmt: skip
 def test_no_raw_errors_of_torch_or_python(call, message):

@@ -15,6 +15,7 @@ from typer import Option
 from typer.main import get_command
 
 from blurnoise_eval.grid.axes import AXES
+from blurnoise_eval.system.interrupts import in_order
 from blurnoise_eval.system.terminal import accept_all_text, plain_warnings, say, shortened
 
 COMMANDS: dict[str, str] = {
@@ -37,6 +38,7 @@ COMMANDS: dict[str, str] = {
     "train": "train the stop-sign detector and write it as ONNX",
 }
 """The commands, each with a line about it. The function of a command has its name, in a module of that name."""
+_INTERRUPTED = 130  # what Typer makes of an interrupt
 _ABOUT = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
@@ -51,7 +53,7 @@ Commands:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line. Returns 0, 2 for bad input, 130 when interrupted.
+    """Run the command line. Returns 0, 2 for bad input, 128 + its number where a signal ends it (130 for Ctrl-C).
 
     Raises ``SystemExit`` with code 2 for an unknown command or option.
     """
@@ -82,7 +84,7 @@ def function(name: str) -> Callable[..., None]:
 
 def run_alone(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     """Run the command of one function, such as ``blurnoise sweep`` or ``python -m blurnoise_eval.bench``."""
-    return _run(command(run), name, words)
+    return in_order(lambda: _run(command(run), name, words))
 
 
 def command(run: Callable[..., None]) -> Any:
@@ -140,8 +142,8 @@ def _run(program: Any, name: str, words: Sequence[str]) -> int:
             raise
         _say("out of memory; use smaller pictures or fewer --threads")
         return 2
-    if code == 130:
-        say("blurnoise: interrupted; finished work is kept", error=True)
+    if code == _INTERRUPTED:
+        raise KeyboardInterrupt
     return int(code or 0)
 
 

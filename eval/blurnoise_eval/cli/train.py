@@ -37,9 +37,11 @@ def train(
     from blurnoise_models.export import write_onnx
 
     from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.interrupts import keeps
 
     workers = inputs.threads(threads)
     checkpoint = output / "training.checkpoint"
+    keeps(checkpoint.is_file)
     steps: list[tuple[int, float]] = []
     with ProgressBar("train", pictures) as advance:
 

@@ -17,6 +17,7 @@ from blurnoise_eval.store.store import CellResult, Store
 from blurnoise_eval.sweep.engines import Engine, ThreadEngine, WorkerDied
 from blurnoise_eval.sweep.work import Block, Work, blocks
 from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.interrupts import keeps
 
 _HOPELESS = 8  # failures of a model, without one answer, after which a sweep gives up
 _ONE_THREAD = ThreadEngine(1)
@@ -63,6 +64,7 @@ def run(
     started = time.perf_counter()
     no_work = progress if resumed is None else resumed
     outcome = Outcome()
+    keeps(lambda: outcome.computed + outcome.resumed > 0)
     failures = dict.fromkeys((model.name for model in models), 0)  # of models that never answered
     work = Work(
         tuple(models),

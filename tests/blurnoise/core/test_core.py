@@ -135,6 +135,8 @@ def test_a_forked_process_has_threads_of_its_own():
         pytest.param("a.yaml", "[" * 100_000, "nested too deeply", marks=pytest.mark.slow),
         ("a.yaml", "a: " * 100_000, "mapping values are not allowed here"),
         ("a.yaml", "a: " + "1" * 5000, "integer string conversion"),
+        ("a.yaml", "a: &own [1, {b: *own}]", "own: must not stand within &own"),
+        ("a.yaml", "&own {<<: *own}", "own: must not stand within &own"),
         ("a.yaml", "x" * (1 << 20) + "x", "larger than 1048576 bytes"),
         ("a.json", '{"a": ' * 100_000, "nested too deeply"),
         ("a.json", "1" * 5000, "integer string conversion"),

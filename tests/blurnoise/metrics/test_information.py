@@ -238,3 +238,14 @@ def test_without_noise_numbers_are_infinite_and_flagged(bright):
         assert math.isnan(found.low)
         assert "noiseless" in found.flags
     assert edge.estimate("michelson").available
+
+
+def test_nothing_is_measured_of_an_edge_without_numbers_and_the_reason_is_told():
+    edge = slanted_edge(torch.full((3, 40, 40), math.nan))
+    for found in (
+        information.neq_0(edge),
+        information.capacity_radial(edge),
+        information.neq_integral(edge, edge),
+    ):
+        assert math.isnan(found.value)
+        assert "not_finite" in found.flags

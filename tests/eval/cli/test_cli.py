@@ -11,7 +11,6 @@ from blurnoise_eval.cli.console import print_opening
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.report import page
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep import run as sweep
 from commands import main
 from made_runs import made_run
 from rich.cells import cell_len
@@ -70,14 +69,17 @@ def test_same_sweep_again_computes_nothing(run, words, capsys, monkeypatch):
     assert "b.png" in err
 
 
-def test_interrupt_is_told(tmp_path, capsys, words, monkeypatch):
+@pytest.mark.parametrize(
+    ("where", "kept"),
+    [("evaluation.begun_or_gone", ""), ("sweep.run._check_hope", "; finished work is kept")],
+)
+def test_an_interrupt_says_what_is_kept(tmp_path, capsys, words, monkeypatch, where, kept):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sweep, "run", interrupted)
+    monkeypatch.setattr(f"blurnoise_eval.{where}", interrupted)
     assert main([*words, "-o", tmp_path / "run"]) == 130
-    err = capsys.readouterr().err
-    assert (len(err.strip().splitlines()), "kept" in err) == (1, True)
+    assert capsys.readouterr().err == f"blurnoise: interrupted{kept}\n"
 
 
 def test_run_in_use_and_damaged_run(tmp_path, capsys):

@@ -17,6 +17,7 @@ from typing import Any
 from blurnoise_eval.sweep.engines import base
 from blurnoise_eval.sweep.engines.base import Answers, BlockResult, WorkerDied
 from blurnoise_eval.sweep.work import Block, Work
+from blurnoise_eval.system.interrupts import taken_back
 from blurnoise_eval.system.machine import versions
 
 _STORE_BYTES = 100_000_000  # shared memory of a local cluster, which only Ray itself uses
@@ -151,4 +152,5 @@ def _connect(ray: Any, cores: int | None, address: str | None) -> None:
         how = {"address": "local", "num_cpus": cores, "num_gpus": 0, "include_dashboard": False}
         how |= {"object_store_memory": _STORE_BYTES, "_node_ip_address": "127.0.0.1"}
     logging.getLogger("ray").setLevel(logging.ERROR)
-    ray.init(**how, log_to_driver=False, logging_level=logging.ERROR)
+    with taken_back():
+        ray.init(**how, log_to_driver=False, logging_level=logging.ERROR)

@@ -1,0 +1,69 @@
+"""Bits that depend on nothing around a call: not on gradients, not on autocast."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+import blurnoise
+from blurnoise import Camera
+from blurnoise.optics.camera_files import PRESETS
+
+PICTURES = torch.rand(2, 3, 20, 27, generator=torch.Generator().manual_seed(1))
+LIT = {"exposure_s": 0.01, "illuminance_lux": 100.0}
+MOVES = {"speed_px_s": 700.0, "direction_deg": 30.0}
+ROLLING = Camera.preset("ar0237")
+LAYER = blurnoise.Layer(torch.full((3, 9, 7), 0.4), torch.ones(9, 7), (80.0, 0.0), (5, 6))
+
+
+def taken(pictures, camera="imx250c", **conditions):
+    return blurnoise.expose_pictures(pictures, camera, **LIT, **MOVES, **conditions)
+
+
+def simulated(pictures, camera="imx250c"):
+    return blurnoise.simulate(
+        pictures, Camera.preset(camera), **LIT, velocity_px_s=(300.0, -500.0), generator=[5, 6]
+    )
+
+
+DOORS = {
+    "simulate": simulated,
+    "expose_pictures": lambda pictures: taken(pictures, generator=[5, 6]),
+    "expose": lambda pictures: blurnoise.ExposedScene(pictures).expose(ROLLING, **LIT, generator=[5, 6]),
+    "develop": lambda pictures: blurnoise.develop(pictures[:, :1] * 3000, Camera.preset("imx250c")),
+    "motion_blur": lambda pictures: blurnoise.motion_blur(pictures, (5.3, -2.0)),
+    "defocus": lambda pictures: blurnoise.defocus(pictures, 1.5),
+    "expose_layers": lambda pictures: blurnoise.expose_layers(
+        pictures, [LAYER], exposure_s=0.05, velocity_px_s=(0.0, 9.0)
+    ),
+}
+
+
+@pytest.mark.parametrize("door", DOORS.values(), ids=DOORS)
+def test_gradients_and_autocast_change_no_bit(door):
+    alone = door(PICTURES)
+    followed = door(PICTURES.clone().requires_grad_())
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        cast = door(PICTURES)
+    assert followed.requires_grad
+    assert torch.equal(followed, alone)
+    assert cast.dtype == alone.dtype
+    assert torch.equal(cast, alone)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_no_camera_has_other_bits_with_gradients(name):
+    camera = Camera.preset(name)
+    pictures = PICTURES[:, :1] if camera.cfa == "mono" else PICTURES
+    shutters = [camera] if camera.captures else [camera, replace(camera, shutter="rolling", row_time_s=2e-5)]
+    for each in shutters:
+        followed = taken(pictures.clone().requires_grad_(), each, generator=[5, 6])
+        assert torch.equal(followed, taken(pictures, each, generator=[5, 6]))
+
+
+def test_a_generator_advances_as_far_with_gradients_as_without():
+    drawn = []
+    for pictures in (PICTURES, PICTURES.clone().requires_grad_()):
+        generator = torch.Generator().manual_seed(3)
+        drawn.append([taken(pictures, generator=generator).detach() for _ in range(2)])
+    assert all(torch.equal(*pair) for pair in zip(*drawn, strict=True))
