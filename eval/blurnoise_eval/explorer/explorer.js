@@ -4,8 +4,8 @@ async function openPicture(file) {
   try {
     const answer = await fetch(`dropped?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
     emitEvent(answer.ok ? "dropped" : "refused", await answer.text());
-  } catch (error) {
-    emitEvent("refused", `${file.name}: cannot be read (${error.message})`);
+  } catch {
+    emitEvent("refused", `${file.name}: cannot be read; must be a picture file`);
   }
 }
 const holdsFiles = (event) => event.dataTransfer.types.includes("Files");

@@ -43,6 +43,7 @@ from blurnoise_eval.sweep.exposing import Frame
 _FULL = ThreadPoolExecutor(2, thread_name_prefix="explorer")
 """For all but smaller pictures, which wait for no full one."""
 _PICTURES = 6
+_KINDS = ("picture", "camera", "model")
 _OPEN = (
     'Drop a picture anywhere on the page, or choose one: <input type="file" accept="image/*" '
     'onchange="openPicture(this.files[0]); this.value = null">'
@@ -147,16 +148,22 @@ class Page:
         return f"/pictures/{name}"
 
     def change(self, make: Callable[[], State]) -> None:
-        """Show another state, which may not be allowed."""
+        """Show another state, which may not be allowed; of another picture, camera or model on another page, as its
+        controls are others."""
         self._message.set_text("")
         try:
             state = make()
+        except (ValueError, TypeError) as error:
+            self.fails(str(error))
+        else:
+            if any(getattr(state, kind) != getattr(self.state, kind) for kind in _KINDS):
+                with self._panes:
+                    ui.navigate.to(f"/?{state.query(self.catalogue.base)}")
+                return
             if state != self.state:
                 self._panes.classes(add="busy")
                 self.state = state
                 self._changed.set()
-        except (ValueError, TypeError) as error:
-            self.fails(str(error))
         self._show_controls()
 
     def moved(self, control: Control, text: str) -> None:
@@ -164,11 +171,8 @@ class Page:
         self.change(lambda: control.put(self.state, text))
 
     def _select(self, kind: str, name: str) -> None:
-        """Another picture, camera or model: another page, as its controls are others."""
         state = replace(self.state, **{kind: name}, cell="")  # type: ignore[arg-type]
-        state = state.put(MOVES.name, None) if kind == "picture" else state
-        with self._panes:
-            ui.navigate.to(f"/?{state.query(self.catalogue.base)}")
+        self.change(lambda: state.put(MOVES.name, None) if kind == "picture" else state)
 
     def _cell(self, run: Run, at: Mapping[str, float]) -> None:
         """A cell of the run's map: of the picture that is shown, or of the first."""
@@ -284,7 +288,7 @@ class Page:
         with ui.card():
             self._rows = [Row(each, self.moved) for name, each in every.items() if name in self.state.at]
         with ui.card():
-            for kind in ("picture", "camera", "model"):
+            for kind in _KINDS:
                 name = getattr(self.state, kind)
                 select = ui.select(self.catalogue.titles(kind), label=kind.capitalize(), value=name)
                 select.props("dense")

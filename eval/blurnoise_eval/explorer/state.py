@@ -96,7 +96,7 @@ class State:
                     value = None if own else of_text(axis, part)
                     state = replace(state, at=Conditions(**{**state.at, axis.name: value}))
                 elif name in figures:
-                    state = state.put(name, of_text(figures[name], part))
+                    state = replace(state.put(name, of_text(figures[name], part)), cell=state.cell)
                 elif name == "seed":
                     state = replace(state, seed=int(part))
                 elif name in _NAMES:
@@ -106,6 +106,10 @@ class State:
                     raise ValueError(f"must be one of {', '.join(known)}")
             except ValueError as error:
                 raise ValueError(f"{name} = {part[:60]!r}: {error}") from None
+        if state.cell and (others := dict(parts).keys() - {"cell", "model"}):
+            raise ValueError(
+                f"cell: has its own picture, camera and conditions; remove {', '.join(sorted(others))}"
+            )
         if state.at[EGO.name] and not {"dx", "dy"} & dict(parts).keys():
             state = state.put(EGO.name, state.at[EGO.name])
         return state

@@ -27,7 +27,7 @@ class Told(Page):
     def _build(self):
         self.events: list[tuple[str, Any]] = []
         self.paints = True
-        for name in ("_panes", "_original", "_seen", "_curve", "_window"):
+        for name in ("_panes", "_original", "_seen", "_curve", "_window", "_message"):
             setattr(self, name, MagicMock())
         self._seen.set_source = lambda url: self.events.append(("picture", url))
         self._curve.options.update = lambda options: self.events.append(("curve", options["series"][0]))
@@ -49,6 +49,9 @@ class Told(Page):
         self.state = state
         self._changed.set()
 
+    def navigated(self, url):
+        self.events.append(("page", url))
+
     def run_javascript(self, script):
         self.events.append(("preview", script))
         if self.paints:
@@ -68,7 +71,10 @@ Visit = Callable[[State, Steps], Told]
 def visit(catalogue, monkeypatch):
     async def go(state, steps):
         page = Told(catalogue, state, {})
-        monkeypatch.setattr(pages, "ui", SimpleNamespace(run_javascript=page.run_javascript))
+        navigate = SimpleNamespace(to=page.navigated)
+        monkeypatch.setattr(
+            pages, "ui", SimpleNamespace(run_javascript=page.run_javascript, navigate=navigate)
+        )
         loop = asyncio.create_task(page.live())
         await steps(page)
         loop.cancel()
@@ -116,6 +122,21 @@ def test_what_cannot_be_seen_is_said_and_the_page_goes_on(visit):
     page = visit(QUIET, steps)
     for told, part in zip(page.of("fails"), wrong, strict=True):
         assert part in told
+
+
+@pytest.mark.parametrize("other", [{"picture": "sign-2"}, {"camera": "ar0237"}, {"model": "built-in"}])
+def test_another_picture_camera_or_model_is_another_page(other, visit, catalogue):
+    """Also where a cell of a run asks for it: this page would show its own picture under the cell's address."""
+    wanted = replace(QUIET, **other, seed=7)
+
+    async def steps(page):
+        page.change(lambda: wanted)
+        page.change(lambda: replace(QUIET, seed=8))
+
+    page = visit(QUIET, steps)
+    (url,) = page.of("page")
+    assert State.of_query(url.removeprefix("/?"), catalogue.base) == wanted
+    assert page.state == replace(QUIET, seed=8)
 
 
 @pytest.mark.parametrize(

@@ -116,30 +116,13 @@ def test_what_is_enough_is_a_share_of_the_original_or_a_confidence():
     assert (absolute.required, absolute.text(0.3), absolute.sight(dark)) == (0.6, "0.30", dark)
 
 
-def curve(best_ms, stops, saturated_from=math.inf):
-    """A curve along the exposure: the kept share falls as a parabola of the logarithm."""
-    exposure = controls(CAMERA)["exposure_s"]
-    points = []
-    for place in range(POINTS):
-        value = exposure.value(200 * place / (POINTS - 1))
-        share = max(0.0, 1 - (math.log2(value / best_ms) / stops) ** 2)
-        points.append(Point(value, 0.5 * share, 0.3 if value > saturated_from else 0.0))
-    return points
-
-
-@pytest.mark.parametrize("best_ms", [3.0, 7.7, 21.0])
-@pytest.mark.parametrize("stops", [3.0, 8.0])
-def test_a_window_ends_where_the_score_crosses_what_is_enough(best_ms, stops):
-    """Ninety per cent of a parabola in log2: the root of a tenth of its half width, to a fifth of a stop. What keeps
-    most is found to what the places, two thirds of a stop apart, allow."""
-    standard = Standard(0.9, True, 0.5, frozenset())
-    found = window(curve(best_ms, stops), standard.required, best_ms)
-    assert found is not None
-    half = stops * math.sqrt(0.1)
-    assert math.log2(found[0] / best_ms) == pytest.approx(-half, abs=0.2)
-    assert math.log2(found[1] / best_ms) == pytest.approx(half, abs=0.2)
-    most = window_sentence(curve(best_ms, stops), best_ms, standard).split(" at ")[-1]
-    assert abs(math.log2(float(most.split()[0]) / best_ms)) < 0.4
+def test_the_window_is_that_around_the_exposure_or_else_the_widest():
+    """Its ends are where the curve crosses the level, halfway in the logarithm: at roots of two."""
+    curve = [Point(2.0**place, mean) for place, mean in enumerate((0.0, 1.0, 0.0, 1.0, 1.0, 0.0))]
+    narrow, wide = (2**0.5, 2**1.5), (2**2.5, 2**4.5)
+    for at_ms, expected in ((2.0, narrow), (3.0, wide), (20.0, wide), (100.0, wide)):
+        assert window(curve, 0.5, at_ms) == pytest.approx(expected)
+    assert window(curve, 1.5, 2.0) is None
 
 
 @pytest.mark.parametrize(
@@ -156,6 +139,13 @@ def test_the_sentence_of_a_curve(held, told):
     points = [Point(value, each) for value, each in zip((0.003, 1.64, 900.0), held, strict=True)]
     standard = Standard(0.6, False, 1.0, frozenset())
     assert window_sentence(points, 20.0, standard).removeprefix("Exposure: ") == told
+
+
+def test_the_best_exposure_saturates_little_where_another_such_works():
+    points = [Point(1.0, 0.7), Point(10.0, 0.9, 0.3), Point(100.0, 0.1)]
+    standard = Standard(0.6, False, 1.0, frozenset())
+    assert window_sentence(points, 1.0, standard).endswith("best: 0.70 at 1 ms.")
+    assert window_sentence(points[1:], 10.0, standard).endswith("best: 0.90 at 10 ms.")
 
 
 # --- boxes and the curve ---

@@ -40,6 +40,10 @@ def test_a_query_says_a_state():
         ("gain=nan", "gain = 'nan': gain_db = nan: must be"),
         ("lux=", "lux = '': must"),
         ("moves=nobody", "must be one of all, targets, background"),
+        (
+            "cell=a1&read_noise_e=3",
+            "has its own picture, camera and conditions; remove dx, f-number, read_noise_e",
+        ),
     ],
 )
 def test_a_wrong_query_says_what_is_wrong(query, told):
