@@ -13,7 +13,7 @@ from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.boxes import Blob, Candidates, Placement, lay_in, suppress
-from blurnoise_eval.detectors.formats.family import extra_feeds, read_signature
+from blurnoise_eval.detectors.formats.family import Layout, extra_feeds, read_signature
 from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray
@@ -34,7 +34,8 @@ class Detector(OnnxModel):
     :class:`ModelError` for a graph of no known family, or a contract that does not fit it.
 
     Attributes: ``contract``, ``family``, ``input_size_px`` (height, width; for "resize" none only what dynamic shapes
-    were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8.
+    were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8, ``notes``: what is
+    false or left open in the graph.
     """
 
     contract: Contract
@@ -53,17 +54,25 @@ class Detector(OnnxModel):
         signature = read_signature(self, size_px or _PROBE_SIZE_PX)
         self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
+        doubt = layout.doubt
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            _, layout = resolve(read_signature(self, self.input_size_px), self.contract)
-        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
+            signature = read_signature(self, self.input_size_px)
+            _, layout = resolve(signature, self.contract)
+        self._signature, self.notes = signature, (*signature.notes, *filter(None, [doubt]))
+        self._read_by(layout)
         self.takes_bytes = DTYPES[self.inputs[0].type] is np.uint8
         self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()
+
+    def _read_by(self, layout: Layout) -> None:
+        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
 
     def with_contract(self, contract: Contract) -> Detector:
         """The same session read by another contract of the same family and input size."""
         other = object.__new__(Detector)  # a copy would open the file again
         other.__dict__.update(self.__dict__, contract=contract)
+        if contract.outputs != self.contract.outputs:
+            other._read_by(resolve(self._signature, contract)[1])
         other._opened_again = partial(self._opened_again, contract=contract)  # type: ignore[call-arg]  # of Detector
         other._non_finite, other._buffers = threading.local(), threading.local()
         return other

@@ -51,7 +51,7 @@ def test_what_the_file_states(capsys, model):
 def test_what_is_assumed_and_unknown(tmp_path, capsys):
     path = answering(tmp_path / "m.onnx", [[0, 0, 9, 9, 0.5, 2]] * 3, producer="x" * 200)
     facts = told(capsys, "inspect", path)
-    assert facts["recognised"] == "graph: output 'output' [1, 3, 6] as b n 6"
+    assert facts["recognised"] == "graph: output 'output' [1, 3, 6] as b n 6, and its values"
     assert "inside the graph" in facts["unknown"][0]
     assert any(text.startswith("colour = 'rgb' is assumed") for text in facts["assumed"])
     assert main(["inspect", str(path)]) == 0
