@@ -219,7 +219,9 @@ class Contract(Sourced):
     input_size_px: _Size = None
     nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65
     head: Annotated[AnchorHead | None, BeforeValidator(_head), "must map strides and anchors"] = None
-    outputs: Annotated[str | None, BeforeValidator(checked), "must be text, such as 'xyxy, score, class'"] = None
+    outputs: Annotated[str | None, BeforeValidator(checked), "must be text, such as 'xyxy, score, class'"] = (
+        None
+    )
 
 
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)

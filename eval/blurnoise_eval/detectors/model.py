@@ -115,7 +115,9 @@ class OnnxModel:
             tuple(TensorInfo(entry.name, tuple(entry.shape), entry.type) for entry in entries)
             for entries in (self.session.get_inputs(), self.session.get_outputs())
         )
-        self.inputs = tuple(sorted(inputs, key=lambda entry: (entry.axes is None, entry.axes and -entry.channels)))
+        self.inputs = tuple(
+            sorted(inputs, key=lambda entry: (entry.axes is None, entry.axes and -entry.channels))
+        )
         self.axes = self.inputs[0].axes if self.inputs else None
         first = self.inputs[0].shape[0] if self.axes in ("nchw", "nhwc") else 1
         self.batch = first if isinstance(first, int) else 1

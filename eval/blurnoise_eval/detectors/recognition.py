@@ -30,7 +30,7 @@ _SPARE = "scores by sigmoid, background"
 _LIKELY = (
     "xyxy, score, class", "picture, xyxy, score, class", "count; xyxy; score; class", "xyxy; score; class",
     "xyxy, score; class", "cxcywh, objectness, scores", "cxcywh, scores", "xyxy; scores",
-    "xyxy; scores by sigmoid, background",
+    "xyxy; scores by softmax, background",
 )  # fmt: skip
 """Outputs of exporters that are not known, which other readings are tried of."""
 _RAW_SIZE_LIMIT = 16.0
@@ -62,7 +62,7 @@ def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contr
         )
     contract = _fitted(contract, layout.family, signature.inputs[0])
     if stated is None:
-        contract, layout = _read(contract, layout, signature)
+        contract = _read(contract, layout, signature)
     return contract, layout.bound(contract)
 
 
@@ -76,8 +76,8 @@ def _with_columns(stated: Contract) -> Contract:
 
 def _slots(contract: Contract) -> int:
     """Columns of scores that the shapes show as classes."""
-    spare = contract.outputs is not None and _SPARE in contract.outputs
-    return len(contract.classes) + spare
+    text = contract.outputs or ""
+    return len(contract.classes) + ((contract.family == "columns" and "background" in text) or _SPARE in text)
 
 
 def _with_background(contract: Contract, layout: Layout) -> Contract:
@@ -87,7 +87,8 @@ def _with_background(contract: Contract, layout: Layout) -> Contract:
         return contract
     if layout.classes != len(contract.classes) + 1:
         return contract
-    why = f"graph: the last of {layout.classes} columns of scores is the background, as {len(contract.classes)} classes are named"
+    named = f"as {len(contract.classes)} classes are named"
+    why = f"graph: the last of {layout.classes} columns of scores is the background, {named}"
     outputs = text.replace("scores by sigmoid", _SPARE)
     return replace(contract, outputs=outputs, sources={**contract.sources, "outputs": why})
 
@@ -107,27 +108,24 @@ def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
     dense = any(output.has("scores") for output in outputs) and "softmax" not in stated.outputs
     family = replace(family, several_classes=family.several_classes if own else dense)
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in found)
-    return Layout(family, tuple(output.name for output in found), 0, f"output{'s' * (len(found) > 1)} {shapes}")
-
-
-def _read(contract: Contract, layout: Layout, signature: Signature) -> tuple[Contract, Layout]:
-    """With the reading of the columns that the answers for a grey picture allow."""
-    if contract.outputs is None or not signature.answers:
-        return contract, layout
-    text = contract.outputs
-    answers = [[signature.answers[name] for name in layout.outputs]]
-    found, why = readings(
-        named(text, layout.outputs), answers, signature.size_px, len(contract.classes), others=layout.family.by_shape
+    return Layout(
+        family, tuple(output.name for output in found), 0, f"output{'s' * (len(found) > 1)} {shapes}"
     )
-    if not why:
-        others = " or ".join(map(repr, found[1:4]))
-        return contract, replace(layout, doubt=f"the columns may also be {others}" * bool(others))
-    if not found:
-        return contract, replace(layout, doubt=f"{why}, and no other reading of the columns fits")
-    source = f"assumed: of a grey picture {why} with {text!r}"
-    contract = replace(contract, outputs=found[0], sources={**contract.sources, "outputs": source})
-    others = " or ".join(map(repr, found[1:4]))
-    return contract, replace(layout, doubt=f"the columns may also be {others}" * bool(others))
+
+
+def _read(contract: Contract, layout: Layout, signature: Signature) -> Contract:
+    """With another reading of the columns, where the answers for a grey picture refute the family's own."""
+    if contract.outputs is None or not signature.answers:
+        return contract
+    text, answers = (
+        named(contract.outputs, layout.outputs),
+        [[signature.answers[name] for name in layout.outputs]],
+    )
+    found, why = readings(text, answers, signature.size_px, len(contract.classes), others=False)
+    if not why or not found:
+        return contract
+    source = f"assumed: of a grey picture {why} with {contract.outputs!r}"
+    return replace(contract, outputs=found[0], sources={**contract.sources, "outputs": source})
 
 
 def _with_head(stated: Contract) -> Family:
@@ -147,14 +145,22 @@ def _with_head(stated: Contract) -> Family:
 def _recognise(signature: Signature) -> tuple[Layout, str]:
     """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
     exporter, families = _by_metadata(signature.metadata)
+    known = exported_fields(signature.metadata).get("classes")
+    unnamed = list[Layout]()
     for group in (*((family,) for family in families), *BY_EVIDENCE):
         fitting = list(filter(None, (family.describe(signature) for family in group)))
+        if fitting and all(
+            each.family.by_shape and each.classes not in (0, len(known or each.family.preset.classes))
+            for each in fitting
+        ):
+            unnamed += fitting
+            continue
         if len(fitting) > 1:
             return _choose(fitting, signature)
         for layout in fitting:
             exported = f"metadata {exporter}; " * (layout.family in families)
             return layout, f"graph: {exported}{layout.why}"
-    for layout in _by_columns(signature):
+    for layout in (*_by_columns(signature), *unnamed):
         return layout, f"assumed: {layout.why}, of no known exporter"
     raise ModelError(
         f"the graph matches none of the known families ({', '.join(PRESETS)}); a head with "
@@ -180,7 +186,9 @@ def _by_columns(signature: Signature) -> Iterator[Layout]:
             dense = "scores" in text and "softmax" not in text
             own = replace(family.preset, outputs=text, classes=classes)
             family = replace(family, preset=own, several_classes=dense)
-            yield Layout(family, names, len(classes) if "scores" in text else 0, f"outputs {shapes} as {text!r}")
+            yield Layout(
+                family, names, len(classes) if "scores" in text else 0, f"outputs {shapes} as {text!r}"
+            )
 
 
 def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[Family, ...]]:

@@ -8,7 +8,8 @@ from blurnoise_eval.detectors.formats.family import Family
 
 BY_EVIDENCE: tuple[tuple[Family, ...], ...] = (
     (ex.PPYOLOE, ex.RTDETR, ex.TORCHVISION),  # inputs beside the picture, answers without a batch
-    (ex.HF_RTDETR, ex.HF_DEFORMABLE, ex.DETR, ex.RFDETR, ex.MMDEPLOY, ex.YOLOV6E2E, ex.YOLONAS, ex.SSD, ex.YOLOV4),  # names
+    (ex.HF_RTDETR, ex.HF_DEFORMABLE, ex.DETR, ex.RFDETR),  # names of outputs
+    (ex.MMDEPLOY, ex.YOLOV6E2E, ex.YOLONAS, ex.SSD, ex.YOLOV4),
     (ex.TFOD,),  # the picture's own form: bytes with the channels last
     (ex.YOLOV5, ex.YOLOV8, ex.YOLOV6, ex.DAMOYOLO, ex.YOLONAS_RAW, *grids.FAMILIES),  # numbers of grid cells
     (ex.DETECTION_OUTPUT,),

@@ -1,4 +1,4 @@
-"""Candidates from columns: decoding of outputs that a contract states, and which readings of outputs their values allow.
+"""Candidates from columns: decoding of outputs that a contract states, and the readings that values allow.
 
 A graph does not show whether its boxes are corners or centres, px or shares, its scores logits, or which of two
 columns is the class. Values often do: a class is a whole number, corners are in order, most queries see nothing.
@@ -6,10 +6,10 @@ columns is the class. Values often do: a class is a whole number, corners are in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fnmatch import fnmatch
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +125,7 @@ def _activated(values: FloatArray, how: str) -> FloatArray:
 
 
 def matched(outputs: Sequence[Output], infos: Sequence[TensorInfo], classes: int) -> list[TensorInfo] | None:
-    """The graph's outputs in the order of those stated; None where one is missing. By name, else by shape and type."""
+    """The graph's outputs in the order of those stated, by name, else by shape and type; None if one is missing."""
     found: dict[int, TensorInfo] = {}
     order = sorted(range(len(outputs)), key=lambda n: (not outputs[n].name, -outputs[n].width(classes)))
     for number in order:
@@ -153,7 +153,7 @@ def fits(output: Output, info: TensorInfo, classes: int) -> bool:
     if not shape or (output.has("scores") and info.type in _INTEGERS):
         return False
     if output.has("count"):
-        return len(shape) <= 2 and shape[-1:] in ((1,), (None,), ()) or len(shape) == 1
+        return (len(shape) <= 2 and shape[-1:] in ((1,), (None,), ())) or len(shape) == 1
     if width == 1:
         return len(shape) <= 2 or (len(shape) == 3 and 1 in shape[1:])
     return len(shape) >= 2 and (width in (shape[-1], shape[-2]) or (len(shape) == 4 and shape[1] == width))
@@ -204,7 +204,8 @@ def _no_score(values: Values, how: dict[str, str], size_px: tuple[int, int], cla
             continue
         low, high = float(values[kind].min()), float(values[kind].max())
         logits = "sigmoid" in how[kind] or "softmax" in how[kind]
-        if not logits and (high > 1.01 or low < -1.01 or (low < 0 and (values[kind] % 1 != 0)[values[kind] < 0].any())):
+        padding = values[kind][values[kind] < 0]
+        if not logits and (high > 1.01 or (padding != -1).any()):
             return f"the column read as {kind} goes from {low:.3g} to {high:.3g}"
         if logits and low >= 0 and high <= 1:
             return f"the column read as {kind}, logits, stays within 0 and 1"
@@ -223,7 +224,8 @@ def _no_activation(values: Values, how: dict[str, str], size_px: tuple[int, int]
     found = sigmoid(scores) if how["scores"] == "by sigmoid" else scores
     if "background" in values and not how["scores"]:
         return ""
-    if not how["scores"] and every.shape[1] > 1 and np.allclose(every.sum(axis=1), 1, atol=2e-3) and "background" not in values:
+    sums = every.sum(axis=1)
+    if not how["scores"] and every.shape[1] > 1 and np.allclose(sums, 1, atol=2e-3):
         return "the scores of each row are a softmax: their sum is 1"
     if np.median(found.max(axis=1)) >= 0.3:
         return "most rows would show an object" + ", by sigmoid" * bool(how["scores"])
@@ -267,32 +269,47 @@ def _strongest(values: Values, how: dict[str, str]) -> NDArray[np.int64]:
 
 
 def alternatives(text: str) -> Iterator[str]:
-    """Other readings of the same columns: of the box, of px or shares, of score and class, of the activation."""
+    """Other readings of the same columns: of the box, px or shares, their order, the activation; the nearest first."""
     outputs = parsed(text)
-    box = next(column for output in outputs for column in output.columns if column.kind in BOXES)
+    columns = [column for output in outputs for column in output.columns]
+    box = next(column for column in columns if column.kind in BOXES)
     boxes = [Column(kind, how) for kind, how in product(BOXES[:3], ("", "in shares"))]
     boxes.sort(key=lambda other: (other.kind != box.kind) + (other.how != box.how))
-    score = next(c for output in outputs for c in output.columns if c.kind in ("score", "scores"))
-    hows = ["", "by sigmoid", "by softmax"] if score.kind == "scores" else [score.how]
-    hows.sort(key=score.how.__ne__)
-    objectness = any(output.has("objectness") for output in outputs)
-    swaps = (False, True) if score.kind == "score" and any(output.has("class") for output in outputs) else (False,)
-    seen = set()
-    for how, swap, other in product(hows, swaps, boxes):
-        if how == "by softmax" and (objectness or not any(output.has("background") for output in outputs)):
-            continue
-        change: Callable[[Column], Column] = lambda c, how=how, swap=swap, other=other: (  # noqa: E731
-            other if c == box else replace(c, how=how) if c.kind in ("scores", "objectness") else _swapped(c, swap)
+    kinds = {column.kind for column in columns}
+    own = next(column.how for column in columns if column.kind in ("score", "scores"))
+    hows = [own] + [how for how in ("", "by sigmoid", "by softmax") if how != own and "scores" in kinds]
+    if "objectness" in kinds or "background" not in kinds:
+        hows.remove("by softmax") if "by softmax" in hows else None
+    for how, order, other in product(hows, _orders(outputs), boxes):
+        changed = written(
+            Output(output.name, tuple(other if c == box else _by(c, how) for c in output.columns))
+            for output in order
         )
-        found = written(Output(output.name, tuple(map(change, output.columns))) for output in outputs)
-        if found != text and found not in seen:
-            seen.add(found)
-            yield found
+        if changed != text:
+            yield changed
 
 
-def _swapped(column: Column, swap: bool) -> Column:
-    other = {"score": "class", "class": "score"} if swap else {}
-    return Column(other[column.kind]) if column.kind in other else column
+def _by(column: Column, how: str) -> Column:
+    return Column(column.kind, how) if column.kind in ("scores", "objectness") else column
+
+
+def _orders(outputs: Sequence[Output]) -> list[tuple[Output, ...]]:
+    """Orders of the columns of a box, its score and its class, the nearest first."""
+    columns = [column for output in outputs for column in output.columns]
+    pair = [column for column in columns if column.kind in ("score", "class")]
+    found = [tuple(outputs)]
+    if len(pair) < 2:
+        return found
+    other = {pair[0]: pair[1], pair[1]: pair[0]}
+    found.append(tuple(Output(o.name, tuple(other.get(c, c) for c in o.columns)) for o in outputs))
+    if len(outputs) == 1:
+        first = [column for column in columns if column.kind == "picture"]
+        box = [column for column in columns if column.kind in BOXES]
+        for one, two in permutations(pair):
+            found += [
+                (Output("", tuple(order)),) for order in ([*first, one, two, *box], [*first, *box, one, two])
+            ]
+    return list(dict.fromkeys(found))
 
 
 def readings(

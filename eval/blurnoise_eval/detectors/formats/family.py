@@ -133,15 +133,13 @@ class Layout:
     """How a family reads a graph.
 
     outputs: those to decode, by name, in decode's order. classes: how many the shapes show; 0 where they do
-    not, because each answer carries the number of its class. why: what of the graph shows the family. doubt: why its
-    columns may be others, "" where they are known.
+    not, because each answer carries the number of its class. why: what of the graph shows the family.
     """
 
     family: Family
     outputs: tuple[str, ...]
     classes: int
     why: str
-    doubt: str = ""
 
     def bound(self, contract: Contract) -> Layout:
         """With the columns that a contract states as its family's decoder."""
