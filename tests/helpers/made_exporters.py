@@ -1,5 +1,6 @@
 """Detectors of squares, as many exporters write them: a network that finds them, and what comes behind it."""
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -39,7 +40,9 @@ class Squares(nn.Module):
         for number, colour in COLOURS.items():
             if number < classes:
                 colours[number] = torch.tensor(colour)
-        self.register_buffer("colours", colours.mean(1, keepdim=True) if grey else colours)
+        self.register_buffer(
+            "colours", colours @ torch.tensor([[0.299], [0.587], [0.114]]) if grey else colours
+        )
         rows, columns = (torch.arange(0, side - SQUARE_PX + 1, STRIDE) for side in SIZE_PX)
         y, x = torch.meshgrid(rows, columns, indexing="ij")
         corner = torch.stack([x.flatten(), y.flatten()], dim=1).float()
@@ -86,8 +89,12 @@ def exported(path, write, names, *, classes=80, dtype=torch.float32, **fed):
     channels = 1 if fed.get("colour") == "grey" else 3
     shape = (1, *SIZE_PX, channels) if fed.get("nhwc") else (1, channels, *SIZE_PX)
     model = Exported(network, write, fed)
-    torch.onnx.export(
-        model, (torch.zeros(shape, dtype=dtype),), path, dynamo=False, opset_version=17,
-        input_names=["images"], output_names=list(names),
-    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # of the tracer, which takes what follows from the size of the input as fixed
+        torch.onnx.export(
+            model, (torch.zeros(shape, dtype=dtype),), path, dynamo=False, opset_version=17,
+            input_names=["images"], output_names=list(names),
+        )  # fmt: skip
     return path

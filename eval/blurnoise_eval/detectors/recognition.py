@@ -16,7 +16,7 @@ from blurnoise_eval.detectors.contract_files import preset, settled
 from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS
 from blurnoise_eval.detectors.formats.boxes import lay_in
 from blurnoise_eval.detectors.formats.columns import matched, named, readings, refuted
-from blurnoise_eval.detectors.formats.exporters import RTDETR_V83, YOLOV5, YOLOV8, YOLOV10
+from blurnoise_eval.detectors.formats.exporters import RTDETR_V83, RTDETR_V84, YOLOV5, YOLOV8, YOLOV10
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
 from blurnoise_eval.detectors.formats.grids import with_head
 from blurnoise_eval.detectors.model import TensorInfo
@@ -76,8 +76,7 @@ def _with_columns(stated: Contract) -> Contract:
 
 def _slots(contract: Contract) -> int:
     """Columns of scores that the shapes show as classes."""
-    text = contract.outputs or ""
-    return len(contract.classes) + ((contract.family == "columns" and "background" in text) or _SPARE in text)
+    return len(contract.classes) + (contract.outputs is not None and _SPARE in contract.outputs)
 
 
 def _with_background(contract: Contract, layout: Layout) -> Contract:
@@ -101,11 +100,12 @@ def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
         raise ModelError(f"family {family.name!r} needs the outputs in the contract, for example {EXAMPLE!r}")
     if stated.outputs == own:
         return family.describe(signature)
-    outputs = parsed(stated.outputs)
+    outputs = parsed(stated.outputs or "")
     found = matched(outputs, signature.outputs, len(stated.classes))
     if found is None:
         return None
-    dense = any(output.has("scores") for output in outputs) and "softmax" not in stated.outputs
+    columns = [column for output in outputs for column in output.columns]
+    dense = any(column.kind == "scores" and column.how != "by softmax" for column in columns)
     family = replace(family, several_classes=family.several_classes if own else dense)
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in found)
     return Layout(
@@ -144,10 +144,11 @@ def _with_head(stated: Contract) -> Family:
 
 def _recognise(signature: Signature) -> tuple[Layout, str]:
     """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
-    exporter, families = _by_metadata(signature.metadata)
+    exporter, groups = _by_metadata(signature.metadata)
     known = exported_fields(signature.metadata).get("classes")
     unnamed = list[Layout]()
-    for group in (*((family,) for family in families), *BY_EVIDENCE):
+    for group in (*groups, *BY_EVIDENCE):
+        exported = f"metadata {exporter}; " * (group in groups)
         fitting = list(filter(None, (family.describe(signature) for family in group)))
         if fitting and all(
             each.family.by_shape and each.classes not in (0, len(known or each.family.preset.classes))
@@ -156,9 +157,8 @@ def _recognise(signature: Signature) -> tuple[Layout, str]:
             unnamed += fitting
             continue
         if len(fitting) > 1:
-            return _choose(fitting, signature)
+            return _choose(fitting, signature, exported)
         for layout in fitting:
-            exported = f"metadata {exporter}; " * (layout.family in families)
             return layout, f"graph: {exported}{layout.why}"
     for layout in (*_by_columns(signature), *unnamed):
         return layout, f"assumed: {layout.why}, of no known exporter"
@@ -191,21 +191,22 @@ def _by_columns(signature: Signature) -> Iterator[Layout]:
             )
 
 
-def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[Family, ...]]:
-    """Which metadata say who exported the graph, and the families that are exported so; else nothing."""
+def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[tuple[Family, ...], ...]]:
+    """Which metadata say who exported the graph, and the families that are exported so, as in the table."""
     if "Ultralytics" in metadata.get("author", ""):
         try:
             suppressed = ast.literal_eval(metadata.get("args", "{}")).get("nms") is True
         except (ValueError, SyntaxError, AttributeError, MemoryError, RecursionError):
             suppressed = False
         if suppressed or metadata.get("end2end") == "True":
-            return "author, end2end or nms", (YOLOV10,)
-        return "author", (YOLOV8, YOLOV10, RTDETR_V83)
-    return ("stride, names", (YOLOV5,)) if {"stride", "names"} <= metadata.keys() else ("", ())
+            return "author, end2end or nms", ((YOLOV10, RTDETR_V84),)
+        return "author", ((YOLOV8,), (YOLOV10, RTDETR_V84), (RTDETR_V83,))
+    return ("stride, names", ((YOLOV5,),)) if {"stride", "names"} <= metadata.keys() else ("", ())
 
 
-def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
-    """Which of several families it is: the one with as many classes as there are names, else a probe's."""
+def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple[Layout, str]:
+    """Which of several families it is: the one with as many classes as there are names, whose columns the values
+    allow, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
     agreeing = [each for each in fitting if each.classes in (0, len(known or each.family.preset.classes))]
     if len(agreeing) == 1:
@@ -221,7 +222,13 @@ def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
     first = agreeing[0]
     if all(each.family.preset.outputs for each in agreeing):
         others = ", ".join(list(by_name)[1:])
-        source = f"assumed: {first.why}; so are {others}" if others else f"graph: {first.why}, and its values"
+        source = (
+            f"assumed: {first.why}; so are {others}"
+            if others
+            else f"graph: {exported}{first.why}, and its values"
+        )
+        if exported:  # of which the first is by far the commoner
+            source = f"graph: {exported}{first.why}"
         return first, source
     lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(

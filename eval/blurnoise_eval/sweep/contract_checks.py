@@ -388,7 +388,9 @@ def _detected(detector: Detector, image: Image) -> tuple[Detections, str]:
     if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
         return NOTHING, f"the outputs contain {count} NaN or infinite values"
     # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
-    if detector.contract.nms_iou is not None and detector.top_score(outputs) == 0:
+    text = detector.contract.outputs
+    dense = detector.contract.nms_iou is not None and (text is None or "scores" in text)
+    if dense and detector.top_score(outputs) == 0:
         return NOTHING, "every score is exactly 0, as in an int8 export that rounds all scores to 0"
     try:
         return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
@@ -432,6 +434,8 @@ def output_problems(detector: Detector, image: Image) -> list[str]:
             f"outputs{_MAY_BE} ({own.sources['outputs']}): a test picture leaves open whether they are "
             f"{own.outputs!r} or {readings}; --probe PICTURES compares them, outputs in the contract sets them"
         )
+    if any(_MAY_BE in note for note in notes):
+        return notes
     return [*notes, *filter(None, [_detected(detector, image)[1]])]
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats import columns
+from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
 from blurnoise_eval.detectors.formats.exporters import TFOD, YOLOV5, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
 from blurnoise_eval.detectors.formats.grids import FASTESTDET, NANODET, NANODETPLUS, YOLOX
@@ -101,7 +101,11 @@ def test_rows_with_nan_or_infinity_are_dropped(position):
         rows = np.zeros((1, 21, 7), np.float32)
         rows[0, 2] = rows[0, 5] = [0, 0, 0, 0, 0.5, 0.25, 0.75]
         rows[0, 5, position] = poison
-        assert len(YOLOX.decode([rows], (32, 32), 0.001)) == len(columns_of(YOLOV5, 2)([rows], (32, 32), 0.001)) == 1
+        assert (
+            len(YOLOX.decode([rows], (32, 32), 0.001))
+            == len(columns_of(YOLOV5, 2)([rows], (32, 32), 0.001))
+            == 1
+        )
     rows[0, 5] = [0, 0, 1000, 0, 1, 1, 1]  # overflows
     assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 1
 

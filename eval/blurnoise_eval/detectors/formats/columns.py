@@ -22,7 +22,7 @@ from blurnoise_eval.detectors.records import FloatArray
 
 Answer = Sequence[FloatArray]
 _INTEGERS = ("tensor(int64)", "tensor(int32)")
-_LIVE = 0.05  # a share of the highest score, from which on a row is looked at
+_FOUND = 0.05  # score from which on a box is judged; weaker ones lie anywhere
 _MOST_ROWS = 100
 _FEWEST_QUERIES = 20
 _BELOW_PX = 1.5
@@ -234,13 +234,14 @@ def _no_activation(values: Values, how: dict[str, str], size_px: tuple[int, int]
 
 def _no_box(values: Values, how: dict[str, str], size_px: tuple[int, int], classes: int) -> str:
     kind = next(kind for kind in BOXES if kind in values)
-    boxes = values[kind].astype(np.float64)[_strongest(values, how)]
-    if not len(boxes):
-        return ""
+    best = _best(values, how)
+    order = np.argsort(-best, kind="stable")[:_MOST_ROWS]
+    boxes = values[kind].astype(np.float64)[order[best[order] > 0]]
     shares = how[kind] == "in shares"
-    largest = np.abs(boxes).max()
-    if shares != (largest <= _BELOW_PX):
+    largest = np.abs(boxes).max(initial=0)
+    if len(boxes) and shares != (largest <= _BELOW_PX):
         return f"the largest number of a box is {largest:.4g}, " + ("which is no share" if shares else "px")
+    boxes = values[kind].astype(np.float64)[order[best[order] >= _FOUND]]
     height, width = (1.0, 1.0) if shares else size_px
     sides = np.array([height, width] * 2 if kind == "yxyx" else [width, height] * 2)
     if kind in ("xyxy", "yxyx"):
@@ -256,20 +257,19 @@ def _no_box(values: Values, how: dict[str, str], size_px: tuple[int, int], class
     return f"most boxes read as {kind} end outside of the input" if 2 * outside.sum() > len(boxes) else ""
 
 
-def _strongest(values: Values, how: dict[str, str]) -> NDArray[np.int64]:
-    """Places of the rows with the highest scores, those far below them left out."""
-    if "scores" in values:
-        best = values["scores"].max(axis=1, initial=-np.inf)
-        best = sigmoid(best) if how["scores"] else best
-        best = best * values["objectness"][:, 0] if "objectness" in values and not how["objectness"] else best
-    else:
-        best = sigmoid(values["score"][:, 0]) if how["score"] else values["score"][:, 0]
-    order = np.argsort(-best, kind="stable")[:_MOST_ROWS]
-    return order[best[order] > max(_LIVE * best.max(initial=0), 1e-6)]
+def _best(values: Values, how: dict[str, str]) -> FloatArray:
+    """The score of each row, of a softmax as if by sigmoid."""
+    if "scores" not in values:
+        return _activated(values["score"][:, 0], how["score"])
+    best = values["scores"].max(axis=1, initial=-np.inf)
+    best = sigmoid(best) if how["scores"] else best
+    return (
+        best * _activated(values["objectness"][:, 0], how["objectness"]) if "objectness" in values else best
+    )
 
 
 def alternatives(text: str) -> Iterator[str]:
-    """Other readings of the same columns: of the box, px or shares, their order, the activation; the nearest first."""
+    """Other readings of the columns: box, px or shares, order, activation; the nearest first."""
     outputs = parsed(text)
     columns = [column for output in outputs for column in output.columns]
     box = next(column for column in columns if column.kind in BOXES)

@@ -150,6 +150,10 @@ class Layout:
         return replace(self, family=replace(self.family, decode=decoder))
 
 
+def _undecided(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    raise ModelError(f"{len(outputs)} outputs: their columns must be stated by the contract")
+
+
 @dataclass(frozen=True)
 class Family:
     """One way in which detectors answer.
@@ -166,7 +170,7 @@ class Family:
 
     preset: Contract
     layouts: tuple[str, ...]
-    decode: Decode | None = None
+    decode: Decode = _undecided
     strides: tuple[tuple[int, ...], ...] = (STRIDES,)
     unknown: str = ""
     several_classes: bool = False
