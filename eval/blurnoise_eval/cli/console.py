@@ -74,10 +74,8 @@ def print_facts(facts: dict[str, Any], as_json: bool) -> None:
             value = [f"{key}: {_number(entry)}" for key, entry in value.items()]
         for entry in value if isinstance(value, list) else [value]:
             line = f"{name:{longest}s}{_number(entry)}"
-            fits = (
-                wide and max(map(len, line.split())) <= wide - longest
-            )  # else a path is left whole, to copy
-            say(*paragraph(line, wide, hanging=longest) if fits else [line])
+            wraps = wide and len(line.split()) > 2  # a path or an option is left whole, to copy
+            say(*paragraph(line, wide, hanging=longest, whole=True) if wraps else [line])
             name = ""
 
 

@@ -65,10 +65,11 @@ def inspect(
     It prefers the contract with which the same objects are found in the mirrored and cropped picture. This takes 100
     to 600 inferences. If the pictures do not decide, a warning says so; use more pictures.
 
-    FIELD is one of: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr), value_range (or range:
-    0-1, 0-255), mean and std (1/2/3, in that range and colour order), resize (letterbox, letterbox-top-left, stretch,
-    none), pad_value (or pad), input_size_px (or size: 416x640, height first), nms_iou (or iou). A contract file may
-    consist of "base: yolox" and the fields that differ.
+    FIELD is one of: family (or base), classes (coco80, coco91 or a/b/c), colour (rgb, bgr, grey), value_range (or
+    range: 0-1, 0-255), mean and std (1/2/3, in that range and colour order), resize (letterbox, letterbox-top-left,
+    stretch, none), pad_value (or pad), input_size_px (or size: 416x640, height first), nms_iou (or iou), outputs
+    (their columns: picture/xyxy/score/class). A contract file may consist of "base: yolox" and the fields that
+    differ.
 
     PRESET is the name of a family, such as yolox, yolov8, rtdetr or tfod, or ppocr for text recognisers. The error
     for an unknown name lists all presets.

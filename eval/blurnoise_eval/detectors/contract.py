@@ -15,6 +15,7 @@ from annotated_types import Ge, Le, Len
 from pydantic import BeforeValidator
 
 from blurnoise._core.checks import Characters, check_fields, shown
+from blurnoise_eval.detectors.outputs import checked
 
 # The 80 classes of COCO detection in the order every COCO-trained detector of these families uses.
 # fmt: off
@@ -135,7 +136,7 @@ def _head(value: object) -> object:
         raise ValueError(f"head: {str(error).removeprefix('AnchorHead.__init__() ')}") from None
 
 
-Colour = Literal["rgb", "bgr"]
+Colour = Literal["rgb", "bgr", "grey"]
 _Deviation = Annotated[float, Ge(1e-6)]
 PerChannel = Annotated[tuple[float, float, float] | None, "must be three numbers, one per channel"]
 Spread = Annotated[
@@ -192,12 +193,14 @@ class Sourced:
 class Contract(Sourced):
     """How a picture becomes the network's input, and what the outputs mean.
 
-    family: output layout, a name of a preset. colour: "rgb" or "bgr". value_range: "0-1" or "0-255".
+    family: output layout, a name of a preset. colour: "rgb", "bgr", or "grey" of one channel, whose mean and std are
+    the first of three. value_range: "0-1" or "0-255".
     mean, std: per channel in the network's channel order and in that range; the input is (x - mean) / std.
     resize: "letterbox" (aspect kept, centred), "letterbox-top-left", "stretch", or "none" (the picture enters
     at its own size). pad_value: grey around a letterboxed picture, 0 to 255. classes: names by class id.
     input_size_px: (height, width), or None where the graph says. nms_iou: overlap above which the weaker box
     of a class is dropped, None where the graph has dropped it itself. head: the anchors of a head that has them.
+    outputs: their columns, as :mod:`blurnoise_eval.detectors.outputs` has them; None of a family that computes boxes.
     Raises ``ValueError`` or ``TypeError`` naming field, value and what is allowed.
     """
 
@@ -216,6 +219,9 @@ class Contract(Sourced):
     input_size_px: _Size = None
     nms_iou: Annotated[float | None, Ge(0), Le(1)] = 0.65
     head: Annotated[AnchorHead | None, BeforeValidator(_head), "must map strides and anchors"] = None
+    outputs: Annotated[str | None, BeforeValidator(checked), "must be text, such as 'xyxy, score, class'"] = (
+        None
+    )
 
 
 IMAGENET = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)

@@ -6,6 +6,7 @@ recognisers' and text detectors'. ``presets``: those of a kind, by the name of t
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import MISSING, fields, replace
@@ -95,6 +96,8 @@ def parse_contract(stated: object, source: str, presets: Mapping[str, Kind] = PR
     if not isinstance(stated, Mapping):
         raise ModelError(f"{source}: must map contract fields to values, for example {usual.EXAMPLE}")
     required = [entry.name for entry in fields(usual) if entry.default is entry.default_factory is MISSING]
+    if "outputs" in stated and isinstance(usual, Contract):
+        stated = {"family": "columns", **stated} if "base" not in stated else stated
     if missing := [repr(name) for name in required if name not in stated and "base" not in stated]:
         raise ModelError(f"{source}: missing key {', '.join(missing)}; for example {usual.EXAMPLE}")
     base = preset(stated.get("base", stated.get("family", next(iter(presets)))), presets)
@@ -144,6 +147,8 @@ def _typed(part: str) -> tuple[str, object]:
     name = SHORT_NAMES.get(short, short)
     if name == "classes":
         return name, text if text in ("coco80", "coco91") else text.split("/")
+    if name == "outputs":
+        return name, text
     separator = {"mean": "/", "std": "/", "input_size_px": "x"}.get(name)
     values = [_value(each) for each in text.split(separator)] if separator else [_value(text)]
     return name, values if len(values) > 1 else values[0]
@@ -164,11 +169,12 @@ def contract_option(contract: Contract) -> str | None:
     parts = [contract.family]
     for name in contract.names():
         if (value := getattr(contract, name)) != getattr(PRESETS[contract.family], name):
+            value = value.replace(", ", "/") if name == "outputs" and value else value
             entries = value if isinstance(value, tuple) else ("none" if value is None else value,)
             parts.append(f"{name}=" + ("x" if name == "input_size_px" else "/").join(map(str, entries)))
     typed = ",".join(parts)
     try:
-        return typed if load_contract(typed) == contract else None
+        return shlex.quote(typed) if load_contract(typed) == contract else None
     except ModelError:
         return None
 

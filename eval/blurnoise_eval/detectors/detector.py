@@ -13,7 +13,8 @@ from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import Given, stated_contract
 from blurnoise_eval.detectors.formats import PRESETS
 from blurnoise_eval.detectors.formats.boxes import Blob, Candidates, Placement, lay_in, suppress
-from blurnoise_eval.detectors.formats.family import extra_feeds, read_signature
+from blurnoise_eval.detectors.formats.columns import named, readings
+from blurnoise_eval.detectors.formats.family import Layout, extra_feeds, read_signature
 from blurnoise_eval.detectors.model import DTYPES, TIMEOUT_S, OnnxModel
 from blurnoise_eval.detectors.recognition import exported_fields, resolve
 from blurnoise_eval.detectors.records import Detections, FloatArray
@@ -34,7 +35,8 @@ class Detector(OnnxModel):
     :class:`ModelError` for a graph of no known family, or a contract that does not fit it.
 
     Attributes: ``contract``, ``family``, ``input_size_px`` (height, width; for "resize" none only what dynamic shapes
-    were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8.
+    were measured at), ``why`` it is this family, ``takes_bytes``: whether the input is uint8, ``false_shapes``: a
+    sentence for each output that has another shape than the graph declares.
     """
 
     contract: Contract
@@ -54,19 +56,44 @@ class Detector(OnnxModel):
         self.contract, layout = resolve(signature, stated)
         self.input_size_px = self.contract.input_size_px or _PROBE_SIZE_PX
         if signature.size_px != self.input_size_px:  # dynamic graph, recognised at another size
-            _, layout = resolve(read_signature(self, self.input_size_px), self.contract)
-        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
+            signature = read_signature(self, self.input_size_px)
+            _, layout = resolve(signature, self.contract)
+        self._signature, self.false_shapes = signature, signature.notes
+        self._read_by(layout)
         self.takes_bytes = DTYPES[self.inputs[0].type] is np.uint8
         self._extras = extra_feeds(self.inputs[1:], self.input_size_px, self.batch) or {}
         self._buffers = threading.local()
+
+    def _read_by(self, layout: Layout) -> None:
+        self.family, self._decoded, self.why = layout.family, list(layout.outputs), layout.why
 
     def with_contract(self, contract: Contract) -> Detector:
         """The same session read by another contract of the same family and input size."""
         other = object.__new__(Detector)  # a copy would open the file again
         other.__dict__.update(self.__dict__, contract=contract)
+        if contract.outputs != self.contract.outputs:
+            other._read_by(resolve(self._signature, contract)[1])
         other._opened_again = partial(self._opened_again, contract=contract)  # type: ignore[call-arg]  # of Detector
         other._non_finite, other._buffers = threading.local(), threading.local()
         return other
+
+    def readings(
+        self, images: Sequence[NDArray[np.uint8]], inputs: Sequence[Contract], *, others: bool
+    ) -> tuple[list[str], str]:
+        """What the outputs' columns may be by their values for RGB pictures, and why they are not what the contract
+        says, or "". inputs: contracts by which the pictures enter, the first by which something is found. others:
+        whether to try other readings also where its own is possible."""
+        answers, sizes = list[list[FloatArray]](), list[tuple[int, int]]()
+        for contract in inputs:
+            placed = [self.prepare(image, contract=contract) for image in images]
+            answers = [self.run(blob) for blob, _ in placed]
+            sizes = [(each.height_px, each.width_px) for _, each in placed]
+            if any(np.abs(output).max(initial=0) > 0 for answer in answers for output in answer):
+                break
+        own_size = self.contract.resize == "none" and sizes
+        size_px = (max(h for h, _ in sizes), max(w for _, w in sizes)) if own_size else self.input_size_px
+        text = named(self.contract.outputs or "", self._decoded)
+        return readings(text, answers, size_px, len(self.contract.classes), others=others)
 
     def prepare(
         self, image: NDArray[np.uint8], out: Blob | None = None, *, contract: Contract | None = None

@@ -58,16 +58,21 @@ class TensorInfo:
 
     @property
     def axes(self) -> str | None:
-        """ "nchw", "nhwc" or "chw" of an input that takes a picture of three channels; None of another.
+        """ "nchw", "nhwc" or "chw" of an input that takes a picture of three channels, or one; None of another.
 
-        Where no axis says 3, a dynamic one may be the channels', which then come before height and width.
+        Where no axis says so, a dynamic one may be the channels', which then come before height and width.
         """
         if self.type not in DTYPES or len(self.shape) not in (3, 4):
             return None
         batch, channels = "n" * (len(self.shape) == 4), self.shape[-3]
-        if batch and channels != 3 and self.shape[3] == 3:
+        if batch and channels not in (1, 3) and self.shape[3] in (1, 3):
             return "nhwc"
-        return None if isinstance(channels, int) and channels != 3 else f"{batch}chw"
+        return None if isinstance(channels, int) and channels not in (1, 3) else f"{batch}chw"
+
+    @property
+    def channels(self) -> int:
+        """Of an input that takes a picture: 1 or 3."""
+        return 1 if self.shape[-1 if self.axes == "nhwc" else -3] == 1 else 3
 
     @property
     def size_px(self) -> Shape:
@@ -110,7 +115,9 @@ class OnnxModel:
             tuple(TensorInfo(entry.name, tuple(entry.shape), entry.type) for entry in entries)
             for entries in (self.session.get_inputs(), self.session.get_outputs())
         )
-        self.inputs = tuple(sorted(inputs, key=lambda entry: entry.axes is None))
+        self.inputs = tuple(
+            sorted(inputs, key=lambda entry: (entry.axes is None, entry.axes and -entry.channels))
+        )
         self.axes = self.inputs[0].axes if self.inputs else None
         first = self.inputs[0].shape[0] if self.axes in ("nchw", "nhwc") else 1
         self.batch = first if isinstance(first, int) else 1

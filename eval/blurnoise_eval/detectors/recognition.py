@@ -3,26 +3,36 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise_eval.detectors.contract import EXPORTER, Contract, ModelError
+from blurnoise_eval.detectors.contract import COCO80, COCO91, EXPORTER, Contract, ModelError
 from blurnoise_eval.detectors.contract_files import preset, settled
 from blurnoise_eval.detectors.formats import BY_EVIDENCE, FAMILIES, PRESETS
 from blurnoise_eval.detectors.formats.boxes import lay_in
-from blurnoise_eval.detectors.formats.end_to_end import YOLOV10
+from blurnoise_eval.detectors.formats.columns import matched, named, readings, refuted
+from blurnoise_eval.detectors.formats.exporters import RTDETR_V83, RTDETR_V84, YOLOV5, YOLOV8, YOLOV10
 from blurnoise_eval.detectors.formats.family import Family, Layout, Signature
-from blurnoise_eval.detectors.formats.grids import YOLOV5, YOLOV8, with_head
+from blurnoise_eval.detectors.formats.grids import with_head
 from blurnoise_eval.detectors.model import TensorInfo
+from blurnoise_eval.detectors.outputs import EXAMPLE, parsed
 
 _HEAD_EXAMPLE = (
     '"head": {"strides": [8, 16, 32], "anchors": [[10,13, 16,30, 33,23], [30,61, 62,45, 59,119], '
     '[116,90, 156,198, 373,326]], "boxes": "yolov5"}'
 )
+_SPARE = "scores by sigmoid, background"
+_LIKELY = (
+    "xyxy, score, class", "picture, xyxy, score, class", "count; xyxy; score; class", "xyxy; score; class",
+    "xyxy, score; class", "cxcywh, objectness, scores", "cxcywh, scores", "xyxy; scores",
+    "xyxy; scores by softmax, background",
+)  # fmt: skip
+"""Outputs of exporters that are not known, which other readings are tried of."""
 _RAW_SIZE_LIMIT = 16.0
 """YOLOX's raw sizes are logarithms of strides, rarely above 4; boxes in px reach this in the 99th percentile."""
 
@@ -37,18 +47,85 @@ def resolve(signature: Signature, stated: Contract | None = None) -> tuple[Contr
     if stated is None:
         layout, source = _recognise(signature)
         contract = _assumed(layout, source, signature)
-    elif (reads := _with_head(stated).describe(signature)) is not None:
+    elif (reads := _as_stated(stated := _with_columns(stated), signature)) is not None:
         contract, layout = stated, reads
     else:
         says = f"family = {stated.family!r} ({stated.sources['family']})"
-        raise ModelError(f"{says}: the graph has no outputs of this family:\n{signature.describe()}")
-    if layout.classes not in (0, len(contract.classes)):
+        says += f", outputs = {stated.outputs!r} ({stated.sources['outputs']})" * (stated.outputs is not None)
+        raise ModelError(f"{says}: the graph has no such outputs:\n{signature.describe()}")
+    contract = _with_background(contract, layout)
+    if layout.classes not in (0, _slots(contract)):
         raise ModelError(
             f"the graph ({contract.family}) has {layout.classes} classes but the contract names "
             f"{len(contract.classes)} ({contract.sources['classes']}); list all names, in order, "
             "as 'classes' of a contract"
         )
-    return _fitted(contract, layout.family, signature.inputs[0]), layout
+    contract = _fitted(contract, layout.family, signature.inputs[0])
+    if stated is None:
+        contract = _read(contract, layout, signature)
+    return contract, layout.bound(contract)
+
+
+def _with_columns(stated: Contract) -> Contract:
+    """With those of its family, where nothing is said of them."""
+    own = preset(stated.family)
+    if stated.outputs is not None or own.outputs is None:
+        return stated
+    return replace(stated, outputs=own.outputs, sources={**stated.sources, "outputs": own.sources["outputs"]})
+
+
+def _slots(contract: Contract) -> int:
+    """Columns of scores that the shapes show as classes."""
+    return len(contract.classes) + (contract.outputs is not None and _SPARE in contract.outputs)
+
+
+def _with_background(contract: Contract, layout: Layout) -> Contract:
+    """Of a family whose own classes are followed by one for none, with that column."""
+    text = contract.outputs
+    if not layout.family.background_last or text is None or _SPARE in text:
+        return contract
+    if layout.classes != len(contract.classes) + 1:
+        return contract
+    named = f"as {len(contract.classes)} classes are named"
+    why = f"graph: the last of {layout.classes} columns of scores is the background, {named}"
+    outputs = text.replace("scores by sigmoid", _SPARE)
+    return replace(contract, outputs=outputs, sources={**contract.sources, "outputs": why})
+
+
+def _as_stated(stated: Contract, signature: Signature) -> Layout | None:
+    """How the graph is read by a contract; None where it has no such outputs."""
+    family = _with_head(stated)
+    own = preset(stated.family).outputs
+    if stated.outputs is None and family.name == "columns":
+        raise ModelError(f"family {family.name!r} needs the outputs in the contract, for example {EXAMPLE!r}")
+    if stated.outputs == own:
+        return family.describe(signature)
+    outputs = parsed(stated.outputs or "")
+    found = matched(outputs, signature.outputs, len(stated.classes))
+    if found is None:
+        return None
+    columns = [column for output in outputs for column in output.columns]
+    dense = any(column.kind == "scores" and column.how != "by softmax" for column in columns)
+    family = replace(family, several_classes=family.several_classes if own else dense)
+    shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in found)
+    return Layout(
+        family, tuple(output.name for output in found), 0, f"output{'s' * (len(found) > 1)} {shapes}"
+    )
+
+
+def _read(contract: Contract, layout: Layout, signature: Signature) -> Contract:
+    """With another reading of the columns, where the answers for a grey picture refute the family's own."""
+    if contract.outputs is None or not signature.answers:
+        return contract
+    text, answers = (
+        named(contract.outputs, layout.outputs),
+        [[signature.answers[name] for name in layout.outputs]],
+    )
+    found, why = readings(text, answers, signature.size_px, len(contract.classes), others=False)
+    if not why or not found:
+        return contract
+    source = f"assumed: of a grey picture {why} with {contract.outputs!r}"
+    return replace(contract, outputs=found[0], sources={**contract.sources, "outputs": source})
 
 
 def _with_head(stated: Contract) -> Family:
@@ -67,14 +144,24 @@ def _with_head(stated: Contract) -> Family:
 
 def _recognise(signature: Signature) -> tuple[Layout, str]:
     """How the graph is read, and what shows it, "graph: ..." or "assumed: ..."."""
-    exporter, families = _by_metadata(signature.metadata)
-    for group in (*((family,) for family in families), *BY_EVIDENCE):
+    exporter, groups = _by_metadata(signature.metadata)
+    known = exported_fields(signature.metadata).get("classes")
+    unnamed = list[Layout]()
+    for group in (*groups, *BY_EVIDENCE):
+        exported = f"metadata {exporter}; " * (group in groups)
         fitting = list(filter(None, (family.describe(signature) for family in group)))
+        if fitting and all(
+            each.family.by_shape and each.classes not in (0, len(known or each.family.preset.classes))
+            for each in fitting
+        ):
+            unnamed += fitting
+            continue
         if len(fitting) > 1:
-            return _choose(fitting, signature)
+            return _choose(fitting, signature, exported)
         for layout in fitting:
-            exported = f"metadata {exporter}; " * (layout.family in families)
             return layout, f"graph: {exported}{layout.why}"
+    for layout in (*_by_columns(signature), *unnamed):
+        return layout, f"assumed: {layout.why}, of no known exporter"
     raise ModelError(
         f"the graph matches none of the known families ({', '.join(PRESETS)}); a head with "
         f'anchors needs a contract with "family": "anchors" and {_HEAD_EXAMPLE}\n'
@@ -82,37 +169,81 @@ def _recognise(signature: Signature) -> tuple[Layout, str]:
     )
 
 
-def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[Family, ...]]:
-    """Which metadata say who exported the graph, and the families that are exported so; else nothing."""
+def _by_columns(signature: Signature) -> Iterator[Layout]:
+    """Readings of a graph of no known exporter whose outputs may be columns, the likeliest first."""
+    family = FAMILIES["columns"]
+    known = exported_fields(signature.metadata).get("classes")
+    for text, classes in product(_LIKELY, [known] if known else [COCO80, COCO91]):
+        outputs = parsed(text)
+        found = matched(outputs, signature.outputs, len(classes))
+        if found is None or len(found) < len(signature.outputs):
+            continue
+        names = tuple(each.name for each in found)
+        answers = [[signature.answers[name] for name in names]] if signature.answers else []
+        allowed, _ = readings(named(text, names), answers, signature.size_px, len(classes), others=True)
+        if allowed:
+            shapes = ", ".join(f"{each.name!r} {list(each.shape)}" for each in found)
+            dense = "scores" in text and "softmax" not in text
+            own = replace(family.preset, outputs=text, classes=classes)
+            family = replace(family, preset=own, several_classes=dense)
+            yield Layout(
+                family, names, len(classes) if "scores" in text else 0, f"outputs {shapes} as {text!r}"
+            )
+
+
+def _by_metadata(metadata: Mapping[str, str]) -> tuple[str, tuple[tuple[Family, ...], ...]]:
+    """Which metadata say who exported the graph, and the families that are exported so, as in the table."""
     if "Ultralytics" in metadata.get("author", ""):
         try:
             suppressed = ast.literal_eval(metadata.get("args", "{}")).get("nms") is True
         except (ValueError, SyntaxError, AttributeError, MemoryError, RecursionError):
             suppressed = False
         if suppressed or metadata.get("end2end") == "True":
-            return "author, end2end or nms", (YOLOV10,)
-        return "author", (YOLOV8, YOLOV10)
-    return ("stride, names", (YOLOV5,)) if {"stride", "names"} <= metadata.keys() else ("", ())
+            return "author, end2end or nms", ((YOLOV10, RTDETR_V84),)
+        return "author", ((YOLOV8,), (YOLOV10, RTDETR_V84), (RTDETR_V83,))
+    return ("stride, names", ((YOLOV5,),)) if {"stride", "names"} <= metadata.keys() else ("", ())
 
 
-def _choose(fitting: list[Layout], signature: Signature) -> tuple[Layout, str]:
-    """Which of several families it is: the one with as many classes as there are names, else a probe's."""
+def _choose(fitting: list[Layout], signature: Signature, exported: str) -> tuple[Layout, str]:
+    """Which of several families it is: the one with as many classes as there are names, whose columns the values
+    allow, else a probe's."""
     known = exported_fields(signature.metadata).get("classes")
     agreeing = [each for each in fitting if each.classes in (0, len(known or each.family.preset.classes))]
     if len(agreeing) == 1:
         named = "graph: {}, as many as the metadata names" if known else "assumed: {}, as many as COCO has"
         return agreeing[0], named.format(agreeing[0].why)
-    by_name = {layout.family.name: layout for layout in agreeing or fitting}
+    agreeing = [each for each in agreeing or fitting if not _refuted(each, signature)] or agreeing or fitting
+    by_name = {layout.family.name: layout for layout in agreeing}
     if signature.answer and by_name.keys() == {"yolox", "yolov6"}:
         axes = signature.inputs[0].axes or "nchw"
         blob, _ = lay_in(drawn_picture(), PRESETS["yolox"], signature.size_px, axes=axes)
         if told := _told_apart(signature.answer(blob)):
             return by_name[told[0]], f"graph: {by_name[told[0]].why}; {told[1]}"
+    first = agreeing[0]
+    if all(each.family.preset.outputs for each in agreeing):
+        others = ", ".join(list(by_name)[1:])
+        source = (
+            f"assumed: {first.why}; so are {others}"
+            if others
+            else f"graph: {exported}{first.why}, and its values"
+        )
+        if exported:  # of which the first is by far the commoner
+            source = f"graph: {exported}{first.why}"
+        return first, source
     lines = " or ".join(f'"family": "{name}"' for name in by_name)
     raise ModelError(
         f"the graph matches several families ({', '.join(by_name)}); to choose one, write "
         f"{lines} into <model>.contract.json, or use --contract\n{signature.describe()}"
     )
+
+
+def _refuted(layout: Layout, signature: Signature) -> str:
+    """Why the answers for a grey picture are not of this family; "" where they may be."""
+    own = layout.family.preset
+    if own.outputs is None or not signature.answers:
+        return ""
+    answers = [[signature.answers[name] for name in layout.outputs]]
+    return refuted(answers, own.outputs, signature.size_px, layout.classes or len(own.classes))
 
 
 def drawn_picture(side_px: int = 416) -> NDArray[np.uint8]:
@@ -152,7 +283,7 @@ def _told_apart(outputs: Sequence[NDArray[np.float32]]) -> tuple[str, str] | Non
 def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
     """Return the preset of a recognised family, completed from metadata as Ultralytics' exports write it."""
     name, count = layout.family.name, layout.classes
-    base = preset(name)
+    base = replace(layout.family.preset, sources=preset(name).sources)
     known = exported_fields(signature.metadata)
     exported = source.startswith("graph: metadata")  # by a code whose pre-processing is known
     whence = (
@@ -161,6 +292,8 @@ def _assumed(layout: Layout, source: str, signature: Signature) -> Contract:
     sources = {**dict.fromkeys(base.names(), whence), "family": source}
     if base.head is None:
         sources["head"] = f"preset {name}"  # there is nothing to state
+    if base.outputs is None:
+        sources["outputs"] = f"preset {name}"
     if "classes" not in known:
         if count not in (0, len(base.classes)):
             heads = f"; a head of other anchors needs {_HEAD_EXAMPLE}" if layout.family.takes_head else ""
@@ -179,6 +312,8 @@ def _fitted(contract: Contract, family: Family, image: TensorInfo) -> Contract:
     Raises :class:`ModelError` where a statement and the graph disagree.
     """
     values: dict[str, Any] = {}
+    if image.channels == 1:
+        values["colour"] = "grey"
     if image.type == "tensor(uint8)":
         values |= {"value_range": "0-255", "mean": None, "std": None}
     if fixed := all(isinstance(side, int) for side in image.size_px):

@@ -126,9 +126,12 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
         return {}
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
     clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
+    doubts = [note.rstrip(".") for note in manifest["images"].get("notes", ()) if "?" in note]
+    labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"
     return {
         name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "
-        f"{LEAST_AP50:g}. Is the contract right (blurnoise inspect --probe), and does the model know these classes?"
+        f"{LEAST_AP50:g}. {labels} the contract right (blurnoise inspect --probe), and does the model know these "
+        "classes?"
         for name, ap50 in clean.items()
         if ap50 is not None and ap50 < LEAST_AP50
     }

@@ -55,13 +55,15 @@ def width() -> int | None:
     return max(shutil.get_terminal_size().columns, 20)
 
 
-def paragraph(text: str, width: int | None = None, indent: int = 0, hanging: int = 0) -> list[str]:
+def paragraph(
+    text: str, width: int | None = None, indent: int = 0, hanging: int = 0, *, whole: bool = False
+) -> list[str]:
     """The text in lines of at most ``width`` columns; without a terminal (None) of 79, no word broken.
 
-    indent, hanging: spaces before the first line and before the others.
+    indent, hanging: spaces before the first line and before the others. whole: break no word, however long.
     """
     wrapper = textwrap.TextWrapper(width or PROSE, " " * indent, " " * hanging, break_on_hyphens=False)
-    wrapper.break_long_words = width is not None
+    wrapper.break_long_words = width is not None and not whole
     return wrapper.wrap(text) or [""]
 
 

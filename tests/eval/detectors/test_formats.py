@@ -1,18 +1,25 @@
 """Decoding against answers worked out by hand, suppression against plain loops, pictures laid into the input."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from blurnoise_eval.detectors.contract import Contract
 from blurnoise_eval.detectors.detector import Detector
+from blurnoise_eval.detectors.formats import columns
 from blurnoise_eval.detectors.formats.boxes import Candidates, lay_in, suppress
-from blurnoise_eval.detectors.formats.end_to_end import TFOD, YOLOV6E2E
+from blurnoise_eval.detectors.formats.exporters import TFOD, YOLOV5, YOLOV6E2E
 from blurnoise_eval.detectors.formats.family import cells
-from blurnoise_eval.detectors.formats.grids import FASTESTDET, NANODET, NANODETPLUS, YOLOV5, YOLOX
+from blurnoise_eval.detectors.formats.grids import FASTESTDET, NANODET, NANODETPLUS, YOLOX
+from blurnoise_eval.detectors.outputs import parsed
 from constant_graphs import constant_graph
 
 # --- decoding: answers worked out by hand ---
+
+
+def columns_of(family, classes=91):
+    return partial(columns.decode, outputs=parsed(family.preset.outputs), classes=classes)
 
 
 @pytest.mark.parametrize(("row", "column", "stride", "first"), [(1, 3, 8, 0), (2, 5, 16, 8 * 12)])
@@ -80,11 +87,11 @@ def test_answers_beyond_the_count_and_classes_that_are_no_numbers_are_dropped():
     boxes = np.tile(np.array([0.25, 0.5, 0.75, 1], np.float32), (1, 5, 1))  # top, left, bottom, right
     scores = np.array([[0.9, 0.8, 0.7, 0.65, 0.6]], np.float32)
     classes = np.array([[1, np.nan, 90, -1, 2]], np.float32)
-    found = TFOD.decode([np.array([4], np.float32), boxes, scores, classes], (64, 96), 0.001)
+    found = columns_of(TFOD)([np.array([4], np.float32), boxes, scores, classes], (64, 96), 0.001)
     np.testing.assert_allclose(found.boxes_xyxy, [[48, 16, 96, 48]] * 2)
     np.testing.assert_allclose(found.scores, [0.9, 0.7])
     assert found.class_ids.tolist() == [1, 90]
-    found = YOLOV6E2E.decode([np.array([[4]], np.float32), boxes, scores, classes], (64, 96), 0.75)
+    found = columns_of(YOLOV6E2E)([np.array([[4]], np.float32), boxes, scores, classes], (64, 96), 0.75)
     np.testing.assert_allclose(found.boxes_xyxy, [[0.25, 0.5, 0.75, 1]])
 
 
@@ -94,7 +101,11 @@ def test_rows_with_nan_or_infinity_are_dropped(position):
         rows = np.zeros((1, 21, 7), np.float32)
         rows[0, 2] = rows[0, 5] = [0, 0, 0, 0, 0.5, 0.25, 0.75]
         rows[0, 5, position] = poison
-        assert len(YOLOX.decode([rows], (32, 32), 0.001)) == len(YOLOV5.decode([rows], (32, 32), 0.001)) == 1
+        assert (
+            len(YOLOX.decode([rows], (32, 32), 0.001))
+            == len(columns_of(YOLOV5, 2)([rows], (32, 32), 0.001))
+            == 1
+        )
     rows[0, 5] = [0, 0, 1000, 0, 1, 1, 1]  # overflows
     assert len(YOLOX.decode([rows], (32, 32), 0.001)) == 1
 

@@ -179,11 +179,11 @@ def picture_size(image: NDArray[np.uint8]) -> tuple[int, int]:
     return image.shape[0], image.shape[1]
 
 
-def blob_shape(axes: str, size_px: tuple[int, int]) -> tuple[int, ...]:
+def blob_shape(axes: str, size_px: tuple[int, int], channels: int = 3) -> tuple[int, ...]:
     """The shape of an input "nchw", "nhwc" or "chw" of (height, width) px that holds one picture."""
     if axes == "chw":
-        return (3, *size_px)
-    return (1, *size_px, 3) if axes == "nhwc" else (1, 3, *size_px)
+        return (channels, *size_px)
+    return (1, *size_px, channels) if axes == "nhwc" else (1, channels, *size_px)
 
 
 def lay_in(
@@ -215,13 +215,15 @@ def lay_in(
     if (new_height, new_width) != (height, width):
         image = cv2.resize(image, (new_width, new_height), interpolation=cv2.INTER_LINEAR)
 
-    planes = cv2.split(np.ascontiguousarray(image))
+    grey = contract.colour == "grey"
+    image = np.ascontiguousarray(image)
+    planes = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),) if grey else cv2.split(image)
     planes = planes[::-1] if contract.colour == "bgr" else planes
-    shape = blob_shape(axes, size_px)
+    shape = blob_shape(axes, size_px, len(planes))
     blob = np.empty(shape, dtype) if out is None or out.shape != shape else out
     channels = blob if axes == "chw" else blob[0].transpose(2, 0, 1) if axes == "nhwc" else blob[0]
     full_scale = 255.0 if contract.value_range == "0-1" else 1.0
-    for channel, plane, index in zip(channels, planes, range(3), strict=True):
+    for channel, plane, index in zip(channels, planes, range(len(planes)), strict=True):
         mean = contract.mean[index] if contract.mean else 0.0
         std = contract.std[index] if contract.std else 1.0
         gain = np.float32(1 / (full_scale * std))

@@ -4,14 +4,15 @@ A layout is a text, with an entry for each output in the order in which they are
 A name, in which * stands for anything, comes before the axes, without one any output fits. Axes: a number; b and n,
 of any size; C, 4+C or C+1: classes; A: the cells of all strides, 3A: three of each, A8: those of stride 8; H16, W16:
 rows and columns of its grid. A type may follow: int, or float, which is any other. "with NAME" or "without NAME": an
-input beside the picture, or the picture's axes (nchw). "..." allows further outputs, which names do, too.
+input beside the picture, or the picture's axes (nchw). "ordered": the graph's outputs are in this order. "..."
+allows further outputs, which names do, too.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from functools import partial
 from typing import Literal
@@ -20,8 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.detectors.contract import Contract, ModelError
+from blurnoise_eval.detectors.formats import columns
 from blurnoise_eval.detectors.formats.boxes import Candidates, blob_shape
-from blurnoise_eval.detectors.model import OnnxModel, TensorInfo
+from blurnoise_eval.detectors.model import OnnxModel, Shape, TensorInfo
+from blurnoise_eval.detectors.outputs import parsed
 from blurnoise_eval.detectors.records import FloatArray
 
 STRIDES = (8, 16, 32)
@@ -36,7 +39,8 @@ class Signature:
 
     inputs: the picture first, then those of :func:`extra_feeds`.
     ``size_px``: the input's (height, width) at which the outputs have the shapes in ``outputs``. ``answer``: the
-    outputs for a picture's input, to probe a graph whose shapes leave its family open.
+    outputs for a picture's input, to probe a graph whose shapes leave its family open. ``answers``: those for a grey
+    picture, by name. ``notes``: what is false in the graph, in a sentence each.
     """
 
     inputs: tuple[TensorInfo, ...]
@@ -44,11 +48,14 @@ class Signature:
     metadata: Mapping[str, str]
     size_px: tuple[int, int]
     answer: Callable[[FloatArray], list[FloatArray]] | None = None
+    answers: Mapping[str, FloatArray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def describe(self) -> str:
         """Inputs, outputs, metadata keys and how to write a contract, over several lines."""
         lines = [f"  input {entry}" for entry in self.inputs]
         lines += [f"  output {entry}" for entry in self.outputs]
+        lines += [f"  {note}" for note in self.notes]
         lines.append(f"  metadata keys: {', '.join(sorted(self.metadata)) or 'none'}")
         stated = "to set the contract, write <model>.contract.json beside the model, for example"
         return "\n".join([*lines, f"  {stated} {Contract.EXAMPLE}"])
@@ -89,15 +96,31 @@ def read_signature(model: OnnxModel, size_px: tuple[int, int]) -> Signature:
         unread = Signature(inputs, outputs, model.metadata, size_px)
         raise ModelError(f"the graph matches none of the known families: {must}\n{unread.describe()}")
     answer = partial(model.infer, extras=extras)
-    fixed = all(output.shape and all(isinstance(n, int) for n in output.shape[1:]) for output in outputs)
-    if known != (height, width) or not fixed:
-        try:
-            answers = answer(np.full(blob_shape(model.axes, (height, width)), 0.5, np.float32))
-        except ModelError as error:
-            must = "set the size of the input, input_size_px, in the contract"
-            raise ModelError(f"{error}; {must}") from None
-        outputs = tuple(TensorInfo(o.name, a.shape, o.type) for o, a in zip(outputs, answers, strict=True))
-    return Signature(inputs, outputs, model.metadata, (height, width), answer)
+    blob = np.full(blob_shape(model.axes, (height, width), model.inputs[0].channels), 0.5, np.float32)
+    try:
+        answers = answer(blob)
+    except ModelError as error:
+        if known == (height, width):
+            raise
+        must = "set the size of the input, input_size_px, in the contract"
+        raise ModelError(f"{error}; {must}") from None
+    actual = tuple(TensorInfo(o.name, a.shape, o.type) for o, a in zip(outputs, answers, strict=True))
+    notes = tuple(
+        f"output {stated.name!r} gives {list(given.shape)} where the graph declares {list(stated.shape)}; the former "
+        "is used"
+        for stated, given in zip(outputs, actual, strict=True)
+        if not _declared(stated.shape, given.shape)
+    )
+    by_name = {o.name: np.asarray(a, np.float32) for o, a in zip(outputs, answers, strict=True)}
+    return Signature(inputs, actual, model.metadata, (height, width), answer, by_name, notes)
+
+
+def _declared(stated: Shape, given: Shape) -> bool:
+    """Whether an output has the shape that its graph declares."""
+    open_axes = (None if isinstance(n, str) else n for n in stated)
+    return not stated or (
+        len(stated) == len(given) and all(n in (None, m) for n, m in zip(open_axes, given, strict=True))
+    )
 
 
 def cells(size_px: tuple[int, int], strides: Sequence[int] = STRIDES) -> int:
@@ -118,6 +141,18 @@ class Layout:
     classes: int
     why: str
 
+    def bound(self, contract: Contract) -> Layout:
+        """With the columns that a contract states as its family's decoder."""
+        if contract.outputs is None:
+            return self
+        outputs = parsed(contract.outputs)
+        decoder = partial(columns.decode, outputs=outputs, classes=len(contract.classes))
+        return replace(self, family=replace(self.family, decode=decoder))
+
+
+def _undecided(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    raise ModelError(f"{len(outputs)} outputs: their columns must be stated by the contract")
+
 
 @dataclass(frozen=True)
 class Family:
@@ -129,17 +164,20 @@ class Family:
     boxes in px of the input. strides: of the grids that A counts, the first that fit. unknown: what neither the graph
     nor a preset tells. several_classes: whether the family's own evaluator counts a box with every class that reaches
     its threshold. takes_head: whether the contract states anchors. fixed_resize: how pictures enter a graph of one
-    size where the preset lets them enter at their own.
+    size where the preset lets them enter at their own. by_shape: whether nothing but shapes shows the family, so that
+    other readings of its columns are tried. background_last: whether own classes are followed by one for none.
     """
 
     preset: Contract
     layouts: tuple[str, ...]
-    decode: Decode
+    decode: Decode = _undecided
     strides: tuple[tuple[int, ...], ...] = (STRIDES,)
     unknown: str = ""
     several_classes: bool = False
     takes_head: bool = False
     fixed_resize: Literal["stretch", "letterbox-top-left"] = "letterbox-top-left"
+    by_shape: bool = False
+    background_last: bool = False
 
     @property
     def name(self) -> str:
@@ -158,7 +196,7 @@ def _read(family: Family, signature: Signature, text: str, strides: tuple[int, .
     inputs = {signature.inputs[0].axes, *(entry.name for entry in signature.inputs[1:])}
     if any(e.startswith("with") and e.startswith("with ") != (e.split()[1] in inputs) for e in entries):
         return None
-    wanted = [entry for entry in entries if not entry.startswith(("with", "..."))]
+    wanted = [entry for entry in entries if not entry.startswith(("with", "...", "ordered"))]
     named = all(":" in entry and "*" not in entry for entry in wanted)
     if not (named or "..." in entries or len(signature.outputs) == len(wanted)):
         return None
@@ -180,6 +218,8 @@ def _read(family: Family, signature: Signature, text: str, strides: tuple[int, .
     if len(classes) > 2:
         return None
     outputs = [found[entry] for entry in wanted]
+    if "ordered" in entries and outputs != [each for each in signature.outputs if each in outputs]:
+        return None
     shapes = ", ".join(f"{output.name!r} {list(output.shape)}" for output in outputs)
     why = f"output{'s' * (len(outputs) > 1)} {shapes}" + (f" as {text}" if not named else "")
     why += f": A, the cells of strides {', '.join(map(str, strides))}" if "A" in text else ""

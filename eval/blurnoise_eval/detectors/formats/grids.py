@@ -1,6 +1,6 @@
 """Families whose outputs hold a row, or a column, for each cell of their grids, stride after stride, row by row.
 
-YOLOv5, v6, v8 (v9, v11), YOLOX, FastestDet, NanoDet and NanoDet-Plus, which states the distances of a box's four
+YOLOX, FastestDet, NanoDet and NanoDet-Plus, which states the distances of a box's four
 sides from a cell's centre, each as a distribution.
 
 And heads with anchors, as the contract's ``head`` describes them: raw YOLOv3, v4 and v5, and their heirs. For each
@@ -26,7 +26,6 @@ from blurnoise_eval.detectors.formats.boxes import Candidates, best_class, selec
 from blurnoise_eval.detectors.formats.family import STRIDES, STRIDES_64, Family, cells
 from blurnoise_eval.detectors.records import FloatArray
 
-_V8_STRIDES = ((8,), STRIDES, STRIDES_64)
 _BINS = 8  # of a side's distance, 0 to 7 strides
 _SIDES = 4 * _BINS
 
@@ -42,37 +41,24 @@ def grid(size_px: tuple[int, int], strides: tuple[int, ...] = STRIDES) -> tuple[
     return np.concatenate(column_row), np.concatenate(stride)
 
 
-def _decode_rows(
-    outputs: Sequence[FloatArray],
-    size_px: tuple[int, int],
-    min_score: float,
-    *,
-    raw: bool = False,
-    objectness: bool = True,
-) -> Candidates:
-    """Score = objectness · class, or that of the class alone; (centre x, y, width, height) in px.
+def _decode_yolox(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_score: float) -> Candidates:
+    """Score = objectness · class; centre = (offset + cell) · stride, size = exp(offset) · stride, px.
 
-    raw, as YOLOX: centre = (offset + cell) · stride, size = exp(offset) · stride. Source: Ge et al., YOLOX (2021), as
-    in the reference code's ``demo_postprocess``.
+    Source: Ge et al., YOLOX (2021), as in the reference code's ``demo_postprocess``.
     """
     rows = outputs[0][0]
-    if not objectness and rows.shape[1] in [cells(size_px, strides) for strides in _V8_STRIDES]:
-        rows = rows.T
-    # A NaN makes the maximum NaN, which drops the row.
-    kept = np.flatnonzero((rows[:, 4] if objectness else rows[:, 4:].max(axis=1)) >= min_score)
+    kept = np.flatnonzero(rows[:, 4] >= min_score)  # which NaN does not reach
     found = rows[kept]
-    class_scores = found[:, 4 + objectness :]
-    if objectness:
-        class_scores *= found[:, 4:5]
+    class_scores = found[:, 5:]
+    class_scores *= found[:, 4:5]
     scores, class_ids = best_class(class_scores)
     strong = np.flatnonzero(scores >= min_score)  # before anything is computed of the boxes
     boxes = found[strong, :4]
-    if raw:
-        column_row, stride = (values[kept[strong]] for values in grid(size_px))
-        boxes[:, :2] += column_row
-        with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
-            np.exp(boxes[:, 2:], out=boxes[:, 2:])
-            boxes *= stride
+    column_row, stride = (values[kept[strong]] for values in grid(size_px))
+    boxes[:, :2] += column_row
+    with np.errstate(over="ignore"):  # an overflow gives an infinite box, which is dropped
+        np.exp(boxes[:, 2:], out=boxes[:, 2:])
+        boxes *= stride
     return select(boxes, scores[strong], class_ids[strong], min_score, class_scores[strong])
 
 
@@ -121,32 +107,6 @@ def _decode_nano(outputs: Sequence[FloatArray], size_px: tuple[int, int], min_sc
     return select(inside, scores[kept], class_ids[kept], min_score, class_scores[kept], corners=True)
 
 
-# YOLOv7 exported with --grid has the same layout and the same pre-processing; old exports add the raw heads. Its
-# val.py: multi_label.
-YOLOV5 = Family(
-    Contract("yolov5", COCO80, nms_iou=0.6, input_size_px=(640, 640)),
-    ("b 3A 5+C, ...",),
-    _decode_rows,
-    strides=(STRIDES, STRIDES_64),
-    several_classes=True,
-)
-# The objectness column is always 1. YOLOX exported with its boxes decoded reads the same, with YOLOX's
-# pre-processing. Its Evaler: multi_label.
-YOLOV6 = Family(
-    Contract("yolov6", COCO80, nms_iou=0.65, input_size_px=(640, 640)),
-    ("b A 5+C",),
-    _decode_rows,
-    strides=(STRIDES, STRIDES_64),
-    several_classes=True,
-)
-# Stride 8 alone is the built-in detector's. DetectionValidator: multi_label.
-YOLOV8 = Family(
-    Contract("yolov8", COCO80, nms_iou=0.7, input_size_px=(640, 640)),
-    ("b 4+C A", "b A 4+C"),
-    partial(_decode_rows, objectness=False),
-    strides=_V8_STRIDES,
-    several_classes=True,
-)
 # Its postprocess: torch.max over the classes.
 YOLOX = Family(
     Contract(
@@ -154,7 +114,7 @@ YOLOX = Family(
         nms_iou=0.65,
     ),
     ("b A 5+C",),
-    partial(_decode_rows, raw=True),
+    _decode_yolox,
     unknown="whether it is YOLOX 0.1.0, whose graph is the same, but with rgb, 0-1, mean and std of ImageNet",
 )  # fmt: skip
 # Its handle_preds: argmax over the classes.
@@ -312,4 +272,4 @@ YOLOFASTESTV2 = Family(
     takes_head=True,
 )  # fmt: skip
 
-FAMILIES = (YOLOV5, YOLOV8, YOLOX, YOLOV6, FASTESTDET, NANODET, NANODETPLUS, YOLOFASTESTV2)
+FAMILIES = (YOLOX, FASTESTDET, NANODET, NANODETPLUS, YOLOFASTESTV2)
