@@ -122,10 +122,16 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
     if not manifest["images"]["labelled"]:
         return {}
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
+    doubt = next(
+        (note for note in manifest["images"].get("notes", ()) if note.startswith("doubtful labels: ")), ""
+    )
+    question = "Is the contract right (blurnoise inspect --probe), and does the model know these classes?"
+    if doubt:
+        question = f"Are the labels right? {doubt.removeprefix('doubtful labels: ')}"
     clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
     return {
         name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "
-        f"{LEAST_AP50:g}. Is the contract right (blurnoise inspect --probe), and does the model know these classes?"
+        f"{LEAST_AP50:g}. {question}"
         for name, ap50 in clean.items()
         if ap50 is not None and ap50 < LEAST_AP50
     }
