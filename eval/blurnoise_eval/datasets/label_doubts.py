@@ -18,6 +18,8 @@ Boxes = NDArray[np.float64]
 _BEYOND_PX = 1.0  # tools round outwards
 _ROUNDING = 0.01  # of shares
 _SCALES = ((100.0, "per cent"), (1000.0, "thousandths"))
+_SAME_AREA = 0.01
+_MOST_FIT = 0.9  # of the areas; by chance few are the same
 _FEWEST = 8  # boxes from which on all of them in one corner of large pictures are a sign
 _MOST_CROWDS = 0.5  # of the targets; COCO has 1 %
 _MOST_EMPTY = 0.5  # of the pictures; COCO has 1 %
@@ -77,6 +79,21 @@ def box_doubts(boxes: Boxes, layout: str) -> list[str]:
                 f"all {count} boxes end within {full:g} px of the corner: {name} of the picture's size?"
             )
     return [*doubts, *_outside(corners[known], sizes[known], layout)]
+
+
+def area_doubts(boxes: Boxes, areas_px2: NDArray[np.float64], layout: str) -> list[str]:
+    """Areas in the labels (NaN: none) that fit corners where boxes are read as x, y, width, height. That of a mask
+    fits neither."""
+    written, stated = _LAYOUTS[layout][0](boxes[:, :4]), areas_px2 > 0
+    if layout != "x, y, width, height" or not stated.any():
+        return []
+    own, corners = written[stated, 2:].prod(axis=1), (written[stated, 2:] - written[stated, :2]).prod(axis=1)
+    areas = areas_px2[stated]
+    fit = int((np.isclose(corners, areas, rtol=_SAME_AREA) & ~np.isclose(own, areas, rtol=_SAME_AREA)).sum())
+    if fit < _MOST_FIT * len(areas):
+        return []
+    said = f"{fit} of {len(areas)} areas are those of corners x0, y0, x1, y1"
+    return [f"{said}: are the boxes corners? They are read as {layout}"]
 
 
 def _outside(corners: Boxes, sizes: Boxes, layout: str) -> list[str]:

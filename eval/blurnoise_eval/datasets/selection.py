@@ -12,7 +12,7 @@ import numpy as np
 
 from blurnoise_eval.datasets.folder import Listed, from_files, picture_doubts
 from blurnoise_eval.datasets.images import sizes_px
-from blurnoise_eval.datasets.label_doubts import box_doubts, set_doubts
+from blurnoise_eval.datasets.label_doubts import area_doubts, box_doubts, set_doubts
 from blurnoise_eval.datasets.places import Places, found_in
 from blurnoise_eval.datasets.records import PictureSet, Target, size_group
 from blurnoise_eval.datasets.segmentation import LARGEST_PX
@@ -44,7 +44,7 @@ class Selection:
         self.notes: list[str] = []
         self._labels, self._keep_empty = tuple(labels), keep_empty
         self._left_out: Counter[str] = Counter()
-        self._boxes = array("d")
+        self._boxes, self._areas = array("d"), array("d")
         self._sizes: dict[str, tuple[int, int]] = {}
 
     def names(self, written: Sequence[str], *, sized: bool = False) -> list[str]:
@@ -91,6 +91,7 @@ class Selection:
         if self._labels and label not in self._labels:
             return []
         self._boxes.extend((*box_xyxy, *(size_px or self._sizes.get(picture) or (math.nan, math.nan))))
+        self._areas.append(math.nan if (area := beside.get("area_px2")) is None else area)
         x0, y0, x1, y1 = box_xyxy
         width, height = x1 - x0, y1 - y0
         if not all(abs(each) <= LARGEST_PX for each in (x0, y0, width, height)):
@@ -126,7 +127,9 @@ class Selection:
             raise ValueError(f"target = {unknown}: must be among the categories {sorted(categories)}")
         if not taken:
             raise ValueError(f"contains no pictures{f' with {list(self._labels)}' if self._labels else ''}")
-        doubts = box_doubts(np.frombuffer(self._boxes).reshape(-1, 6), self._layout)
+        boxes = np.frombuffer(self._boxes).reshape(-1, 6)
+        doubts = box_doubts(boxes, self._layout)
+        doubts += area_doubts(boxes, np.frombuffer(self._areas), self._layout)
         doubts += set_doubts(taken, len(taken) if self._labels else unlabelled)
         pictures = from_files(self.folder, taken)
         empty = ["pictures without targets"] * (self._keep_empty and bool(self._labels))

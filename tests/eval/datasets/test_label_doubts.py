@@ -126,6 +126,16 @@ def test_other_layouts_of_yolo_and_corners_are_doubted(folder):
         assert "of their picture or have no area: x, y, width, height? They are read as corners" in doubt
 
 
+def test_areas_of_corners_are_doubted(folder):
+    """A box that ends at the picture's sides either way; areas of masks say nothing."""
+    (doubt,) = doubts(of_coco(folder, [(50, 30, 110, 90)], area=3600.0))
+    assert doubt.startswith(
+        "1 of 1 areas are those of corners x0, y0, x1, y1: are the boxes corners? They are read as x, y"
+    )
+    for area in (9900.0, 3000.0, None):
+        assert doubts(of_coco(folder, [(50, 30, 110, 90)], area=area)) == []
+
+
 def test_per_cent_is_doubted(folder):
     write_picture(folder / "a.png", np.zeros((480, 640, 3), np.uint8))
     boxes = [(10 + n, 20, 30 + n, 55 + n) for n in range(9)]

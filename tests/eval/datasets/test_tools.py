@@ -140,6 +140,13 @@ def test_each_tool_is_read(tmp_path, tool):
     assert not [note for note in found.notes if note.startswith("doubtful")]
 
 
+def test_cvat_without_its_pictures(tmp_path):
+    """Exported alone; the pictures are elsewhere."""
+    place = written(tmp_path / "set", OBJ_DATA) / "obj.data"
+    (picture,) = format_of(place).open(place, images=written(tmp_path / "photos", {"a.png": PICTURE}))
+    assert [target.box_xyxy for target in picture.targets or ()] == [BOX]
+
+
 def test_ocr_lists_of_windows(tmp_path):
     points = json.dumps([{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}])
     found = opened(
