@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from blurnoise_eval.detectors.detector import Detector
     from blurnoise_eval.grid.plan_file import PlanFile, Taking
     from blurnoise_eval.scoring.on_picture import Model
-    from blurnoise_eval.system.urls import Location
-
-_HEAD = 4096  # bytes of a file of labels from which its format is recognised
 
 
 def camera(name: str | None, cfa: Cfa | None = None, *, colour: bool = True) -> Camera:
@@ -95,39 +92,25 @@ def _place(name: str, text: str | None) -> Any:
         raise ValueError(f"{name} = {error}") from None
 
 
-def kind_of(labels: Location) -> str:
-    """The format of labels, coco, yolo, bdd or text, from the name and the first bytes of the file."""
-    suffix = labels.suffix.lower()
-    if suffix in (".yaml", ".yml") or labels.is_dir():
-        return "yolo"
-    head = b""
-    if isinstance(labels, Path) and labels.is_file():
-        with labels.open("rb") as file:
-            head = file.read(_HEAD).lstrip()
-    if head.startswith(b"[") or (head.startswith(b"{") and b'"frames"' in head and b'"images"' not in head):
-        return "bdd"
-    return "coco" if suffix == ".json" or head.startswith(b"{") else "text"
-
-
 def pictures(plan: PlanFile, *, reads: bool = False) -> PictureSet:
     """The first ``limit`` pictures of a labelled set, of a folder, or rendered signs. reads: the models read text.
 
     Notes about the set are written to standard error. Raises ``ValueError`` for settings that exclude each other.
     """
     from blurnoise_eval import datasets
+    from blurnoise_eval.label_formats import format_of
 
     images, labels = _place("images", plan.images), _place("labels", plan.labels)
-    kind = None if labels is None else kind_of(labels)
+    of = None if labels is None else format_of(labels)
     if plan.limit is not None and plan.limit < 1:
         raise ValueError(f"limit = {plan.limit}: must be >= 1")
-    if plan.target and kind in (None, "text"):
-        raise ValueError("target: needs labels in COCO, YOLO or BDD100K format, with the class that it names")
-    if reads and kind not in (None, "text"):
+    if plan.target and (of is None or of.texts):
+        raise ValueError("target: needs labels of objects, with the class that it names")
+    if reads and of and not of.texts:
         raise ValueError(f"labels = {plan.labels!r}: must be PP-OCR labels (.txt) for a text recogniser")
-    if kind == "text":
-        found = datasets.texts(labels, images=images)
-    elif kind is not None:
-        found = getattr(datasets, kind)(labels, images=images, labels=plan.target)
+    found: PictureSet
+    if of:
+        found = of.open(labels, images=images, **({} if of.texts else {"labels": plan.target}))
     elif images:
         found = datasets.image_folder(images)
     else:

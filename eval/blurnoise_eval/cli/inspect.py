@@ -35,9 +35,9 @@ def inspect(
         Location | None,
         Option(
             parser=place,
-            metavar="IMAGE|DIR",
-            help="picture, or folder of which up to 32 are used; list the detections in the first, draw them as "
-            "MODEL-IMAGE-probe.png, and compare contracts",
+            metavar="IMAGE|DIR|LABELS",
+            help="picture, or folder or labels of which up to 32 are used; list the detections in the first, draw "
+            "them as MODEL-IMAGE-probe.png, and compare contracts",
         ),
     ] = None,
     save_contract: Annotated[
@@ -79,7 +79,7 @@ def inspect(
     from blurnoise_eval.detectors.ocr import Recogniser, is_recogniser
     from blurnoise_eval.system.files import write_whole
 
-    probed = _pictures(probe) if probe else []
+    probed, remarks = _pictures(probe) if probe else ([], ())
     opened = OnnxModel(model, timeout_s=model_timeout_s)
     reads = (contract or "").split(",")[0] == "ppocr" or is_recogniser(opened)
     if reads and save_contract:
@@ -100,6 +100,7 @@ def inspect(
         facts: dict[str, Any] = {"recognised": f"graph: {why}", "unknown": [], "warnings": []}
     else:
         network, facts = _detector(opened, contract, probed)
+    facts["warnings"] = [*facts["warnings"], *remarks]
     if kept is not None:
         write_whole(kept, (json.dumps(contract_document(network.contract), indent=1) + "\n").encode())
         facts["saved"] = str(kept)
@@ -122,17 +123,22 @@ def inspect(
     _print(facts, network.contract, found)
 
 
-def _pictures(probe: Location) -> Pictures:
-    """The picture, or up to 32 pictures of a folder. Raises ``ValueError`` for a folder without pictures."""
-    from blurnoise_eval.datasets import eight_bit, image_folder, read_picture, sample
+def _pictures(probe: Location) -> tuple[Pictures, tuple[str, ...]]:
+    """The picture, or up to 32 pictures of a folder or of labels; and notes about them. Raises ``ValueError`` where
+    none can be read."""
+    from blurnoise_eval.datasets import eight_bit, image_folder, picture_doubts, read_picture, sample
+    from blurnoise_eval.label_formats import SUFFIXES, format_of
     from blurnoise_eval.sweep.contract_checks import MOST_PICTURES
 
-    if not (isinstance(probe, Path) and probe.is_dir()):
-        return [(probe, eight_bit(read_picture(probe)))]
-    found = sample(image_folder(probe), MOST_PICTURES)
+    labelled = probe.suffix.lower() in SUFFIXES
+    if not labelled and not (isinstance(probe, Path) and probe.is_dir()):
+        return [(probe, eight_bit(read_picture(probe)))], tuple(picture_doubts(probe.parent, [probe.name]))
+    pictures = format_of(probe).open(probe) if labelled else image_folder(probe)
+    found = sample(pictures, MOST_PICTURES)
     if not found:
-        raise ValueError(f"probe = {str(probe)!r}: no picture of this folder can be read")
-    return [(probe / picture.name, image) for picture, image in found]
+        of = "these labels" if labelled else "this folder"
+        raise ValueError(f"probe = {str(probe)!r}: no picture of {of} can be read")
+    return [((pictures.folder or probe) / picture.name, image) for picture, image in found], pictures.notes
 
 
 def _detector(model: OnnxModel, contract: str | None, probed: Pictures) -> tuple[Detector, dict[str, Any]]:

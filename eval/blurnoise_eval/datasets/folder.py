@@ -43,7 +43,8 @@ def image_folder(folder: str | Location) -> PictureSet:
     place = location(folder)
     found, notes = pictures_below(place)
     pictures = from_files(place, [*map(Listed, found)], found)
-    return PictureSet("folder", str(place), pictures, notes=(*notes, *picture_doubts(place, [*found])))
+    notes += picture_doubts(place, [*found])
+    return PictureSet("folder", str(place), pictures, notes=tuple(notes), folder=place)
 
 
 def pictures_below(folder: Location) -> tuple[dict[str, str], list[str]]:
@@ -119,6 +120,16 @@ def from_files(
     return tuple(pictures)
 
 
+def _cause(labels_px: tuple[float, float], picture_px: tuple[int, int]) -> str:
+    """What may have made the sizes differ."""
+    if labels_px == picture_px[::-1]:
+        return " (turned: labels of the picture as it is stored?)"
+    scale = picture_px[0] / labels_px[0]
+    return (
+        f" (scaled by {scale:.3g}?)" if abs(picture_px[1] - scale * labels_px[1]) <= max(1.0, scale) else ""
+    )
+
+
 def _load(folder: Location, name: str, size_px: tuple[float, float] | None, known: str | None) -> Image:
     path = folder / name  # joined only now: a hundred thousand paths take 50 MB
     picture = read_picture(path, MAX_MEGAPIXELS, known)
@@ -127,5 +138,6 @@ def _load(folder: Location, name: str, size_px: tuple[float, float] | None, know
         wanted = f"{size_px[0]:g} x {size_px[1]:g}"
         raise UnreadablePicture(
             f"{path}: {width} x {height} px in its EXIF orientation, but its labels are for {wanted}"
+            f"{_cause(size_px, (width, height))}"
         )
     return picture

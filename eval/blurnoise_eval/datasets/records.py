@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,11 +58,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class PictureSet:
-    """Pictures of one kind ("rendered", "folder", "coco", "yolo", "bdd", "text") and where they come from.
+    """Pictures of one kind ("rendered", "folder", or a label format's) and where they come from.
 
-    categories: ids of the labels, COCO's own, or by default from 1 on as they occur. notes: what was left
-    out, and how much of it. chosen: which targets count, in words; "" for all. Raises ``ValueError`` for a name that
-    occurs twice: results are told apart by it.
+    categories: ids of the labels, COCO's own, or by default from 1 on as they occur. notes: what was left out or
+    assumed, how much of it, and what is doubtful. chosen: which targets count, in words; "" for all. folder: of its
+    files. Raises ``ValueError`` for a name that occurs twice: results are told apart by it.
     """
 
     kind: str
@@ -70,6 +71,7 @@ class PictureSet:
     categories: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     chosen: str = ""
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         names: set[str] = set()

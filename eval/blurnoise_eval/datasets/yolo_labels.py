@@ -1,40 +1,52 @@
-"""YOLO's text labels: a data.yaml or a folder, and for each picture a text file with a line per object."""
+"""YOLO's text labels: a data.yaml, obj.data or a folder, and for each picture a text file with a line per object."""
 
 from __future__ import annotations
 
 import math
 import os
 import posixpath
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
-from typing import Annotated
+from pathlib import Path, PurePosixPath
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, MinLen
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Strict
 
 from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import yaml_of
-from blurnoise_eval.datasets.folder import Listed, pictures_below
+from blurnoise_eval.datasets.folder import Listed, is_litter, pictures_below
 from blurnoise_eval.datasets.images import sizes_px
-from blurnoise_eval.datasets.label_files import (
+from blurnoise_eval.datasets.label_reading import (
     LARGEST_SET_BYTES,
-    Selection,
     checked,
     each_line,
     faults_of,
     read_text,
 )
+from blurnoise_eval.datasets.places import Places, ends
 from blurnoise_eval.datasets.records import PictureSet, Target
-from blurnoise_eval.system.files import check_regular, inside
-from blurnoise_eval.system.urls import Location, explained, for_each, local_file
+from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.urls import Location, explained, for_each, listing, local_file
 
-_SPLITS = ("val", "train")  # what is taken where nobody chooses
+_SPLITS = ("val", "valid", "train")  # what is taken where nobody chooses
+_YAMLS = ("data.yaml", "dataset.yaml", "data.yml", "dataset.yml")
+_NAMES = ("classes.txt", "labels/classes.txt", "obj.names", "_darknet.labels", "train/_darknet.labels")
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
 
 Object = tuple[str, tuple[float, float, float, float]]
 """A class, and a box as shares (x0, y0, x1, y1) of the picture's sides."""
+
+
+class _Objects(NamedTuple):
+    """Of a label file, without ``repeated`` rows, which occur before."""
+
+    objects: list[Object]
+    repeated: int
 
 
 def _by_number(names: object) -> object:
@@ -66,96 +78,176 @@ def yolo(
 ) -> PictureSet:
     """The pictures of a YOLO data set as Ultralytics lays it out; polygons count as the boxes around them.
 
-    path: a data.yaml (its ``split``, by default val, else train), or a folder with a data.yaml or classes.txt,
-    and with images/ or pictures. images: the pictures' folder in place of these. The objects of images/a.jpg
-    are in labels/a.txt, else in a.txt beside it; a picture without such a file has none. labels,
-    ``keep_empty``, notes and errors as of :func:`blurnoise_eval.datasets.coco`; an error in a
-    line names it. Source: https://docs.ultralytics.com/datasets/detect.
+    path: a data.yaml (its ``split``, by default val, else train), Darknet's obj.data, a list of pictures (.txt) near
+    the names of the classes, or a folder with one of these, or with classes.txt, and with images/ or pictures.
+    images: the pictures' folder in place of these. The objects of images/a.jpg are in labels/a.txt, else in a.txt
+    beside it, else in the only a.txt of the data set; a picture without such a file has none. A row that occurs
+    before is left out with a note, as Ultralytics does. labels, ``keep_empty``, notes and errors as of
+    :func:`blurnoise_eval.datasets.coco`; an error in a line names it. Source:
+    https://docs.ultralytics.com/datasets/detect.
     """
-    selection = Selection("yolo", path, images, labels, keep_empty)
+    selection = Selection("yolo", path, images, labels, keep_empty, "centre x, y, width, height")
     with faults_of("labels", selection.file):
         root, described = _described(selection.file)
-        sources = [selection.folder] if images else _sources(root, described, split)
-        selection.folder, names = _pictures(sources)
-        parents = {name: (selection.folder / name).parent for name in names}
-        folders = {parent: _label_folder(parent) for parent in {*parents.values()}}
-        files = {name: folders[parent] / f"{Path(name).stem}.txt" for name, parent in parents.items()}
-        objects = for_each(files, partial(_objects, classes=described.names))
+        sources, notes = ([selection.folder], []) if images else _sources(root, described, split)
+        selection.folder, names, said = _pictures(sources)
+        notes += said
+        read = partial(_objects, classes=described.names)
+        objects = for_each(_beside(selection.folder, names), read)
+        objects = objects or for_each(_by_stem(root, names) if images else {}, read)
         if not objects:
             raise ValueError(
                 f"none of the {len(names)} pictures in {str(selection.folder)!r} has a label file"
             )
-        sizes = sizes_px(selection.folder, [name for name in names if objects.get(name)])
+        sizes = sizes_px(
+            selection.folder, [name for name in names if name in objects and objects[name].objects]
+        )
         entries = []
         for name in names:
             targets: list[Target] = []
-            for label, box in objects.get(name, ()) if name in sizes else ():
+            for label, box in objects[name].objects if name in sizes else ():
                 corners = np.multiply(box, sizes[name] * 2)
                 targets += selection.target(label, tuple(corners.tolist()), sizes[name])
             entries.append(Listed(name, tuple(targets)))
         categories = {name: class_id + 1 for class_id, name in described.names.items()}
-        unlabelled = len(names) - len(objects)
-        note = f"pictures without a label file, used as pictures without objects: {unlabelled}"
-        return selection.picture_set(entries, categories, [note] if unlabelled else [])
+        counts = {
+            "rows that occur before in their file, left out as Ultralytics does": sum(
+                each.repeated for each in objects.values()
+            ),
+            "pictures without a label file, used as pictures without objects": len(names) - len(objects),
+        }
+        notes += [f"{text}: {count}" for text, count in counts.items() if count]
+        return selection.picture_set(entries, categories, notes, len(names) - len(objects))
 
 
 def _described(path: Location) -> tuple[Location, _DataYaml]:
-    """The folder of the data set, and its data.yaml or, if there is none, its classes.txt."""
-    if path.is_dir() and not (path / "data.yaml").is_file():
-        for file in (path / "classes.txt", path / "labels" / "classes.txt"):
-            if file.is_file():
-                return path, checked(_DataYaml, {"names": list(each_line(read_text(file), str.strip))})
-        raise ValueError("must contain data.yaml or classes.txt, with the names of the classes")
-    file = path / "data.yaml" if path.is_dir() else path
-    described = checked(_DataYaml, yaml_of(read_text(file)))
+    """The folder of the data set, and its classes and splits."""
+    if path.is_dir():
+        files = [path / name for name in (*_YAMLS, "obj.data", *_NAMES) if (path / name).is_file()]
+        if not files:
+            raise ValueError("must contain data.yaml, obj.data or classes.txt, with the names of the classes")
+        path, root = files[0], path
+    else:
+        root = path.parent
+    if path.suffix.lower() == ".data":
+        return root, _darknet(root, path)
+    if path.name in {PurePosixPath(name).name for name in _NAMES}:
+        return root, _named(path)
+    if path.suffix.lower() == ".txt":
+        known = [root / name for name in (*_YAMLS, *_NAMES) if (root / name).is_file()]
+        if not known:
+            raise ValueError("is a list of pictures; data.yaml, obj.names or classes.txt must be beside it")
+        return root, _DataYaml.model_validate({"names": _described(known[0])[1].names, "val": path.name})
+    described = checked(_DataYaml, yaml_of(read_text(path)))
     if "kpt_shape" in (described.model_extra or {}):
         raise ValueError("contains poses (kpt_shape); must contain boxes or polygons")
-    return file.parent, described
+    return root, described
 
 
-def _sources(root: Location, described: _DataYaml, split: str | None) -> list[Location]:
-    """Folders of pictures, and lists of them (.txt)."""
+def _named(file: Location) -> _DataYaml:
+    return checked(_DataYaml, {"names": list(each_line(read_text(file), str.strip))})
+
+
+def _darknet(root: Location, file: Location) -> _DataYaml:
+    """Darknet's obj.data: NAME = VALUE, with the lists of pictures and the file with the names of the classes."""
+    lines = (line.partition("=") for line in read_text(file).split("\n"))
+    entries = {name.strip(): value.strip() for name, sign, value in lines if sign}
+    if "names" not in entries:
+        raise ValueError("has no 'names = obj.names'")
+    names = _named(_existing(root, "", entries["names"])[0]).names
+    lists = {key: value for key, value in entries.items() if value.endswith(".txt")}
+    return _DataYaml.model_validate({"names": names, **lists})
+
+
+def _sources(root: Location, described: _DataYaml, split: str | None) -> tuple[list[Location], list[str]]:
+    """Folders of pictures, and lists of them (.txt); and notes."""
     stated = described.model_extra or {}
-    split = split or next((key for key in _SPLITS if stated.get(key)), None)
     if split is None:
-        return [root / "images" if (root / "images").is_dir() else root]
+        split = next((key for key in _SPLITS if stated.get(key)), None) or next(
+            (key for key, value in stated.items() if isinstance(value, str) and value.endswith(".txt")), None
+        )
+    if split is None:
+        return [root / "images" if (root / "images").is_dir() else root], []
     found = stated.get(split)
     entries = found if isinstance(found, list) else [found]
     if not entries or not all(isinstance(entry, str) for entry in entries):
         raise ValueError(f"split {split!r} = {shown(found)}: must be folders or lists of pictures (.txt)")
-    return [_existing(root, described.path, str(entry)) for entry in entries]
+    places = [_existing(root, described.path, str(entry)) for entry in entries]
+    return [place for place, _ in places], [note for _, note in places if note]
 
 
-def _existing(root: Location, folder: str, entry: str) -> Location:
-    """The folder or list in the data set's folder; Roboflow's exports write '../' where they mean './'."""
-    fault = f"{entry!r} leaves the folder {str(root)!r}; set images to the folder of the pictures"
-    for name in (entry, entry.removeprefix("../")):
-        below = os.path.relpath(posixpath.join(str(root), folder, name), str(root))
-        if below.partition("/")[0] != "..":
-            place: Location = root if below == "." else root / below
-            with explained(place):
-                if place.exists():
-                    return place
-            fault = f"{str(place)!r}: no such folder or list of pictures"
-    raise ValueError(fault)
+def _existing(root: Location, folder: str, entry: str) -> tuple[Location, str]:
+    """The folder or list in the data set's folder, as it is named or by the end of its path, and a note in that case.
+
+    Roboflow writes '../train/images' and, once downloaded, 'project/train/images', CVAT 'data/train.txt'.
+    """
+    entry = entry.replace("\\", "/")
+    whole = posixpath.normpath(posixpath.join(str(root), folder, entry))
+    below = os.path.relpath(whole, str(root))
+    leaves = below.partition("/")[0] == ".."
+    paths = ends(posixpath.normpath(posixpath.join(folder, entry)))
+    for name in [below] * (not leaves) + paths:
+        place: Location = root if name == "." else root / name
+        with explained(place):
+            if place.exists():
+                return place, "" if name == below else f"{entry!r} is read as {name!r}"
+    if leaves:
+        raise ValueError(
+            f"{entry!r} leaves the folder {str(root)!r}; set images to the folder of the pictures"
+        )
+    raise ValueError(f"{str(root / below)!r}: no such folder or list of pictures")
 
 
-def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str]]:
-    """The folder that holds all sources, and the names of their pictures in it."""
-    listed = []
+def _pictures(sources: Iterable[Location]) -> tuple[Location, list[str], list[str]]:
+    """The folder that holds all sources, the names of their pictures in it, and notes."""
+    listed, notes = [], list[str]()
     for source in sources:
         if source.suffix == ".txt" and source.is_file():
             with faults_of("list", source):
-                lines = each_line(read_text(source, LARGEST_SET_BYTES), lambda line: inside(line.strip()))
-                listed.append((source.parent, list(lines)))
+                names, said = _of_a_list(read_text(source, LARGEST_SET_BYTES), source.parent)
         else:
-            listed.append((source, list(pictures_below(source)[0])))
+            found, said = pictures_below(source)
+            names = list(found)
+        listed.append((source.parent if source.suffix == ".txt" else source, names))
+        notes += said
     folder = listed[0][0]
     while any(source.parts[: len(folder.parts)] != folder.parts for source, _ in listed):
         folder = folder.parent
     below = len(folder.parts)
     names = ["/".join((*source.parts[below:], name)) for source, each_name in listed for name in each_name]
-    return folder, names
+    return folder, names, notes
+
+
+def _of_a_list(content: str, folder: Location) -> tuple[list[str], list[str]]:
+    """Names in the list's folder, by the ends of their paths where they are not there, as CVAT's data/obj_train_data;
+    and notes. A fault names the line."""
+    every, places = frozenset(listing(folder)), Places(folder)
+
+    def name(line: str) -> str:
+        path = line.strip().replace("\\", "/").removeprefix("./")
+        found = [] if path in every else [end for end in ends(path) if end in every]
+        return (
+            found[0] if len(found) == 1 and not path.startswith(("/", "../")) else places.name(line.strip())
+        )
+
+    return list(each_line(content, name)), places.notes
+
+
+def _beside(folder: Location, names: Sequence[str]) -> dict[str, Location]:
+    """Label files by picture, beside it or in labels/, as Ultralytics looks for them."""
+    parents = {name: (folder / name).parent for name in names}
+    folders = {parent: _label_folder(parent) for parent in {*parents.values()}}
+    return {name: folders[parent] / f"{Path(name).stem}.txt" for name, parent in parents.items()}
+
+
+def _by_stem(root: Location, names: Sequence[str]) -> dict[str, Location]:
+    """The only label files of the pictures' names in the data set; the pictures are elsewhere."""
+    found = defaultdict[str, list[str]](list)
+    for name in listing(root):
+        if name.endswith(".txt") and not is_litter(name):
+            found[PurePosixPath(name).stem].append(name)
+    stems = {name: found[Path(name).stem] for name in names}
+    return {name: root / files[0] for name, files in stems.items() if len(files) == 1}
 
 
 def _label_folder(folder: Location) -> Location:
@@ -167,26 +259,43 @@ def _label_folder(folder: Location) -> Location:
     return folder
 
 
-def _objects(file: Location, classes: Mapping[int, str]) -> list[Object]:
+def _objects(file: Location, classes: Mapping[int, str]) -> _Objects:
     check_regular(local_file(file))  # a missing file is no error
     with faults_of("label file", file):
-        return list(each_line(read_text(file), partial(_object, classes=classes)))
+        rows = list(each_line(read_text(file), partial(_row, classes=classes)))
+    unique: dict[bytes, NDArray[np.float64]] = {}
+    for row in rows:
+        unique.setdefault(row.astype(np.float32).tobytes(), row)  # as Ultralytics tells them apart
+    return _Objects([_object(row, classes) for row in unique.values()], len(rows) - len(unique))
 
 
-def _object(line: str, *, classes: Mapping[int, str]) -> Object:
+def _row(line: str, *, classes: Mapping[int, str]) -> NDArray[np.float64]:
+    """The class and the shares of a line."""
     fields = line.split()
     try:
         class_id, *shares = (float(field) for field in fields)
     except ValueError:
         raise ValueError(f"{shown(line)}: must be numbers") from None
     if class_id not in classes:
-        raise ValueError(f"class = {fields[0]}: must be one of the {len(classes)} classes")
+        ids = f"one of the {len(classes)} classes, {min(classes)} to {max(classes)}"
+        raise ValueError(f"class = {fields[0]}: must be {ids}; the first is 0")
     if any(_FARTHEST < abs(share) < math.inf for share in shares):
         raise ValueError(f"{shown(line)}: must be fractions of the picture's size, 0 to 1, not pixels")
+    if len(shares) != 4 and (len(shares) < 6 or len(shares) % 2):
+        score = "; a sixth number is a score, so these may be detections" if len(shares) == 5 else ""
+        raise ValueError(
+            f"{shown(line)}: must be 'class x y width height' or 'class x1 y1 x2 y2 x3 y3 ...'{score}"
+        )
+    return np.array([class_id, *shares])
+
+
+def _object(row: NDArray[np.float64], classes: Mapping[int, str]) -> Object:
+    label, shares = classes[int(row[0])], row[1:]
     if len(shares) == 4:
-        x, y, width, height = shares
-        return classes[int(class_id)], (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-    if len(shares) < 6 or len(shares) % 2:
-        raise ValueError(f"{shown(line)}: must be 'class x y width height' or 'class x1 y1 x2 y2 x3 y3 ...'")
-    xs, ys = np.array(shares[::2]), np.array(shares[1::2])
-    return classes[int(class_id)], (xs.min(), ys.min(), xs.max(), ys.max())
+        x, y, width, height = shares.tolist()
+        return label, (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+    (x0, y0), (x1, y1) = (
+        shares.reshape(-1, 2).min(axis=0).tolist(),
+        shares.reshape(-1, 2).max(axis=0).tolist(),
+    )
+    return label, (x0, y0, x1, y1)

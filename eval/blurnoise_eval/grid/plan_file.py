@@ -10,6 +10,7 @@ from dataclasses import dataclass, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from blurnoise_eval import label_formats
 from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
 from blurnoise_eval.grid.settings import Settings, setting
 
@@ -202,7 +203,7 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     )
     labels: str | None = setting(
         None,
-        "labels: COCO instances, YOLO data.yaml or folder, BDD100K JSON, or PP-OCR text (.txt)",
+        label_formats.HELP,
         "FILE|DIR",
         names=("--coco",),
     )

@@ -18,13 +18,13 @@ from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.grid.axes import CORE
 from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.label_formats import format_named
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
 from blurnoise_eval.sweep.open import Run
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
-_LABELS = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd, "text": datasets.texts}
 
 
 class RunPictures:
@@ -101,10 +101,10 @@ class RunPictures:
         if kind == "folder":
             return datasets.image_folder(folder or self._trusted("images", source))
         labels = self._trusted("images", source)
-        if kind not in _LABELS or not labels.exists():
+        of = format_named(kind)
+        if of is None or not labels.exists():
             raise ValueError(f"images = {source!r}: must be a folder with the pictures of the run")
-        opener: Any = _LABELS[kind]
-        found: PictureSet = opener(labels, **({"images": folder} if folder else {}))
+        found: PictureSet = of.open(labels, **({"images": folder} if folder else {}))
         return found
 
     def _trusted(self, name: str, place: str) -> Path:

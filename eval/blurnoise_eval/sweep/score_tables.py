@@ -126,7 +126,9 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
         return {}
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
     clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
-    doubts = [note.rstrip(".") for note in manifest["images"].get("notes", ()) if "?" in note]
+    notes = manifest["images"].get("notes", ())
+    kind = "doubtful labels: "
+    doubts = [note.removeprefix(kind).rstrip(".") for note in notes if note.startswith(kind)]
     labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"
     return {
         name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "

@@ -127,7 +127,7 @@ def test_labels_are_for_the_upright_picture(tmp_path, orientation):
             if size is not other:
                 assert picture.load().shape == (height, width, 3)
                 continue
-            said = rf"a\.jpg: {width} x {height} px .* labels are for {height} x {width}$"
+            said = rf"a\.jpg: {width} x {height} px .* labels are for {height} x {width} \(turned: "
             with pytest.raises(UnreadablePicture, match=said):
                 picture.load()
 

@@ -1,0 +1,220 @@
+"""Pascal VOC's annotations: an XML file for each picture.
+
+LabelImg, CVAT, Roboflow, FiftyOne and others write them. The VOC challenge counts pixels from 1 and includes the last
+one, so its box begins at xmin - 1; LabelImg, CVAT and FiftyOne write corners as they are. A file does not say which.
+"""
+
+from __future__ import annotations
+
+import posixpath
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import PurePosixPath
+from xml.etree.ElementTree import Element
+
+from pydantic import BaseModel
+
+from blurnoise._core.checks import Characters
+from blurnoise_eval.datasets.folder import Listed, is_litter
+from blurnoise_eval.datasets.images import SUFFIXES
+from blurnoise_eval.datasets.label_reading import Flag, checked, faults_of, read_text, xml_of
+from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.datasets.selection import Selection
+from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.urls import Location, for_each, listing, local_file
+
+_FROM_ONE = (
+    "The VOC",
+    "PASCAL VOC",
+    "roboflow.ai",
+)  # databases whose files count from 1; the last is supervision's
+_PICTURES = ("JPEGImages", "images", "data")  # folders beside Annotations
+
+
+class _Box(BaseModel):
+    xmin: float
+    ymin: float
+    xmax: float
+    ymax: float
+
+
+class _Object(BaseModel):
+    name: Characters
+    bndbox: _Box | None = None
+    difficult: Flag = False
+
+
+class _Size(BaseModel):
+    width: float = 0
+    height: float = 0
+
+
+class _Annotation(BaseModel):
+    filename: str = ""
+    database: str = ""
+    size: _Size = _Size()
+    objects: list[_Object]
+
+    @property
+    def size_px(self) -> tuple[float, float] | None:
+        """Of the picture."""
+        return (self.size.width, self.size.height) if self.size.width and self.size.height else None
+
+
+def voc(
+    path: str | Location,
+    *,
+    images: str | Location | None = None,
+    labels: Sequence[str] = (),
+    keep_empty: bool = False,
+) -> PictureSet:
+    """The pictures of XML files in Pascal VOC's format; difficult objects are crowds, neither missed nor wrong.
+
+    path: a folder, with its XML files in it and below, or one file. Its picture has the name of the XML file, or the
+    one that stands in it, beside it or in JPEGImages, images or data beside Annotations; images: the pictures' folder
+    in place of these. Boxes are corners in px; files of the VOC challenge count from 1. labels, ``keep_empty``,
+    notes, sizes and errors as of :func:`blurnoise_eval.datasets.coco`; categories are numbered in alphabetical order.
+    """
+    selection = Selection("voc", path, images, labels, keep_empty)
+    with faults_of("labels", selection.file):
+        whole = selection.file.is_dir()
+        root = selection.file if whole else selection.file.parent
+        every = listing(root)
+        xmls = [name for name in sorted(every) if name.lower().endswith(".xml")]
+        own = [name for name in xmls if not is_litter(name)]
+        files = own if whole else [selection.file.name]
+        if not files:
+            raise ValueError("contains no XML files")
+        selection.folder = selection.folder if images else root
+        read = for_each({name: root / name for name in files}, _annotation)
+        if lost := [name for name in files if name not in read]:
+            raise ValueError(f"{lost[0]}: No such file")
+        pictures = _Pictures(list(listing(selection.folder)) if images else list(every))
+        found = {name: pictures.of(name, read[name].filename) for name in files}
+        selection.look_at([found[name] for name in files if read[name].size_px is None])
+        entries = []
+        known: set[str] = set()
+        from_one: list[bool] = []
+        difficult = 0
+        for name in files:
+            annotation = read[name]
+            size_px = annotation.size_px
+            one = annotation.database.startswith(_FROM_ONE)
+            targets: list[Target] = []
+            for each in annotation.objects:
+                known.add(each.name)
+                if each.bndbox is None:
+                    targets += selection.leave_out("without bndbox")
+                    continue
+                box = each.bndbox
+                corners = (box.xmin - one, box.ymin - one, box.xmax, box.ymax)
+                from_one += [min(box.xmin, box.ymin) >= 1] * (not one)
+                difficult += each.difficult
+                beside = {"difficult": int(each.difficult)}
+                targets += selection.target(
+                    each.name, corners, size_px, picture=found[name], crowd=each.difficult, annotation=beside
+                )
+            entries.append(Listed(found[name], tuple(targets), size_px=size_px))
+        notes = pictures.notes(own if whole else files)
+        litter = len(xmls) - len(own) if whole else 0
+        notes += [f"files of macOS (._NAME), which are no labels, left out: {litter}"] * bool(litter)
+        notes += [f"difficult objects, which are neither missed nor wrong: {difficult}"] * bool(difficult)
+        notes += _counted_from(list(read.values()), from_one)
+        return selection.picture_set(
+            entries, {label: n for n, label in enumerate(sorted(known), start=1)}, notes
+        )
+
+
+def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list[str]:
+    """What was assumed of the first pixel, and a doubt where boxes touch 1 and none 0."""
+    stated = sum(each.database.startswith(_FROM_ONE) for each in read)
+    notes = [f"files of the VOC challenge, whose pixels count from 1: {stated}"] if stated else []
+    touching = sum(
+        1.0 in (each.bndbox.xmin, each.bndbox.ymin)
+        for file in read
+        if not file.database.startswith(_FROM_ONE)
+        for each in file.objects
+        if each.bndbox
+    )
+    if touching and all(from_one):
+        notes.append(
+            f"doubtful labels: {touching} of {len(from_one)} boxes begin at 1 px and none at 0: do pixels count from "
+            "1, as in the VOC challenge? They are read as counted from 0, which may be 1 px off"
+        )
+    return notes
+
+
+def _annotation(file: Location) -> _Annotation:
+    check_regular(local_file(file))
+    with faults_of("label file", file):
+        root = xml_of(read_text(file))
+        if root.tag == "annotations":
+            raise ValueError(
+                "is CVAT's own XML, which is not read; export the task as COCO 1.0 or PASCAL VOC 1.1"
+            )
+        if root.tag != "annotation":
+            raise ValueError(
+                f"begins with <{root.tag[:40]}>; must begin with <annotation>, as Pascal VOC does"
+            )
+        objects = [
+            {**_texts(each), "bndbox": None if (box := each.find("bndbox")) is None else _texts(box)}
+            for each in root.iterfind("object")
+        ]
+        stated = {
+            "filename": root.findtext("filename") or "", "database": root.findtext("source/database") or "",
+            "size": _texts(root.find("size")), "objects": objects,
+        }  # fmt: skip
+        return checked(_Annotation, stated)
+
+
+def _texts(parent: Element | None) -> dict[str, str]:
+    """Texts of the children that have one."""
+    found = {child.tag: (child.text or "").strip() for child in parent} if parent is not None else {}
+    return {name: text for name, text in found.items() if text}
+
+
+class _Pictures:
+    """The pictures below a folder, by which each XML file finds its own."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = {name for name in names if name.lower().endswith(SUFFIXES) and not is_litter(name)}
+        self._used: set[str] = set()
+        self._other = 0
+        self._by_stem, self._by_name = defaultdict[str, list[str]](list), defaultdict[str, list[str]](list)
+        for name in sorted(self._names):
+            self._by_stem[_stem(name)].append(name)
+            self._by_name[PurePosixPath(name).name].append(name)
+
+    def of(self, xml: str, filename: str) -> str:
+        """The picture with the XML file's name, else the one that stands in it; near it, or the only one below."""
+        stated = posixpath.basename(filename.replace("\\", "/"))
+        own = self._nearest(self._by_stem[_stem(xml)], xml)
+        other = self._nearest(self._by_name[stated] or self._by_stem[_stem(stated)], xml) if stated else None
+        self._other += bool(own and stated and PurePosixPath(own).name != stated)
+        found = own or other or posixpath.join(posixpath.dirname(xml), stated or f"{_stem(xml)}.jpg")
+        self._used.add(found)
+        return found
+
+    def _nearest(self, among: Sequence[str], xml: str) -> str | None:
+        folder = posixpath.dirname(xml)
+        parts = folder.split("/") if folder else []
+        near = [folder]
+        if "Annotations" in parts:
+            at = len(parts) - 1 - parts[::-1].index("Annotations")
+            near += ["/".join((*parts[:at], name, *parts[at + 1 :])) for name in _PICTURES]
+        found = [name for name in among if posixpath.dirname(name) in near] or list(among)
+        return found[0] if len(found) == 1 else None
+
+    def notes(self, xmls: Sequence[str]) -> list[str]:
+        """Pictures whose XML names another one, and pictures without XML beside those with it."""
+        folders = {posixpath.dirname(name) for name in self._used}
+        without = sum(posixpath.dirname(name) in folders for name in self._names - self._used)
+        said = {
+            "XML files that name another picture than the one with their own name, which is used": self._other,
+            "pictures without an XML file, left out": without if len(xmls) > 1 else 0,
+        }
+        return [f"{text}: {count}" for text, count in said.items() if count]
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name).stem

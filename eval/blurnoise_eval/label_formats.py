@@ -1,0 +1,161 @@
+"""Formats of labels: how each is recognised, opened and described. Formats that are not read say what to export.
+
+A format is an entry of ``LABEL_FORMATS``, in the order in which they are tried; nothing else lists them. Its reader
+is imported when a file is opened: help texts need the table.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import PurePosixPath
+from typing import Any
+
+from blurnoise_eval.system.urls import Location, local_file
+
+SUFFIXES = (".data", ".json", ".txt", ".xml", ".yaml", ".yml")
+"""Of files with labels."""
+_HEAD = 4096  # bytes of a file from which its format is recognised
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What labels are recognised by: suffix in lower case, first characters, a folder's names to a depth of two."""
+
+    suffix: str
+    head: str = ""
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class LabelFormat:
+    """A format. name: the kind of its sets. help: what to pass, in the help of ``--labels``.
+
+    recognises: whether labels are of it. open: a ``PictureSet`` from the labels, ``images`` and, unless it is of
+    texts, ``labels``, the classes to use. texts: for text recognisers; others are for detectors.
+    """
+
+    name: str
+    help: str
+    recognises: Callable[[Labels], bool]
+    open: Callable[..., Any]
+    texts: bool = False
+
+
+def _opener(name: str) -> Callable[..., Any]:
+    """A function of ``datasets``, which is imported when it is called."""
+
+    def open_labels(place: Location, **options: Any) -> Any:
+        return getattr(import_module("blurnoise_eval.datasets"), name)(place, **options)
+
+    return open_labels
+
+
+_PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+
+
+def _is_yolo(labels: Labels) -> bool:
+    """A folder, unless it holds XML; its file; or a list of pictures without texts."""
+    if labels.suffix == ".txt":
+        lines = [
+            line.strip().lower() for line in labels.head.split("\n")[:-1] or [labels.head] if line.strip()
+        ]
+        return "\t" not in labels.head and bool(lines) and all(line.endswith(_PICTURES) for line in lines)
+    return labels.suffix in (".yaml", ".yml", ".data", ".names", ".labels") or bool(labels.names)
+
+
+def _is_voc(labels: Labels) -> bool:
+    """XML, or a folder with XML files and without the names of YOLO's classes."""
+    xml = any(name.lower().endswith((".xml", "annotations")) for name in labels.names)
+    yolo = {"data.yaml", "obj.data", "obj.names", "classes.txt"}.isdisjoint(labels.names)
+    return labels.suffix == ".xml" or labels.head.startswith(("<annotation", "<?xml")) or (xml and yolo)
+
+
+def _is_known_folder(labels: Labels) -> bool:
+    """Whether a folder holds what YOLO's or VOC's do."""
+    return any(
+        name.lower().endswith((".xml", ".yaml", ".yml", ".data", ".names", ".labels", ".txt"))
+        for name in labels.names
+    )
+
+
+def _is_bdd(labels: Labels) -> bool:
+    frames = labels.head.startswith("{") and '"frames"' in labels.head and '"images"' not in labels.head
+    return labels.head.startswith("[") or frames
+
+
+LABEL_FORMATS = (
+    LabelFormat("voc", "Pascal VOC folder or .xml", _is_voc, _opener("voc")),
+    LabelFormat("yolo", "YOLO data.yaml, obj.data or folder", _is_yolo, _opener("yolo")),
+    LabelFormat("bdd", "BDD100K or Scalabel JSON", _is_bdd, _opener("bdd")),
+    LabelFormat(
+        "coco",
+        "COCO instances",
+        lambda labels: labels.suffix == ".json" or labels.head.startswith("{"),
+        _opener("coco"),
+    ),
+    LabelFormat("text", "PP-OCR text (.txt)", lambda labels: True, _opener("texts"), texts=True),
+)
+HELP = f"labels: {', '.join(each.help for each in LABEL_FORMATS[:-1])}, or {LABEL_FORMATS[-1].help}"
+
+_AS_COCO = "export it as COCO"
+_NOT_READ = (
+    ("CVAT's own XML", r"(<\?xml[^>]*>\s*)?<annotations\b", f"{_AS_COCO} 1.0 or PASCAL VOC 1.1"),
+    (
+        "labelme's JSON",
+        r'\{(?=.*"shapes"\s*:)(?=.*("imagePath"|"imageData"|"flags"))',
+        "convert the folder to COCO",
+    ),
+    ("VIA's JSON", r'\{.*("_via_settings"|"file_attributes"|"shape_attributes")', _AS_COCO),
+    (
+        "Label Studio's JSON",
+        r'\[\s*\{(?=.*"data"\s*:)(?=.*"(annotations|completions|predictions)"\s*:)',
+        _AS_COCO,
+    ),
+    ("Supervisely's JSON", r'\{.*("classTitle"|"objects"\s*:)', _AS_COCO),
+    ("CreateML's JSON", r'\[\s*\{(?=.*"image"\s*:)(?=.*"annotations"\s*:)', _AS_COCO),
+    ("a list of a model's detections", r'\[\s*\{(?=.*"image_id"\s*:)(?=.*"score"\s*:)', "use the labels"),
+    ("a list of annotations without pictures", r'\[\s*\{.*"image_id"\s*:', "use the whole instances file"),
+    ("a table (CSV)", r"[^\t\n{\[<]*,[^\t\n{\[<]*(?:,[^\t\n]*){2,}\n", "convert it to COCO"),
+)
+"""Formats that are known but not read: name, sign at the beginning of the file, and what to do."""
+
+
+def labels_at(place: Location) -> Labels:
+    """What labels are recognised by; nothing is read of what is missing."""
+    try:
+        if place.is_dir():
+            names = [each.name for each in place.iterdir()]
+            names += [
+                f"{name}/{each.name}"
+                for name in names
+                if (place / name).is_dir()
+                for each in (place / name).iterdir()
+            ]
+            return Labels("", names=tuple(sorted(names)) or (".",))
+        with local_file(place).open("rb") as file:
+            head = file.read(_HEAD).decode("utf-8-sig", "replace").lstrip().replace("\r\n", "\n")
+    except OSError:
+        head = ""
+    return Labels(PurePosixPath(place.name).suffix.lower(), head)
+
+
+def format_of(place: Location) -> LabelFormat:
+    """The format of labels. Raises ``ValueError`` for those that are known but not read."""
+    labels = labels_at(place)
+    if (jsons := [name for name in labels.names if name.endswith(".json")]) and not _is_known_folder(labels):
+        format_of(place / jsons[0])
+        raise ValueError(
+            f"labels = {str(place)!r}: is a folder with JSON files; pass one, such as {jsons[0]}"
+        )
+    for name, sign, instead in _NOT_READ:
+        if labels.head and labels.suffix not in (".yaml", ".yml") and re.match(sign, labels.head, re.DOTALL):
+            raise ValueError(f"labels = {str(place)!r}: is {name}, which is not read; {instead}")
+    return next(each for each in LABEL_FORMATS if each.recognises(labels))
+
+
+def format_named(name: str) -> LabelFormat | None:
+    """The format whose sets are of this kind."""
+    return next((each for each in LABEL_FORMATS if each.name == name), None)
