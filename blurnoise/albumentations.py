@@ -122,10 +122,8 @@ class RandomExposure(OverConditions, _Sampled):
         worker = get_worker_info() if SampledParams is None else None  # AlbumentationsX does it itself
         if worker is not None and worker.seed != self._worker_seed:
             self._worker_seed = worker.seed
-            own = [int(self.random_generator.integers(2**63)), worker.seed]
-            self.set_random_state(
-                np.random.default_rng(own), random.Random(rng.derived(*own[:1], str(own[1])))
-            )
+            own = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
+            self.set_random_state(np.random.default_rng(own), random.Random(own))
         return super().__call__(*args, **data)
 
     def add_targets(self, additional_targets: dict[str, str]) -> None:
@@ -166,7 +164,8 @@ class RandomExposure(OverConditions, _Sampled):
         conditions["generator"] = rng.item_seeds(noise, len(images))
         flags = {name: self.flags[name] for name in ("encoding", "fidelity")}
         batch = images if images.ndim == 4 else images[..., None]
-        return exposed(batch, channels=self.channels, **conditions, **flags).reshape(images.shape)
+        found: Array = exposed(batch, channels=self.channels, **conditions, **flags).reshape(images.shape)
+        return found
 
     def apply_to_bboxes(self, bboxes: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
         """The boxes (N, 4 and more) in shares of the image's sides, at mid-exposure, grown if asked for."""

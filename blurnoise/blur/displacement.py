@@ -280,7 +280,8 @@ class Displacement:
         )  # all rows beyond move as the nearest one
         rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
-        return far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        return seen
 
     def covered(self, boxes: Floats) -> Floats:
         """What boxes (N, 4), px between pixels' centres, cover in all rows' windows.

@@ -246,7 +246,7 @@ class RollingShutter(_Moving):
         if not at.camera.row_time_s:
             return points
         moves = displacement(at)
-        rows, size = np.arange(moves.readout.rows), at.size or at.camera.field.size
+        rows, size = np.arange(float(moves.readout.rows)), at.size or at.camera.field.size
         by = np.stack([np.interp(points[1], rows, along) for along in moves.mean_px(rows)])
         if at.flow_px is not None:
             flow, _ = replace(moves, even_px=at.flow_px[0]).even(Window(0, 0, *size))

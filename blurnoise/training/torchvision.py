@@ -120,4 +120,5 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         back = v2.functional.convert_bounding_box_format(
             moved.to(edges), old_format=upright, new_format=boxes.format
         )
-        return back.as_subclass(Tensor)
+        plain: Tensor = back.as_subclass(Tensor)
+        return plain
