@@ -23,8 +23,9 @@ from blurnoise.scene.scene import ExposedScene, Exposure, simulate
 
 if TYPE_CHECKING:
     from blurnoise.metrics import slanted_edge
-    from blurnoise.training.arrays import expose_numpy
-    from blurnoise.training.augmentation import RandomExposure, expose_pictures
+    from blurnoise.training.arrays import expose_numpy, labels_numpy
+    from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.pictures import expose_pictures
 
 __all__ = [
     "AutoExposure",
@@ -44,6 +45,7 @@ __all__ = [
     "expose_layers",
     "expose_numpy",
     "expose_pictures",
+    "labels_numpy",
     "motion_blur",
     "photoelectrons",
     "plan",
@@ -54,7 +56,8 @@ __all__ = [
 _LATE = {
     "RandomExposure": "blurnoise.training.augmentation",
     "expose_numpy": "blurnoise.training.arrays",
-    "expose_pictures": "blurnoise.training.augmentation",
+    "expose_pictures": "blurnoise.training.pictures",
+    "labels_numpy": "blurnoise.training.arrays",
     "slanted_edge": "blurnoise.metrics",
 }
 __version__ = "0.1.0"

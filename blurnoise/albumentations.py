@@ -1,100 +1,242 @@
-"""The augmentation of :mod:`blurnoise.training.augmentation` as an albumentations transform; needs albumentations 2.
+"""The augmentation of :mod:`blurnoise.training.augmentation` for albumentations 2 and its successor AlbumentationsX.
 
-Domain: images (H, W) or (H, W, C), RGB, uint8 or float32 in [0, 1], each comes back as it came; boxes of any of
-albumentations' formats. Convention: all images of one call get the same conditions; each has its own noise.
+Domain: images (H, W) or (H, W, C), RGB or BGR, uint8 or float32 in [0, 1], each comes back as it came; boxes in any
+format of albumentations. Convention: all images of one call get the same conditions; each has its own noise.
 """
 
 from __future__ import annotations
 
+import random
+from collections.abc import Mapping
+from dataclasses import asdict, fields, is_dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import torch
 from albumentations.core.transforms_interface import DualTransform
 from albumentations.core.type_definitions import Targets
+from torch.utils.data import get_worker_info
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.optics.colour import Encoding
-from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.arrays import Array, to_array, to_tensor
-from blurnoise.training.augmentation import OverConditions, boxes_after, expose_pictures
+from blurnoise.motion.ego import Vehicle
+from blurnoise.optics.camera import Camera
+from blurnoise.scene.exposure import Exposure
+from blurnoise.scene.metering import AutoExposure
+from blurnoise.training.arrays import CHANNELS, Array, exposed
+from blurnoise.training.augmentation import OverConditions
+from blurnoise.training.labels import boxes_after, keypoints_after, pixels_after, taken
 from blurnoise.training.ranges import Cameras, Draws, ExposureRanges
+from blurnoise.training.table import Condition, ExposureTable
+
+try:
+    from albumentations.core.transform_params import SampledParams  # AlbumentationsX
+except ImportError:
+    SampledParams = None
+
+_TARGETS = (
+    "IMAGE",
+    "IMAGES",
+    "MASK",
+    "MASKS",
+    "BBOXES",
+    "KEYPOINTS",
+    "VOLUME",
+    "VOLUMES",
+    "MASK3D",
+    "MASKS3D",
+)
+_RECORDS: dict[str, type] = {"camera": Camera, "gain_db": AutoExposure, "vehicle": Vehicle}
+"""Arguments that ``A.to_dict`` writes as mappings."""
 
 
-class RandomExposure(OverConditions, DualTransform):  # type: ignore[misc]  # mypy does not follow albumentations
+class _Sampled(DualTransform):  # type: ignore[misc]  # mypy does not follow albumentations
+    """A transform whose parameters are those of :meth:`drawn_for`, by the method that the library calls."""
+
+    if SampledParams is None:
+
+        def get_params_dependent_on_data(self, params: Any, data: dict[str, Any]) -> dict[str, Any]:
+            """The parameters of a call, for albumentations 2.0."""
+            return self.drawn_for(data, self.random_generator)
+    else:
+
+        def sample_parameters(self, params: Any, data: dict[str, Any], targets: Any, sampling: Any) -> Any:
+            """The parameters of a call, for AlbumentationsX."""
+            return SampledParams(params=self.drawn_for(data, sampling.random_generator))
+
+    def drawn_for(self, data: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
+        """The parameters of one call."""
+        raise NotImplementedError
+
+
+class RandomExposure(OverConditions, _Sampled):
     """:class:`blurnoise.RandomExposure` for albumentations, with the same ranges, ``p`` and defaults.
 
-    Boxes stay unchanged or, with ``grow_boxes``, grow to the swept boxes; masks and keypoints stay. With ``moves``
-    the masks of a call are its targets. All randomness comes from the transform's own generators, which
-    ``A.Compose(seed=...)`` sets; ``A.ReplayCompose`` gives the same pixels again.
+    Boxes, keypoints and masks are as at mid-exposure (:mod:`blurnoise.training.labels`); ``grow_boxes`` grows boxes
+    to the swept boxes. With ``moves`` the masks of a call are its targets. channels: order of the images' channels,
+    "rgb" or, as OpenCV and Ultralytics have it, "bgr".
+
+    All randomness comes from the transform's own generators, which ``A.Compose(seed=...)`` sets; in workers of a
+    ``DataLoader`` they start from torch's seed of the worker too, so that workers and epochs differ.
+    ``A.ReplayCompose`` and ``A.from_dict`` of ``A.to_dict`` give the same pixels again.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed.
     """
 
-    _targets = (Targets.IMAGE, Targets.MASK, Targets.BBOXES, Targets.KEYPOINTS)
+    _targets = tuple(Targets[name] for name in _TARGETS if name in Targets.__members__)
+    _worker_seed: int | None = None
 
     def __init__(
         self,
-        camera: Cameras = ExposureRanges.camera,
+        camera: Cameras | Mapping[str, Any] = ExposureRanges.camera,
         *,
-        encoding: Encoding = "srgb",
-        fidelity: Fidelity = "auto",
-        grow_boxes: bool = False,
+        channels: str = "rgb",
+        table: Mapping[str, Any] | None = None,
         p: float = 0.5,
-        **ranges: Any,
+        **options: Any,
     ) -> None:
         super().__init__(p=in_range("p", p, 0.0, 1.0))
-        self.given = {"camera": camera, **ranges}
-        self.ranges = ExposureRanges(**self.given)
-        self.flags: dict[str, Any] = {
-            "encoding": one_of("encoding", encoding, ("srgb", "linear")),
-            "fidelity": one_of("fidelity", fidelity, ("auto", "full")),
-            "grow_boxes": grow_boxes,
-        }
+        self.channels = one_of("channels", channels, CHANNELS)
+        self.set_conditions(**_opened({"camera": camera, **options}))
+        if table is not None:
+            self.ranges = _table(table)
 
     def get_transform_init_args(self) -> dict[str, Any]:
-        """The arguments of the transform, as albumentations displays and replays them."""
-        return {**self.given, **self.flags}
+        """The arguments of the transform, as albumentations displays, saves and replays them."""
+        held = {each.name: _plain(getattr(self.ranges, each.name)) for each in fields(self.ranges)}  # type: ignore[arg-type]
+        ranges = held if isinstance(self.ranges, ExposureRanges) else {"table": held}
+        return {**ranges, **_plain(self.flags), "channels": self.channels}
 
-    def get_params_dependent_on_data(self, params: dict[str, Any], data: dict[str, Any]) -> dict[str, Any]:
+    @classmethod
+    def _get_valid_config_keys(cls) -> frozenset[str]:
+        """Arguments that AlbumentationsX reports of an applied transform, the ranges included."""
+        flags = {"encoding", "fidelity", "grow_boxes", "channels", "table", "p"}
+        return frozenset({each.name for each in fields(ExposureRanges)} | flags)
+
+    def __repr__(self) -> str:
+        return f"RandomExposure({self.ranges}, p={self.p:g})"
+
+    def __call__(self, *args: Any, **data: Any) -> Any:
+        """Apply the transform; the first call in a worker mixes the worker's seed into the generators."""
+        worker = get_worker_info() if SampledParams is None else None  # AlbumentationsX does it itself
+        if worker is not None and worker.seed != self._worker_seed:
+            self._worker_seed = worker.seed
+            own = rng.derived(int(self.random_generator.integers(2**63)), f"worker {worker.seed}")
+            self.set_random_state(np.random.default_rng(own), random.Random(own))
+        return super().__call__(*args, **data)
+
+    def add_targets(self, additional_targets: dict[str, str]) -> None:
+        """Further names of targets; each image has its own noise."""
+        super().add_targets(additional_targets)
+        for name, of in additional_targets.items():
+            if of == "image" and name in self._key2func:
+                self._key2func[name] = partial(self.apply, stream=name)
+
+    def drawn_for(self, data: dict[str, Any], generator: np.random.Generator) -> dict[str, Any]:
         """The conditions and noise seed, (1,) each, and the masks, if something is done with them."""
-        numbers = self.random_generator.random((1, self.ranges.draws), dtype=np.float32)
+        numbers = generator.random((1, self.ranges.draws), dtype=np.float32)
         drawn = dict(self.ranges.conditions(torch.from_numpy(numbers)))
-        drawn["noise_seed"] = torch.from_numpy(self.random_generator.integers(2**63 - 1, size=1))
-        found = [*data.get("masks", ()), *([data["mask"]] if data.get("mask") is not None else [])]
+        drawn["noise_seed"] = torch.from_numpy(generator.integers(2**63 - 1, size=1))
+        masks = data.get("masks")
+        found = [*(() if masks is None else masks), *([] if data.get("mask") is None else [data["mask"]])]
         if found and self.ranges.uses_masks:
-            drawn["masks"] = torch.from_numpy(np.stack(found).astype(np.float32))[None]
+            planes = [each.reshape(*each.shape[:2], -1).max(-1) for each in map(np.asarray, found)]
+            drawn["masks"] = torch.from_numpy(np.stack(planes).astype(np.float32))[None]
         return {"drawn": drawn, "ranges": self.ranges}
 
-    def apply(self, img: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+    def apply(
+        self, img: Array, drawn: dict[str, Any], ranges: Draws, *, stream: str = "", **params: Any
+    ) -> Array:
         """The image exposed."""
         batch = img.reshape(1, *img.shape[:2], -1)
-        return self.apply_to_images(batch, drawn, ranges).reshape(img.shape)
+        return self.apply_to_images(batch, drawn, ranges, stream=stream).reshape(img.shape)
 
-    def apply_to_images(self, images: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
-        """The images (B, H, W, C) exposed."""
-        noise = torch.Generator().manual_seed(int(drawn["noise_seed"]))
+    def apply_to_images(
+        self, images: Array, drawn: dict[str, Any], ranges: Draws, *, stream: str = "", **params: Any
+    ) -> Array:
+        """The images (B, H, W, C) or (B, H, W) exposed."""
+        if not len(images):
+            return images
+        seed = int(drawn["noise_seed"])
+        noise = torch.Generator().manual_seed(rng.derived(seed, stream) if stream else seed)
         conditions = ranges.arguments(drawn, [0] * len(images))
-        seeds = rng.item_seeds(noise, len(images))
+        conditions["generator"] = rng.item_seeds(noise, len(images))
         flags = {name: self.flags[name] for name in ("encoding", "fidelity")}
-        return to_array(expose_pictures(to_tensor(images), **conditions, generator=seeds, **flags), images)
+        batch = images if images.ndim == 4 else images[..., None]
+        found: Array = exposed(batch, channels=self.channels, **conditions, **flags).reshape(images.shape)
+        return found
 
     def apply_to_bboxes(self, bboxes: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
-        """The boxes (N, 4 and more) in shares of the image's sides, grown if asked for."""
+        """The boxes (N, 4 and more) in shares of the image's sides, at mid-exposure, grown if asked for."""
         grow = self.flags["grow_boxes"]
-        if not self._moves_boxes(grow) or not len(bboxes):
+        if not (grow or self._moves_labels) or not len(bboxes):
             return bboxes
         height, width = params["shape"][:2]
         sides, out = np.array([width, height, width, height], float), bboxes.copy()
         edges = torch.from_numpy(bboxes[:, :4].astype(float) * sides)[None]
-        out[:, :4] = boxes_after(edges, drawn, ranges, (height, width), grow=grow)[0].numpy() / sides
+        out[:, :4] = boxes_after(edges, taken(drawn, ranges), (height, width), grow=grow)[0].numpy() / sides
         return out
 
-    def apply_to_mask(self, mask: Array, **params: Any) -> Array:
-        """The mask as it is."""
-        return mask
+    def apply_to_keypoints(
+        self, keypoints: Array, drawn: dict[str, Any], ranges: Draws, **params: Any
+    ) -> Array:
+        """The keypoints (N, 2 and more) at mid-exposure."""
+        out = keypoints.copy()
+        if self._moves_labels and len(keypoints):
+            places = torch.from_numpy(keypoints[:, :2].astype(float))[None]
+            out[:, :2] = keypoints_after(places, taken(drawn, ranges), params["shape"][:2])[0].numpy()
+        return out
 
-    def apply_to_keypoints(self, keypoints: Array, **params: Any) -> Array:
-        """The keypoints as they are."""
-        return keypoints
+    def apply_to_mask(self, mask: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+        """The mask (H, W) or (H, W, C) at mid-exposure."""
+        return self.apply_to_masks(mask[None], drawn, ranges)[0]
+
+    def apply_to_masks(self, masks: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
+        """The masks (N, H, W) or (N, H, W, C) at mid-exposure."""
+        masks = np.asarray(masks)
+        of = pixels_after(self._taken_by(drawn, ranges), masks.shape[1:3]) if self._moves_labels else None
+        if of is None or not len(masks):
+            return masks
+        row, column, inside = of
+        inside = inside[..., None] if masks.ndim == 4 else inside
+        return np.where(inside, masks[:, row, column], np.zeros((), masks.dtype))
+
+    apply_to_mask3d = apply_to_masks
+
+    @staticmethod
+    def _taken_by(drawn: dict[str, Any], ranges: Draws) -> Exposure:
+        (exposure,) = taken(drawn, ranges)
+        return exposure
+
+
+def _plain(value: Any) -> Any:
+    """Arguments as mappings, lists and numbers, which JSON and YAML hold."""
+    if isinstance(value, Camera):
+        return value.to_dict()
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    return [_plain(each) for each in value] if isinstance(value, (tuple, list)) else value
+
+
+def _opened(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments whose records may be mappings."""
+    return {
+        name: _record(_RECORDS[name], given) if name in _RECORDS else given
+        for name, given in arguments.items()
+    }
+
+
+def _record(kind: type, given: Any) -> Any:
+    if isinstance(given, (list, tuple)):
+        return [_record(kind, each) for each in given]
+    if not isinstance(given, Mapping):
+        return given
+    return Camera.from_dict(given) if kind is Camera else kind(**given)
+
+
+def _table(held: Mapping[str, Any]) -> ExposureTable:
+    rows = tuple(Condition(*row) for row in held["rows"])
+    return ExposureTable(**{**_opened(held), "rows": rows})

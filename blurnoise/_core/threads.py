@@ -18,6 +18,7 @@ from torch import Tensor
 
 Job = TypeVar("Job")
 P = ParamSpec("P")
+R = TypeVar("R")
 _AUTOCAST = ("cpu", "cuda", "mps", "xpu")
 WORTH_IT = 1 << 18
 """Values of a picture from which threads are worth waking."""
@@ -53,6 +54,19 @@ def threads_for(picture: Tensor) -> int:
     return torch.get_num_threads() if picture.numel() >= WORTH_IT else 1
 
 
+def no_torch_compile(function: Callable[P, R]) -> Callable[P, R]:
+    """``function``, which ``torch.compile`` leaves alone: threads, seeds and plans are Python."""
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        if torch.compiler.is_compiling():  # the compiler is slow to import, hence not before
+            disabled: Callable[P, R] = torch.compiler.disable(function)  # type: ignore[no-untyped-call]
+            return disabled(*args, **kwargs)
+        return function(*args, **kwargs)
+
+    return run
+
+
 def same_bits(function: Callable[P, Tensor]) -> Callable[P, Tensor]:
     """``function``, whose bits depend neither on ``torch.compile``, nor on autocast, nor on gradients.
 
@@ -61,11 +75,9 @@ def same_bits(function: Callable[P, Tensor]) -> Callable[P, Tensor]:
     of the route without gradients.
     """
 
+    @no_torch_compile
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> Tensor:
-        if torch.compiler.is_compiling():  # the compiler is slow to import, hence not before
-            disabled: Callable[P, Tensor] = torch.compiler.disable(run)  # type: ignore[no-untyped-call]
-            return disabled(*args, **kwargs)
         with ExitStack() as precise:
             for kind in filter(torch.is_autocast_enabled, _AUTOCAST):
                 precise.enter_context(torch.autocast(kind, enabled=False))

@@ -275,8 +275,13 @@ class Displacement:
         """The rows r in which rows of the scene are seen on average: r - y(r) = row."""
         low, high = self.range_px(Window(0, 0, self.readout.rows, 1))
         reach = math.ceil(max(high[1], -low[1])) + 1
+        far = rows - rows.clip(
+            -2 * reach, self.readout.rows + 2 * reach
+        )  # all rows beyond move as the nearest one
+        rows = rows - far
         grid = np.arange(math.floor(rows.min()) - reach, math.ceil(rows.max()) + reach + 1, 0.25)
-        return np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        seen: Floats = far + np.interp(rows, np.maximum.accumulate(grid - self.mean_px(grid)[1]), grid)
+        return seen
 
     def covered(self, boxes: Floats) -> Floats:
         """What boxes (N, 4), px between pixels' centres, cover in all rows' windows.

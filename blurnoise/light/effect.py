@@ -1,6 +1,7 @@
 """Interface of light effects: changes of the light before it reaches the sensor.
 
-Domain: linear light (B, C, H, W), white is 1; boxes (left, top, right, bottom) px, x right, y down.
+Domain: linear light (B, C, H, W), white is 1; boxes (left, top, right, bottom) px, x right, y down; points (2, ...)
+of x and y, px, (0, 0) the centre of the first pixel.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from blurnoise._core.borders import Border
 from blurnoise.light.conditions import Conditions
 from blurnoise.motion.trajectory import Polyline
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.spectra import Floats
 from blurnoise.optics.transfer import SHARP, Optics
 
 
@@ -75,3 +77,8 @@ class LightEffect(ABC):
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """Boxes (N, 4) that targets cover during the exposure; by default :meth:`move_boxes`."""
         return self.move_boxes(boxes_xyxy, at)
+
+    def origins(self, points: Floats, at: Conditions[float]) -> Floats:
+        """Points of the scene that points (2, ...) within the picture show at mid-exposure: :meth:`move_boxes` the
+        other way round, for every pixel of a mask; unchanged by default."""
+        return points

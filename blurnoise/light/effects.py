@@ -16,6 +16,7 @@ from blurnoise.light import lens, motion
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.effect import Blur, LightEffect
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.spectra import Floats
 from blurnoise.optics.transfer import SHARP, Optics
 
 EFFECTS: tuple[LightEffect, ...] = (
@@ -67,6 +68,14 @@ def moved_boxes(boxes_xyxy: Tensor, at: Conditions[float], *, swept: bool = Fals
         if not effect.idle(at.camera):
             boxes_xyxy = (effect.sweep_boxes if swept else effect.move_boxes)(boxes_xyxy, at)
     return boxes_xyxy
+
+
+def origins(points: Floats, at: Conditions[float]) -> Floats:
+    """Points (2, ...) of the scene that points of the picture show at mid-exposure, through all effects."""
+    for effect in reversed(EFFECTS):
+        if not effect.idle(at.camera):
+            points = effect.origins(points, at)
+    return points
 
 
 def _joined(first: Blur, second: Blur) -> Blur | None:

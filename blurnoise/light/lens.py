@@ -1,7 +1,8 @@
 """A lens's effects on light: distortion, lateral colour, defocus, diffraction or a measured MTF, vignetting.
 
-Convention: the scene is what a pinhole camera of the same focal length and axis sees; what it does not see follows
-the picture's border. Displacements are by :mod:`blurnoise.blur.resampling`, which loses what is near 0.5 cycles/px.
+Convention: the scene is what a pinhole camera of the same focal length and axis sees. Where the lens sees further,
+the picture is black, whatever its border: a mirrored object would have no label.
+Displacements are by :mod:`blurnoise.blur.resampling`, which loses what is near 0.5 cycles/px.
 """
 
 from __future__ import annotations
@@ -66,8 +67,11 @@ class Distortion(_OverTheField):
         return _displaced(lens.farthest_px(at.camera.field))
 
     def apply(self, light: Tensor, at: Conditions[Tensor], border: Border) -> Tensor:
-        x, y = lens.sources(at.camera.field, _size(light))
-        return resampling.sampled(light, x, y, border)
+        size = _size(light)
+        x, y = lens.sources(at.camera.field, size)
+        seen = resampling.sampled(light, x, y, border)
+        inside = lens.inside(at.camera.field, size)
+        return seen if inside is None else seen * torch.from_numpy(inside).to(seen)
 
     def how(self, at: Conditions[float]) -> str:
         shape, farthest_px = at.camera.lens.distortion, lens.farthest_px(at.camera.field)
@@ -77,6 +81,9 @@ class Distortion(_OverTheField):
         field = at.camera.field
         moved = field.moved_boxes(boxes_xyxy.detach().cpu().double().numpy(), at.size or field.size)
         return torch.from_numpy(moved).to(boxes_xyxy)
+
+    def origins(self, points: Floats, at: Conditions[float]) -> Floats:
+        return at.camera.field.seen(points, at.size or at.camera.field.size)
 
 
 class LateralColour(_OverTheField):

@@ -19,10 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from blurnoise._core.borders import Border, Window
+from blurnoise._core.borders import Border, Window, folded
 from blurnoise._core.threads import differentiable
 from blurnoise.blur import layers
-from blurnoise.blur.displacement import Displacement, Readout
+from blurnoise.blur.displacement import Displacement, Floats, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion, plane_of
 from blurnoise.blur.rows import translated
 from blurnoise.blur.sub_exposures import SPACING_PX
@@ -240,6 +240,19 @@ class RollingShutter(_Moving):
         top, bottom = moves.seen_rows(top), moves.seen_rows(bottom)
         x, _ = moves.mean_px((top + bottom) / 2)
         return torch.from_numpy(np.stack([left + x, top, right + x, bottom], 1) + 0.5).to(boxes_xyxy)
+
+    def origins(self, points: Floats, at: Conditions[float]) -> Floats:
+        """Points less the mean motion in their rows; of points beyond the picture, those of its mirror image."""
+        if not at.camera.row_time_s:
+            return points
+        moves = displacement(at)
+        rows, size = np.arange(float(moves.readout.rows)), at.size or at.camera.field.size
+        by = np.stack([np.interp(points[1], rows, along) for along in moves.mean_px(rows)])
+        if at.flow_px is not None:
+            flow, _ = replace(moves, even_px=at.flow_px[0]).even(Window(0, 0, *size))
+            by = by + flow.numpy()
+        at_rest = torch.from_numpy(points - by)
+        return torch.stack([folded(at_rest[axis], size[1 - axis], "reflect") for axis in (0, 1)]).numpy()
 
     def sweep_boxes(self, boxes_xyxy: Tensor, at: Conditions[float]) -> Tensor:
         """What boxes cover while their rows are exposed, one after another."""

@@ -218,7 +218,7 @@ class Field:
 
     def heights(self, size: Size) -> Floats:
         """Relative field heights (H, W): 0 on the axis, 1 at the corner of the sensor about its centre."""
-        points = _pixels(size)
+        points = pixels(size)
         away = np.hypot(*(points - self._axis_px(points, size)))
         return np.asarray(away / (self.corner_px * self.per_sensor_px(size)))
 
@@ -236,6 +236,10 @@ class Field:
     def moved(self, points: Floats, size: Size) -> Floats:
         """Points of the pinhole's picture after the lens."""
         return self.imaged(self._pinhole_directions(points, size), size) if self.lens.distortion else points
+
+    def seen(self, points: Floats, size: Size) -> Floats:
+        """Points of the pinhole's picture that points of the picture see, the inverse of :meth:`moved`."""
+        return self._pinhole_points(self.directions(points, size), size)
 
     def moved_boxes(self, boxes_xyxy: Floats, size: Size) -> Floats:
         """Boxes (N, 4) of the scene, between the pixels' edges, as the lens images them."""
@@ -269,7 +273,7 @@ def farthest_px(field: Field) -> float:
     (height, width), share = field.size, np.linspace(0.0, 1.0, _COARSE)
     points = np.stack(np.meshgrid(share * width - 0.5, share * height - 0.5))
     try:
-        seen = field._pinhole_points(field.directions(points, field.size), field.size)
+        seen = field.seen(points, field.size)
     except ValueError as error:
         raise ValueError(f"lens.distortion: {error}") from None
     return float(np.hypot(*(seen - points)).max())
@@ -282,7 +286,7 @@ def light(field: Field, size: Size) -> Floats:
     if curve is not None:
         per_unit = 1.0 if curve.unit == "relative" else 1 / (field.corner_px * field.pixel_pitch_um / 1e3)
         return np.interp(field.heights(size), np.multiply(curve.heights, per_unit), curve.values)
-    x, y = field.directions(_pixels(size), size)
+    x, y = field.directions(pixels(size), size)
     return np.asarray((1 + x * x + y * y) ** (-field.lens.falloff_power / 2))
 
 
@@ -297,17 +301,27 @@ def least_light(field: Field) -> float:
 @lru_cache(maxsize=2)
 def sources(field: Field, size: Size) -> Floats:
     """Points (2, H, W) of the pinhole's picture that the pixels see."""
-    return field._pinhole_points(field.directions(_pixels(size), size), size)
+    return field.seen(pixels(size), size)
+
+
+@lru_cache(maxsize=2)
+def inside(field: Field, size: Size) -> Floats | None:
+    """Share (H, W) of each pixel that sees the pinhole's picture; None where every pixel sees it entirely."""
+    x, y = sources(field, size)
+    shares = np.ones(size)
+    for places, length in ((x, size[1]), (y, size[0])):
+        shares *= np.clip(np.minimum(places + 1, length - places), 0, 1)
+    return None if (shares == 1).all() else shares
 
 
 @lru_cache(maxsize=4)
 def larger(field: Field, share: float, size: Size) -> Floats:
     """Points (2, H, W) of the picture that the pixels of one larger by ``share`` show."""
-    points = _pixels(size)
+    points = pixels(size)
     axis = field._axis_px(points, size)
     return np.asarray(axis + (points - axis) / (1 + share))
 
 
-def _pixels(size: Size) -> Floats:
+def pixels(size: Size) -> Floats:
     """The pixels' centres (2, H, W)."""
     return np.stack(np.meshgrid(np.arange(float(size[1])), np.arange(float(size[0]))))

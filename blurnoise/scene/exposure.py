@@ -13,13 +13,15 @@ import torch
 from torch import Tensor
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, boxes, integer, limited, one_of, picture_size, shown
+from blurnoise._core.checks import an_instance, boxes, finite, integer, limited, one_of, picture_size, shown
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics.camera import Amplified, Camera
+from blurnoise.optics.lens import pixels
+from blurnoise.optics.spectra import Floats
 
 Moves = Literal["all", "targets", "background"]
 MOVES: tuple[Moves, ...] = get_args(Moves)
@@ -93,6 +95,25 @@ class Exposure:
         """Swept boxes (N, 4), px, of boxes (N, 4) of the scene; they may extend beyond the picture."""
         return self._boxes(boxes_xyxy, size, swept=True)
 
+    def move_points(self, points: Tensor, size: tuple[int, int] | None = None) -> Tensor:
+        """Points (N, 2) of the scene, px from the picture's corner, at mid-exposure, as :meth:`move_boxes` does."""
+        points = finite("points", points)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise ValueError(f"points: shape must be (N, 2), got {tuple(points.shape)}")
+        return self._boxes(points.repeat(1, 2), size, swept=False)[:, :2]
+
+    def origins(self, size: tuple[int, int] | None = None) -> Floats:
+        """Points (2, H, W) of the scene that a picture's pixels show, x and y in px from the centre of the first one.
+
+        The inverse of :meth:`move_points`, at mid-exposure; beyond the scene where the lens sees further.
+        """
+        size = picture_size("size", size or self.camera.field.size)
+        at = self._at(size)
+        if self.drives:
+            flow = self.vehicle.flow_px_s(self.camera, size, self.ego_speed_m_s).double() * self.exposure_s
+            at = replace(at, flow_px=flow[None])
+        return effects.origins(pixels(size), at)
+
     def displacements_px(self, places: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Motion (N, 2) during the exposure, px, at places (N, 2) of a picture (H, W), by default the sensor's.
 
@@ -100,9 +121,11 @@ class Exposure:
         """
         moved = places.double().new_tensor(self.velocity_px_s).expand(len(places), 2)
         if self.drives:
-            pixels = places.detach().cpu().double().numpy().T - 0.5
+            points = places.detach().cpu().double().numpy().T - 0.5
             of = size or self.camera.field.size
-            flow = self.vehicle.flow_at(pixels, self.camera, of, self.ego_speed_m_s)
+            if self.camera.lens.displaces:  # which is known in the picture only
+                points = points.clip(-0.5, [[of[1] - 0.5], [of[0] - 0.5]])
+            flow = self.vehicle.flow_at(points, self.camera, of, self.ego_speed_m_s)
             moved = torch.from_numpy(flow.T).to(moved)
         return (moved * self.exposure_s).to(places)
 
@@ -118,10 +141,7 @@ class Exposure:
         """Boxes (N, 4) after the effects; if the motion differs over the picture, the hull of corners and middles."""
         boxes_xyxy = boxes("boxes_xyxy", boxes_xyxy)
         size = None if size is None else picture_size("size", size)
-        x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
-        paths = (self.trajectory,) if self.trajectory else ()
-        numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)  # whatever the light
-        at = Conditions(self.camera, *numbers, size=size, trajectories=paths)
+        at = self._at(size)
         if not self.drives or not len(boxes_xyxy):
             return effects.moved_boxes(boxes_xyxy, at, swept=swept)
         thirds = boxes_xyxy.new_tensor(_THIRDS)
@@ -138,3 +158,10 @@ class Exposure:
             each = torch.cat([effects.moved_boxes(place, one, swept=swept) for place, one in ats])
         each = each.view(-1, 9, 4)
         return torch.cat([each[..., :2].amin(1), each[..., 2:].amax(1)], 1)
+
+    def _at(self, size: tuple[int, int] | None) -> Conditions[float]:
+        """The conditions of the targets, whatever the light and the flow."""
+        x, y = (speed * self.exposure_s for speed in self.of_targets().velocity_px_s)
+        paths = (self.trajectory,) if self.trajectory else ()
+        numbers = self.exposure_s, self.temperature_c, math.nan, (x, y)
+        return Conditions(self.camera, *numbers, size=size, trajectories=paths)

@@ -6,33 +6,125 @@ type, uint8 rounded. C is 1 or 3.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from blurnoise._core.checks import one_of, shown
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise._core.checks import LARGEST_PICTURE, integer, one_of, picture_size, real_tensor, shown
+from blurnoise.training.labels import boxes_after, keypoints_after, masks_after, of_targets
+from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import Cameras
 
 Array = NDArray[Any]
+CHANNELS = ("rgb", "bgr")
 
 
 def expose_numpy(image: Array, camera: Cameras, *, channels: str = "rgb", **conditions: Any) -> Array:
-    """Take pictures with a camera: :func:`blurnoise.training.augmentation.expose_pictures` for arrays.
+    """Take pictures with a camera: :func:`blurnoise.training.pictures.expose_pictures` for arrays.
 
     image: (H, W), (H, W, C) or (B, H, W, C), uint8 or float in [0, 1]. channels: their order, "rgb" or, as OpenCV
     and Ultralytics have it, "bgr". conditions: the other arguments of ``expose_pictures``, at least exposure_s and
     illuminance_lux; masks are (B, N, H, W), arrays or tensors. Returns an array of image's shape and type. Raises
     ``TypeError`` or ``ValueError`` naming the argument.
     """
-    one_of("channels", channels, ("rgb", "bgr"))
-    if conditions.get("masks") is not None:
-        conditions["masks"] = _masks(conditions["masks"])
-    seen = expose_pictures(_flipped(to_tensor(image), channels), camera, **conditions)
-    return to_array(_flipped(seen, channels), image)
+    one_of("channels", channels, CHANNELS)
+    return exposed(image, channels=channels, camera=camera, **_masked(conditions))
+
+
+class Labels(NamedTuple):
+    """Labels of pictures, those that there are."""
+
+    boxes: Array | None = None
+    keypoints: Array | None = None
+    label_masks: Array | None = None
+
+
+def labels_numpy(
+    shape: tuple[int, ...],
+    camera: Cameras,
+    *,
+    boxes: Array | None = None,
+    keypoints: Array | None = None,
+    label_masks: Array | None = None,
+    grow_boxes: bool = False,
+    **conditions: Any,
+) -> Labels:
+    """The labels of :func:`expose_numpy`'s pictures under the same camera and conditions, at mid-exposure.
+
+    shape: of the pictures, (H, W), (H, W, C) or (B, H, W, C). boxes: (N, 4), x0, y0, x1, y1 in px from the corner of
+    the picture. keypoints: (N, 2), x, y in px from the centre of the first pixel. label_masks: (H, W) or (..., H, W)
+    of any type. For shapes with B each label has an axis B before. grow_boxes: boxes cover what their targets sweep.
+
+    Returns the labels that were given, as :mod:`blurnoise.training.labels` says, in the same shapes; boxes and
+    keypoints are float64. Raises ``TypeError`` or ``ValueError`` naming the argument.
+
+    Example: a rolling shutter displaces what is far from the middle row.
+
+    >>> import numpy as np
+    >>> from blurnoise import labels_numpy
+    >>> at = {"exposure_s": 0.01, "speed_px_s": 1000.0}
+    >>> labels_numpy((240, 320), "ar0237", keypoints=np.array([[160.0, 10.0]]), **at).keypoints.round(1)
+    array([[148.8,  10. ]])
+    """
+    axes, size = _axes_of(shape)
+    by = list(of_targets(axes[0] if axes else 1, camera, **_masked(conditions)))
+
+    def known(name: str, label: Any, *last: int) -> Tensor:
+        """A label with an axis of pictures."""
+        if name != "label_masks":
+            tensor = real_tensor(name, label).double()
+        elif isinstance(label, np.ndarray) and label.dtype.kind in "biuf":
+            tensor = torch.from_numpy(np.ascontiguousarray(label))
+        else:
+            raise TypeError(f"{name} = {shown(label)}: must be an array of numbers")
+        before = tensor.ndim - len(axes) - len(last)
+        fits = before == 1 if len(last) == 1 else before >= 0
+        if not fits or tuple(tensor.shape[: len(axes)]) != axes or tuple(tensor.shape[-len(last) :]) != last:
+            must = ", ".join(map(str, (*axes, "N" if len(last) == 1 else "...", *last)))
+            raise ValueError(f"{name}: shape must be ({must}), got {tuple(tensor.shape)}")
+        return tensor if axes else tensor[None]
+
+    def given(moved: Tensor) -> Array:
+        found: Array = (moved if axes else moved[0]).numpy()
+        return found
+
+    found: dict[str, Array] = {}
+    if boxes is not None:
+        found["boxes"] = given(boxes_after(known("boxes", boxes, 4), by, size, grow=grow_boxes))
+    if keypoints is not None:
+        found["keypoints"] = given(keypoints_after(known("keypoints", keypoints, 2), by, size))
+    if label_masks is not None:
+        found["label_masks"] = given(masks_after(known("label_masks", label_masks, *size), by))
+    return Labels(**found)
+
+
+def _axes_of(shape: Any) -> tuple[tuple[int, ...], tuple[int, int]]:
+    """The axis of pictures, if there is one, and their size, of the shape of an array of pictures."""
+    sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
+    if len(sides) not in (2, 3, 4):
+        raise ValueError(f"shape = {shown(shape)}: must be (H, W), (H, W, C) or (B, H, W, C)")
+    several = len(sides) == 4
+    return tuple(integer("shape", n, 1, LARGEST_PICTURE) for n in sides[:several]), picture_size(
+        "shape", sides[several:][:2]
+    )
+
+
+def exposed(image: Array, *, channels: str, **conditions: Any) -> Array:
+    """Pictures (H, W), (H, W, C) or (B, H, W, C) under arguments of ``expose_pictures``."""
+    return to_array(
+        _flipped(expose_pictures(_flipped(to_tensor(image), channels), **conditions), channels), image
+    )
+
+
+def _masked(conditions: dict[str, Any]) -> dict[str, Any]:
+    """The conditions, masks as a tensor."""
+    if conditions.get("masks") is None:
+        return conditions
+    return {**conditions, "masks": _masks(conditions["masks"])}
 
 
 def _masks(given: object) -> Tensor:

@@ -23,39 +23,30 @@ except RuntimeError as error:  # "operator torchvision::nms does not exist"
 
 from blurnoise._core import rng
 from blurnoise._core.checks import in_range, one_of
-from blurnoise.optics.colour import PictureTone, picture_tone
-from blurnoise.sensor.readout import Fidelity
-from blurnoise.training.augmentation import OverConditions, boxes_after
+from blurnoise.training.augmentation import OverConditions
+from blurnoise.training.labels import boxes_after, keypoints_after, masks_after
 from blurnoise.training.ranges import Cameras, ExposureRanges
+
+_POINTS = getattr(tv_tensors, "KeyPoints", tv_tensors.Mask)  # from torchvision 0.23 on
+_LABELS = (tv_tensors.BoundingBoxes, tv_tensors.Mask, _POINTS)
 
 
 class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # torchvision is not followed by mypy
     """:class:`blurnoise.RandomExposure` for torchvision's v2, with the same ranges, ``p`` and defaults.
 
-    Boxes stay unchanged or, with ``grow_boxes``, grow to the swept boxes, in whole pixels if they are integers; masks
-    and keypoints stay unchanged. ``make_params`` draws everything, the noise seed included, from torch's generator:
+    Boxes, keypoints and masks (of a video, of all its frames) are as at mid-exposure
+    (:mod:`blurnoise.training.labels`), in whole pixels if they are integers; ``grow_boxes`` grows boxes to the swept
+    boxes. ``make_params`` draws everything, the noise seed included, from torch's generator:
     ``transform`` with the same parameters gives the same bits. With ``moves`` all masks of a sample, (N, H, W) within
     [0, 1], are its targets, in every frame of a video.
 
     Raises ``TypeError`` or ``ValueError`` naming the argument, its value and what is allowed; ``TypeError`` for
-    pictures that are neither uint8 nor float, and for rotated boxes with ``grow_boxes``.
+    pictures that are neither uint8 nor float, and for rotated boxes that would have to move.
     """
 
-    def __init__(
-        self,
-        camera: Cameras = ExposureRanges.camera,
-        *,
-        encoding: PictureTone = "srgb",
-        fidelity: Fidelity = "auto",
-        grow_boxes: bool = False,
-        p: float = 0.5,
-        **ranges: Any,
-    ) -> None:
+    def __init__(self, camera: Cameras = ExposureRanges.camera, *, p: float = 0.5, **options: Any) -> None:
         super().__init__()
-        self.ranges = ExposureRanges(camera, **ranges)
-        self.encoding = picture_tone(encoding)
-        self.fidelity = one_of("fidelity", fidelity, ("auto", "full"))
-        self.grow_boxes = grow_boxes
+        self.set_conditions(camera, **options)
         self.p = in_range("p", p, 0.0, 1.0)
 
     def extra_repr(self) -> str:
@@ -72,11 +63,11 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         return drawn
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
-        """One input under ``params``: an image or video exposed, boxes grown if asked for, all else as it is."""
+        """One input under ``params``: an image or video exposed, labels at mid-exposure, all else as it is."""
         if not params["applies"]:
             return inpt
-        if isinstance(inpt, tv_tensors.BoundingBoxes):
-            return self._moved(inpt, params) if self._moves_boxes(self.grow_boxes) else inpt
+        if isinstance(inpt, _LABELS):
+            return self._label(inpt, params)
         if isinstance(inpt, PIL.Image.Image):
             one_of("image: PIL mode", inpt.mode, ("L", "RGB"))
             picture = v2.functional.pil_to_tensor(inpt)
@@ -94,19 +85,40 @@ class RandomExposureV2(OverConditions, v2.Transform):  # type: ignore[misc]  # t
         frames = (picture.float() / 255 if coded else picture).reshape(-1, *picture.shape[-3:])
         noise = torch.Generator().manual_seed(int(params["noise_seed"]))
         seeds = rng.item_seeds(noise, len(frames))
-        exposed = self._exposed(frames, params, [0] * len(frames), seeds, vars(self)).view(picture.shape)
+        exposed = self._exposed(frames, params, [0] * len(frames), seeds, self.flags).reshape(picture.shape)
         return exposed.mul(255).round().to(torch.uint8) if coded else exposed
 
-    def _moved(self, boxes: Any, params: dict[str, Any]) -> Any:
+    def _label(self, label: Any, params: dict[str, Any]) -> Any:
+        """A mask, keypoints or boxes at mid-exposure."""
+        if isinstance(label, tv_tensors.BoundingBoxes):
+            moves = self.flags["grow_boxes"] or self._moves_labels
+            return tv_tensors.wrap(self._boxes(label, params), like=label) if moves else label
+        if not self._moves_labels:
+            return label
+        plain, by = label.as_subclass(Tensor), self._taken(params)
+        if isinstance(label, tv_tensors.Mask):
+            return tv_tensors.wrap(masks_after(plain[None], by)[0], like=label)
+        points = plain.reshape(1, -1, 2).double()
+        moved = keypoints_after(points, by, label.canvas_size).view(plain.shape)
+        return tv_tensors.wrap((moved if plain.is_floating_point() else moved.round()).to(plain), like=label)
+
+    def _boxes(self, boxes: Any, params: dict[str, Any]) -> Tensor:
         if boxes.format.value not in ("XYXY", "XYWH", "CXCYWH"):
-            raise TypeError(f"boxes: rotated boxes ({boxes.format.value}) cannot grow; use grow_boxes=False")
+            cause = "grow_boxes" if self.flags["grow_boxes"] else "a rolling shutter or distortion"
+            raise TypeError(
+                f"boxes: rotated boxes ({boxes.format.value}) cannot be moved by {cause}; must be upright"
+            )
         upright = tv_tensors.BoundingBoxFormat.XYXY
         edges = v2.functional.convert_bounding_box_format(boxes, new_format=upright).as_subclass(Tensor)
+        by = self._taken(params)
         moved = boxes_after(
-            edges.reshape(1, -1, 4).double(), params, self.ranges, boxes.canvas_size, grow=self.grow_boxes
-        ).view_as(edges)
+            edges.reshape(1, -1, 4).double(), by, boxes.canvas_size, grow=self.flags["grow_boxes"]
+        )
+        moved = moved.view_as(edges)
         if not edges.is_floating_point():  # whole pixels that hold them
             moved = torch.cat([moved[..., :2].floor(), moved[..., 2:].ceil()], -1)
-        moved = moved.to(edges)
-        back = v2.functional.convert_bounding_box_format(moved, old_format=upright, new_format=boxes.format)
-        return tv_tensors.wrap(back, like=boxes)
+        back = v2.functional.convert_bounding_box_format(
+            moved.to(edges), old_format=upright, new_format=boxes.format
+        )
+        plain: Tensor = back.as_subclass(Tensor)
+        return plain

@@ -16,7 +16,7 @@ from blurnoise import AutoExposure, Camera, charts, metrics
 from blurnoise.metrics import information, patches, slanted_edge
 from blurnoise.optics.camera import staggered
 from blurnoise.scene.hdr import captured, pictures
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 
 CAMERA = Camera.preset("imx250")
 PICTURES = torch.rand(2, 3, 24, 31, generator=torch.Generator().manual_seed(1))
@@ -95,6 +95,7 @@ CALLS: list[tuple[Callable[..., Any], Mapping[str, Any]]] = [
     (blurnoise.Capture, {"exposure_ratio": 4.0, "gain_db": 6.0}),
     (blurnoise.Pwm, {"frequency_hz": 90.0, "duty": 0.1, "phase": 0.5}),
     (blurnoise.expose_numpy, {"image": np.zeros((2, 24, 31, 3), np.uint8), **LIT, "generator": [1, 2]}),
+    (blurnoise.labels_numpy, {"shape": (24, 31), **LIT, "keypoints": np.zeros((1, 2)), "boxes": np.ones((1, 4))}),
     (expose_pictures, {"image": PICTURES, **LIT, **DIRECTED, "generator": [1, 2]}),
     (slanted_edge, MEASURING),
     (charts.flat_patch, {"height_px": 5, "width_px": 5, "reflectance": 0.2}),

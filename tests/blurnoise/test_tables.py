@@ -11,6 +11,7 @@ from made_up import ColumnNoise, Pedestal, Shift, Veil
 from blurnoise import Camera, ExposedScene, Exposure, RandomExposure, photoelectrons, plan, simulate
 from blurnoise._core import threads
 from blurnoise.light import effects
+from blurnoise.light.effect import LightEffect
 from blurnoise.optics.camera import DARK_NOISE
 from blurnoise.picture.develop import develop_8bit
 from blurnoise.sensor import readout, stages
@@ -123,6 +124,12 @@ def test_a_scene_and_simulate_give_the_same_bits_with_new_entries(monkeypatch):
         assert torch.equal(torch.from_numpy(frame.picture), expected)
         moved = exposure.move_boxes(torch.tensor([[1.0, 2.0, 3.0, 4.0]]))
         assert moved.tolist() == [[21.0, 12.0, 23.0, 14.0]]
+
+
+def test_what_moves_boxes_moves_masks():
+    for effect in effects.EFFECTS:
+        own = type(effect)
+        assert (own.move_boxes is LightEffect.move_boxes) == (own.origins is LightEffect.origins), effect.name
 
 
 @pytest.mark.parametrize("noise", [True, False])

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from blurnoise._core import rng
@@ -39,6 +40,9 @@ class Shift(LightEffect):
 
     def move_boxes(self, boxes_xyxy, at):
         return boxes_xyxy + boxes_xyxy.new_tensor([*self.by_px, *self.by_px])
+
+    def origins(self, points, at):
+        return points - np.reshape(self.by_px, (2, *[1] * (points.ndim - 1)))
 
 
 class Pedestal(SensorStage):

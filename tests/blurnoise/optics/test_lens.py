@@ -11,6 +11,7 @@ import torch
 import yaml
 
 from blurnoise import Camera, plan, simulate
+from blurnoise._core.borders import BORDERS
 from blurnoise.blur.over_the_field import TOLERANCE
 from blurnoise.light import effects
 from blurnoise.light.conditions import Conditions
@@ -286,6 +287,26 @@ def test_distortion_shows_the_scene_where_the_field_says():
     inside = torch.from_numpy((source_x > 12) & (source_x < W - 13) & (source_y > 12) & (source_y < H - 13))
     assert float((seen - scene(source_x, source_y))[inside].abs().max()) < 1e-4
     assert float((source_x - x.numpy()).max()) > 3
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_beyond_the_scene_is_black(border):
+    """A dot at the edge stays one under barrel distortion, and all that a pincushion shows is of the scene."""
+    barrel = of(Lens(distortion=Distortion("opencv", (-0.2, 0.0, 0.0, 0.0))))
+    dot = torch.zeros(1, 1, H, W)
+    dot[..., 4:9, 4:9] = 1.0
+    seen = effects.through(dot, at(barrel), border=border)[0, 0].numpy()
+    regions, _ = cv2.connectedComponents((seen > 0.3).astype(np.uint8))
+    assert regions == 2  # one, and what is around it
+    x, y = lenses.sources(barrel.field, (H, W))
+    beyond = (x < -1) | (x > W) | (y < -1) | (y > H)
+    white = effects.through(torch.ones_like(dot), at(barrel), border=border)[0, 0].numpy()
+    assert beyond.mean() > 0.1
+    assert not white[beyond].any()
+    inside = (x > 0) & (x < W - 1) & (y > 0) & (y < H - 1)
+    assert np.abs(white - 1)[inside].max() < (0.3 if border == "constant" else 1e-5)
+    pincushion = of(Lens(distortion=Distortion("opencv", (0.2, 0.0, 0.0, 0.0))))
+    assert lenses.inside(pincushion.field, (H, W)) is None
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 9), (7, 5)])

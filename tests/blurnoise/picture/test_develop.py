@@ -18,7 +18,7 @@ from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.picture import steps
 from blurnoise.picture.develop import develop_8bit, in_channels, tabulated
 from blurnoise.picture.steps import demosaic
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 
 CAMERA = replace(Camera.preset("ar0237"), black_level_dn=64.0)
 NUMBERS = torch.arange(0, CAMERA.full_scale_dn + 1, 7)[None, None]

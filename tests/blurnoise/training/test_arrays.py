@@ -1,4 +1,4 @@
-"""NumPy pictures: one function, and the transform for albumentations, beside Kornia's augmentation."""
+"""NumPy pictures: one function, beside that for tensors."""
 
 import os
 import subprocess
@@ -8,25 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from kornia.geometry.boxes import Boxes
 
-from blurnoise import RandomExposure
 from blurnoise.training.arrays import expose_numpy
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 
 TAKEN: dict[str, Any] = {"exposure_s": 0.01, "illuminance_lux": 100.0}
-FAST: dict[str, Any] = {"speed_px_s": (500.0, 1000.0), "exposure_s": (0.01, 0.02), "grow_boxes": True}
 
 
 @pytest.fixture
 def picture():
     return np.random.default_rng(1).integers(0, 256, (45, 63, 3)).astype(np.uint8)
-
-
-@pytest.fixture
-def albumentations(monkeypatch):
-    monkeypatch.setitem(os.environ, "NO_ALBUMENTATIONS_UPDATE", "1")
-    return pytest.importorskip("albumentations", reason="albumentations is not installed")
 
 
 @pytest.mark.parametrize("kind", ["uint8", "float32", "float64"])
@@ -62,49 +53,6 @@ def test_the_order_of_channels_is_stated(picture):
 def test_other_arrays_are_refused(image, options, words):
     with pytest.raises((TypeError, ValueError), match=words):
         expose_numpy(image, "imx250c", **TAKEN, **options)
-
-
-def test_albumentations_grows_boxes_as_kornia_does(albumentations, picture):
-    from blurnoise import albumentations as ours
-
-    boxes = albumentations.BboxParams("pascal_voc", label_fields=["labels"])
-    transform = ours.RandomExposure(p=1.0, **FAST)
-    keypoints = albumentations.KeypointParams("xy")
-    compose = albumentations.Compose([transform], bbox_params=boxes, keypoint_params=keypoints, seed=3)
-    mask = (picture[..., 0] > 99).astype(np.uint8)
-    seen = compose(image=picture, bboxes=[[20, 10, 50, 30]], labels=[1], mask=mask, keypoints=[(5, 6)])
-    assert not np.array_equal(seen["image"], picture)
-    assert np.array_equal(seen["mask"], mask)
-    assert np.array_equal(seen["keypoints"], [[5, 6]])
-    kornia = RandomExposure(p=1.0, **FAST)
-    params = {**kornia.forward_parameters(torch.Size([1, 3, 45, 63])), **transform.params["drawn"]}
-    last = Boxes.from_tensor(torch.tensor([[[20.0, 10.0, 50.0, 30.0]]]), mode="xyxy")
-    wanted = kornia.transform_boxes(last, params, kornia.flags).data[0, 0]
-    assert seen["bboxes"][0] == pytest.approx(
-        [*wanted[0].tolist(), *(wanted[2] + 1).tolist()], abs=1e-4
-    )  # last px
-    assert wanted[0, 0] < 19.9 or wanted[0, 1] < 9.9
-
-
-@pytest.mark.parametrize("kind", ["uint8", "float32"])
-def test_albumentations_seeds_and_replays(albumentations, picture, kind):
-    from blurnoise import albumentations as ours
-
-    given = picture if kind == "uint8" else (picture / 255).astype(kind)
-
-    def compose(seed):
-        return albumentations.Compose([ours.RandomExposure(p=1.0, moves="targets", **FAST)], seed=seed)
-
-    target = np.zeros((45, 63), np.uint8)
-    target[10:30, 20:50] = 1
-    seen = compose(4)(image=given, masks=[target])["image"]
-    assert seen.dtype == given.dtype
-    assert np.array_equal(compose(4)(image=given, masks=[target])["image"], seen)
-    assert not np.array_equal(compose(5)(image=given, masks=[target])["image"], seen)
-    replayed = albumentations.ReplayCompose([ours.RandomExposure("imx250c", p=1.0, **FAST)])
-    first = replayed(image=given)
-    again = albumentations.ReplayCompose.replay(first["replay"], image=given)
-    assert np.array_equal(again["image"], first["image"])
 
 
 def test_a_torchvision_of_another_build_is_named(tmp_path):

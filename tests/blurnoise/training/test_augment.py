@@ -13,7 +13,8 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from blurnoise import AutoExposure, Camera, develop, simulate
-from blurnoise.training.augmentation import RandomExposure, expose_pictures
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.pictures import expose_pictures
 
 TWO = ("imx250", "ar0237")
 LIT: dict[str, Any] = {"exposure_s": 0.02, "illuminance_lux": 80.0}

@@ -15,7 +15,7 @@ from blurnoise.light.flicker import Flicker, Pwm
 from blurnoise.optics.camera import Capture, staggered
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 
 IMX250 = Camera.preset("imx250")

@@ -20,7 +20,9 @@ from blurnoise import Camera, develop, simulate
 from blurnoise.motion.ego import Vehicle
 from blurnoise.optics.colour import linear_from_srgb
 from blurnoise.scene import cutting
-from blurnoise.training.augmentation import RandomExposure, expose_pictures, velocity_px_s
+from blurnoise.training.augmentation import RandomExposure
+from blurnoise.training.labels import velocity_px_s
+from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges, shakes
 
 SIZE = (46, 63)
@@ -273,13 +275,20 @@ def test_boxes_grow_only_with_their_picture():
     assert torch.equal(grown[~chosen], boxes[~chosen])
 
 
-def test_frames_of_a_video_share_their_conditions_and_noise():
+def test_frames_of_a_video_share_their_conditions_and_not_their_noise():
     """Kornia gives all frames of a clip the same parameters, unless it is asked not to."""
     torch.manual_seed(1)
     aug = RandomExposure(p=0.6)
     clip = torch.rand(4, 1, 3, 12, 14).expand(4, 5, 3, 12, 14)
-    out = VideoSequential(aug, data_format="BTCHW", same_on_frame=True)(clip)
-    assert torch.equal(out, out[:, :1].expand_as(out))
+    video = VideoSequential(aug, data_format="BTCHW", same_on_frame=True)
+    out = video(clip)
+    assert torch.equal(video(clip, params=video._params), out)
+    changed_clips = [
+        each for each in out if not torch.equal(each, clip[0]) and not torch.equal(each[0], each[1])
+    ]
+    assert changed_clips
+    bright = [{*map(float, each.flatten(1).mean(1))} for each in changed_clips]
+    assert all(len(means) == 5 and max(means) - min(means) < 0.05 for means in bright)
     changed = (out != clip).flatten(1).any(1)
     assert 0 < int(changed.sum()) < 4
     apart = VideoSequential(

@@ -14,7 +14,7 @@ from torch import Tensor
 from blurnoise._core import rng
 from blurnoise.light import effects
 from blurnoise.motion.ego import Vehicle
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import DRAWN
 from blurnoise.training.table import ExposureTable
 

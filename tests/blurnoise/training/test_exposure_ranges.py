@@ -16,7 +16,7 @@ from torch import Tensor
 
 from blurnoise import Camera, RandomExposure, photoelectrons
 from blurnoise.scene.metering import AutoExposure
-from blurnoise.training.augmentation import expose_pictures
+from blurnoise.training.pictures import expose_pictures
 from blurnoise.training.ranges import ExposureRanges
 from blurnoise.training.table import FILE, Condition, ExposureTable
 
