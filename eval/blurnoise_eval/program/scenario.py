@@ -172,8 +172,18 @@ class Limits(AutoExposure):
     @cached_property
     def shortest_s(self) -> float:
         """The shortest exposure that the rules allow."""
-        least = max(self._period_s, LED_S if self.led else 0.0, self.row_time_s, self.least_exposure_s)
         unit_s = self._period_s or self.row_time_s
+        least = max(self._period_s, self.first_s)
+        return math.ceil(least / unit_s - _STEP) * unit_s if unit_s else least
+
+    @cached_property
+    def first_s(self) -> float:
+        """The shortest exposure in light in which a period of the mains is too long: there flicker is less of a fault
+        than white."""
+        least, unit_s = (
+            max(LED_S if self.led else 0.0, self.row_time_s, self.least_exposure_s),
+            self.row_time_s,
+        )
         return math.ceil(least / unit_s - _STEP) * unit_s if unit_s else least
 
     def settled(self, exposure_s: float) -> float:
