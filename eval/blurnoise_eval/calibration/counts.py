@@ -33,7 +33,7 @@ class Scale(NamedTuple):
         """The converter's counts of a file's numbers."""
         if self.bits:
             return np.rint(plane * ((2**self.bits - 1) / 65535)).astype(np.uint16)
-        return plane // self.step
+        return plane if self.step == 1 else np.asarray(plane // self.step, np.uint16)
 
     @property
     def text(self) -> str:
@@ -44,27 +44,27 @@ class Scale(NamedTuple):
         return f"all numbers are multiples of {self.step}{top}" if self.step > 1 else ""
 
 
-class Held(NamedTuple):
+class Numbers(NamedTuple):
     """The numbers that a frame holds, rising, but for the greatest of its type, at which drivers clip."""
 
     name: str
-    numbers: NDArray[np.uint16]
+    values: NDArray[np.uint16]
 
     @classmethod
-    def by(cls, name: str, plane: Plane) -> Held:
+    def by(cls, name: str, plane: Plane) -> Numbers:
         """Of a frame."""
         top = np.iinfo(plane.dtype).max
         return cls(name, np.flatnonzero(np.bincount(plane.ravel())[:top]).astype(np.uint16))
 
 
-def scale_of(frames: Sequence[Held]) -> Scale:
+def scale_of(frames: Sequence[Numbers]) -> Scale:
     """The scale of frames at one gain. Raises ``ValueError`` where some are stored in another one."""
-    whole = _of(np.unique(np.concatenate([frame.numbers for frame in frames])))
+    whole = _of(np.unique(np.concatenate([frame.values for frame in frames])))
     for frame in frames if not whole.bits else ():
-        own, count = _of(frame.numbers), len(frame.numbers)
+        own, count = _of(frame.values), len(frame.values)
         own = own if count > 2 and (own.bits or count * math.log2(own.step) >= _SURE) else whole
         if own.step > whole.step or (own.bits and not whole.bits):
-            other = next(each.name for each in frames if _of(each.numbers) != own)
+            other = next(each.name for each in frames if _of(each.values) != own)
             must = "save all frames with one program in one format"
             raise ValueError(f"{frame.name}: {own.text}, unlike those of {other}; {must}")
     return whole

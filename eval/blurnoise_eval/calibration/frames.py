@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
-from blurnoise_eval.calibration.counts import Held, check_wrapped, scale_of, together
+from blurnoise_eval.calibration.counts import Numbers, check_wrapped, scale_of, together
 from blurnoise_eval.calibration.formats import Plane as Plane
 from blurnoise_eval.calibration.formats import RawLayout, read_plane
 from blurnoise_eval.calibration.formats import refuse as refuse
@@ -76,12 +76,12 @@ class Folder:
             warmed = f"the temperature of the sensor varies from {min(celsius):g} to {max(celsius):g} °C"
             self.notes.append(f"{warmed}; the dark current is a mean over it")
         before = ""
-        held: dict[float, list[Held]] = {}
+        held: dict[float, list[Numbers]] = {}
         pictures: dict[int, Frame] = {}
         places: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
         for frame in (frame for frames in levels for frame in frames):
             plane = read_plane(frame.file, layout, frame.page)
-            held.setdefault(frame.gain_db, []).append(Held.by(str(frame.file), plane))
+            held.setdefault(frame.gain_db, []).append(Numbers.by(str(frame.file), plane))
             _check_new(plane, frame, pictures)
             if frame.kind == "dark":
                 check_wrapped(str(frame.file), plane)
