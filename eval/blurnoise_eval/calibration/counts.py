@@ -32,7 +32,7 @@ class Scale(NamedTuple):
     def counts(self, plane: Plane) -> Plane:
         """The converter's counts of a file's numbers."""
         if self.bits:
-            return np.rint(plane * ((2**self.bits - 1) / 65535)).astype(np.uint16)
+            return np.asarray(np.rint(plane * ((2**self.bits - 1) / 65535)), np.uint16)
         return plane if self.step == 1 else np.asarray(plane // self.step, np.uint16)
 
     @property

@@ -201,6 +201,8 @@ def _listed(source: Path, layout: RawLayout | None) -> Listing:
 def reader_of(source: Path) -> Any:
     """The ``csv.reader`` of a table: separated by commas, or by semicolons or tabs as its first line is."""
     lines = read_text(source).splitlines()
+    if lines and lines[0].lower().startswith("sep="):  # for Excel
+        return csv.reader(lines[1:], delimiter=lines[0][4:5] or ",", skipinitialspace=True)
     head = lines[0] if lines else ""
     separator = next((each for each in ";\t" if "," not in head and each in head), ",")
     return csv.reader(lines, delimiter=separator, skipinitialspace=True)

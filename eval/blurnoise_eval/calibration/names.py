@@ -18,15 +18,16 @@ _KINDS: Mapping[str, str] = {
     "offset": "dark", "zero": "dark",
 }  # fmt: skip
 """By word, the one that counts more first: a dark flat is dark, a flat through a filter called light a flat."""
+_OF_WHAT = ("twilight", "dome", "sky", "panel", "frame", "field")  # as in SKYFLAT and Flat Field
 _AVERAGED = ("master", "super", "stacked", "averaged", "average", "median", "mean", "avg")
-_WORDS = rf"(?:{'|'.join([*_AVERAGED, *_KINDS])})"
-_RUN = re.compile(rf"(?<![a-z])(?:{_WORDS}(?:es|s)?|frames?|fields?)+(?![a-z])")
+_WORDS = rf"(?:{'|'.join([*_OF_WHAT, *_AVERAGED, *_KINDS])})"
+_RUN = re.compile(rf"(?<![a-z])(?:{_WORDS}(?:es|s)?)+(?![a-z])")
 _OFFSET = re.compile(r"(?<=[ _-])(?:offset|zero)[ _-]*\d")  # N.I.N.A.'s _offset50_, beside the kind
 _UNITS = {"ns": 1e-9, "us": 1e-6, "μs": 1e-6, "usec": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0,
-          "secs": 1.0, "second": 1.0, "seconds": 1.0}  # fmt: skip
+          "secs": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0}  # fmt: skip
 _EXPOSURE = re.compile(
     r"(?:(?<![a-z\d.,])|(?<=exp)|(?<=exposure)|(?<=time))(?:(0|[1-9]\d{0,3})[_-](?=\d+[ _]?[a-zμ]))?"
-    rf"(\d+(?:[.,]\d+)?)[ _]?({'|'.join(sorted(_UNITS, key=len, reverse=True))})(?![a-z\d])"
+    rf"(\d+(?:[.,]\d+)?(?:e[+-]?\d+)?)[ _]?({'|'.join(sorted(_UNITS, key=len, reverse=True))})(?![a-z\d])"
 )
 _FITS = 0.1  # spread of signal over exposure, below which exposures are those of the light
 WAYS = ("number", "decimal", "fraction")
@@ -86,9 +87,9 @@ def exposure_of(name: str) -> Exposure | None:
         return None
     before, digits, unit = found.groups()
     digits, unit_s = digits.replace(",", "."), _UNITS[unit]
-    last = unit_s * 10.0 ** -len(digits.partition(".")[2])
+    last = 0.0 if "e" in digits else unit_s * 10.0 ** -len(digits.partition(".")[2])
     number = _times(digits, unit_s)
-    if before is None or "." in digits:
+    if before is None or not digits.isdigit():
         return Exposure((number,) * 3, last, "")
     decimal = _times(f"{before}.{digits}", unit_s)
     whole = unit_s == 1 and before == "1" and number > 1
@@ -106,12 +107,10 @@ def way_of(exposures: Sequence[Exposure], signals: Sequence[float]) -> str | Non
     same in all names numbers nothing.
     """
     constant = len({each.before for each in exposures}) == 1
-    order = ("decimal", "fraction", "number") if constant else WAYS
-    for way in order:
+    light = np.asarray(signals)
+    known = light > 0  # nor where it is NaN
+    for way in ("decimal", "fraction", "number") if constant else WAYS:
         times = np.array([each.readings[WAYS.index(way)] for each in exposures])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rate = np.log(np.asarray(signals) / times)
-        rate = rate[np.isfinite(rate)]
-        if not len(rate) or rate.std() < _FITS:
+        if (times > 0).all() and (not known.any() or np.log(light[known] / times[known]).std() < _FITS):
             return way
     return None

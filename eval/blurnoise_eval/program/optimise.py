@@ -102,8 +102,8 @@ def optimise(problem: Problem) -> Program:
 
     (most, reached), enough = ways[-1], ENOUGH * len(lights)
     tested = next(stages for stages, worth in ways if worth >= reached - enough)
-    # more light than was tested is met by shorter exposures, also than a period of the mains: no camera goes below
-    # its first stage
+    # more light than was tested is met by shorter exposures, also than the lamps need: no camera goes below its first
+    # stage
     found = replace(tested, times_s=(min(limits.first_s, tested.times_s[0]), *tested.times_s[1:]))
     ours = schedule(found)
     if None in ours.values:

@@ -88,11 +88,9 @@ def brightest(program: Program) -> str:
         """At which this exposure needs no gain."""
         return f"{metering.total_s(1.0) / exposure_s:.3g} lux"
 
-    first_s, period_s = program.stages.times_s[0], limits.shortest_s
-    flickers = (
-        f"Above {lux(period_s)} a period of the mains is too long: exposures are shorter and see flicker. "
-    )
-    flickers = flickers if limits.mains_hz and first_s < period_s else ""
+    first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
+    long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
+    flickers = f"{long}. " if (limits.mains_hz or limits.led) and first_s < lamps_s else ""
     return f"{flickers}Above {lux(first_s)} pictures are too bright at the first stage, {milliseconds(first_s)} ms."
 
 

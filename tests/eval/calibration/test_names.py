@@ -9,7 +9,8 @@ from blurnoise_eval.calibration.names import exposure_of, kind_of
 SIZE = (40, 50)
 KINDS = {
     "DARKFLAT": "dark", "FlatDark": "dark", "Dark Flat": "dark", "flat darks": "dark", "Bias Frame": "dark",
-    "offsets": "dark", "Offset_001": "dark", "Flat Field": "flat", "flat_1s_gain100_offset50": "flat",
+    "offsets": "dark", "SKYFLAT": "flat", "twilight flats": "flat", "DomeFlat": "flat",
+    "Offset_001": "dark", "Flat Field": "flat", "flat_1s_gain100_offset50": "flat",
     "FLAT_light_1": "flat", "Light Frame": "light", "lights": "light", "flatfish": "", "darkroom": "",
 }  # fmt: skip
 AVERAGED = ("Master Dark", "masterFlat_BIN-1", "dark_stacked", "MasterFlat_Stack20_50.0ms", "mean_dark")
@@ -28,7 +29,8 @@ def test_averages(name):
 
 EXPOSURES = {
     "dark_0,1s_0": 0.1, "Light_60_secs_001": 60.0, "EXPOSURE-0.001s": 0.001, "Flat_10.0ms_Bin1_-10.0C": 0.01,
-    "gain100_10ms": 0.01, "exp100us": 1e-4, "20260101-120000_10ms": 0.01, "0001_10ms": 0.01, "flat 10 ms": 0.01,
+    "gain100_10ms": 0.01, "flat_1.5e-3s": 0.0015, "dark_5min": 300.0,
+    "exp100us": 1e-4, "20260101-120000_10ms": 0.01, "0001_10ms": 0.01, "flat 10 ms": 0.01,
     "5\u00b5s": 5e-6, "7\u03bcs": 7e-6, "flat_10_1": None, "21h16m00s": None, "img_-10.0C": None,
 }  # fmt: skip
 
@@ -54,6 +56,7 @@ UNCLEAR = {
     "decimals above 1": {f"flat_{n // 10}_{n % 10}s": n / 10 for n in (1, 2, 4, 8, 16, 32)}
     | {"dark_1s": 1.0},
     "fractions": {f"{kind}_1_{n}s": 1 / n for kind in ("dark", "flat") for n in (50, 100, 250, 500)},
+    "whole decimals": {f"flat_{n}_0s": float(n) for n in (1, 2, 4)} | {"dark_1s": 1.0},
     "numbers": {
         f"{kind}_{i}_{n}ms": n / 1000 for kind in ("dark", "flat") for n in (1, 2, 5) for i in (0, 1, 2)
     },
@@ -139,7 +142,7 @@ def test_tables_of_other_countries(tmp_path):
     for separator in ";\t":
         lines = ("file,kind,exposure_s,gain_db", "a.npy,flat,0:1,12:5")
         text = "\n".join(lines).replace(",", separator).replace(":", ",")
-        (tmp_path / "frames.csv").write_text(text)
+        (tmp_path / "frames.csv").write_text("sep=;\n" * (separator == ";") + text)
         (frame,) = list_frames(tmp_path).frames
         assert (frame.exposure_s, frame.gain_db) == (0.1, 12.5)
     (tmp_path / "frames.csv").write_text('file,kind,exposure_s\na.npy,flat,"0,1"')
