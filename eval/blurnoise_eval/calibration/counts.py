@@ -21,6 +21,10 @@ _EDGE = 32  # part of the range that a wrapped number is from its end
 _PILED = 5e-3
 _OFTEN = 50  # pixels that hold a number, from which on the next one cannot be missing
 _NEAR = 16
+_MANY, _LOW = (
+    100,
+    64,
+)  # unlike numbers whose lower byte is below this: 14 bits or fewer with their bytes exchanged
 
 
 class Scale(NamedTuple):
@@ -58,8 +62,12 @@ class Numbers(NamedTuple):
 
 
 def scale_of(frames: Sequence[Numbers]) -> Scale:
-    """The scale of frames at one gain. Raises ``ValueError`` where some are stored in another one."""
-    whole = _of(np.unique(np.concatenate([frame.values for frame in frames])))
+    """The scale of frames at one gain. Raises ``ValueError`` where some are stored in another one, or their bytes are
+    in the wrong order."""
+    every = np.unique(np.concatenate([frame.values for frame in frames]))
+    swapped = len(every) > _MANY and 0 < (every & 255).max() < _LOW and every.max() > 255
+    refuse(swapped, f"{frames[0].name}: numbers have their two bytes exchanged; must be little-endian")
+    whole = _of(every)
     for frame in frames if not whole.bits else ():
         own, count = _of(frame.values), len(frame.values)
         own = own if count > 2 and (own.bits or count * math.log2(own.step) >= _SURE) else whole

@@ -282,20 +282,22 @@ def _named(folder: Path, layout: RawLayout | None) -> Listing:
     found: list[tuple[dict[str, Any], Exposure | None]] = []
     below = [path for each in folder.iterdir() if each.is_dir() for path in each.iterdir()]
     for path in sorted([*folder.iterdir(), *below]):
-        own, above = kind_of(path.stem), kind_of(path.parent.name if path.parent != folder else "")
-        named = above if above.of_flats or not own.kind else own
-        exposure = exposure_of(path.stem) or exposure_of(path.parent.name if path.parent != folder else "")
-        if not path.is_file() or (path.suffix.lower() not in FORMATS and not (named.kind and exposure)):
+        above = path.parent.name if path.parent != folder else ""
+        names = [kind_of(path.stem), kind_of(above)]
+        exposure = exposure_of(path.stem) or exposure_of(above)
+        named = any(each.kind for each in names) and exposure
+        if not path.is_file() or (path.suffix.lower() not in FORMATS and not named):
             continue
         fields = headers.read(path, {})
         words, processed = fields.pop("words", ""), fields.pop("processed", "")
         stated = kind_of(words)
-        kind = (
-            named.kind if named.kind in ("dark", "flat") else stated.kind or (words and "light") or named.kind
-        )
-        if not kind and len(fields) > 1 and "exposure_s" in fields:
+        signs = [*(names[::-1] if names[1].of_flats else names), stated]
+        kind = next((each.kind for each in signs if each.kind in ("dark", "flat")), "")
+        if not kind and (words or any(each.kind for each in names)):
+            kind = "light"
+        elif not kind and "exposure_s" in fields:
             kind = "flat"
-        if kind and (own.averaged or above.averaged or stated.averaged or processed):
+        if kind and (processed or any(each.averaged for each in signs)):
             why = f" ({processed})" if processed else ""
             headers.note(f"left out: averages or processed frames{why}; single raw frames are needed", path)
         elif kind == "light":

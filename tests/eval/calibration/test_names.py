@@ -164,3 +164,15 @@ def test_a_table_beside_headers(tmp_path):
         ValueError, match=r"line 2: a\.fits: 'Master Flat': must be a raw frame, not an average"
     ):
         list_frames(tmp_path)
+
+
+def test_a_folder_says_more_than_names_of_light_frames(tmp_path):
+    """As of frames that a capture program took as lights; dark flats were taken as flats."""
+    for name in ("flats/Light_1s_1", "flat darks/Flat_1s_1", "flats/Dark_1s_1", "lights/Light_1s_1"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        np.save(tmp_path / f"{name}.npy", np.full(SIZE, 300, np.uint16))
+    found = list_frames(tmp_path)
+    assert {(frame.file.parent.name, frame.file.stem[:4], frame.kind) for frame in found.frames} == {
+        ("flats", "Ligh", "flat"), ("flat darks", "Flat", "dark"), ("flats", "Dark", "dark"),
+    }  # fmt: skip
+    assert [note.startswith("left out: light frames") for note in found.notes] == [True]
