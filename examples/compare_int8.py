@@ -8,7 +8,7 @@ from typing import Any
 
 from blurnoise_eval import STOP_SIGN, Detector, SweepPlan, datasets, evaluate
 from blurnoise_models.scenes import write_coco
-from onnxruntime.quantization import CalibrationDataReader, quantize_static
+from onnxruntime.quantization import CalibrationDataReader, QuantType, quantize_static
 
 logging.getLogger().setLevel(logging.ERROR)  # the quantiser's advice on preprocessing
 
@@ -35,8 +35,13 @@ with tempfile.TemporaryDirectory() as name:
     pictures = datasets.coco(write_coco(folder / "scenes", seed=2, count=24))
     fp32 = Detector(STOP_SIGN)
     # Convolutions alone: one scale for an output of boxes, in px, and scores would round every score to 0.
+    # Unsigned activations: of the default, signed ones, ONNX Runtime computes 12 of the 29 convolutions in fp32.
     quantize_static(
-        STOP_SIGN, folder / "int8.onnx", CleanPictures(fp32, pictures), op_types_to_quantize=["Conv"]
+        STOP_SIGN,
+        folder / "int8.onnx",
+        CleanPictures(fp32, pictures),
+        op_types_to_quantize=["Conv"],
+        activation_type=QuantType.QUInt8,
     )
     int8 = Detector(folder / "int8.onnx", contract=fp32.contract)
     done = evaluate([fp32, int8], pictures, plan=plan, output=folder / "run", score="ap50")

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from blurnoise.metrics.values import Estimate
-from blurnoise_eval.calibration import levels
+from blurnoise_eval.calibration import counts, levels
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, refuse
 from blurnoise_eval.calibration.levels import Level, Pattern, columns
 from blurnoise_eval.calibration.transfer import SURELY, Linearity, Transfer, drift, straight
@@ -25,6 +26,9 @@ MOST_CORRELATION = 0.15
 MOST_LINEARITY_ERROR = 0.05
 CLIPPED = 5e-4  # of pixels at the limit, from which a level is left out: at 3.3 deviations the variance is 0.1 % low
 PILED = 5e-3
+MOST_UNLIKE = 0.3  # of the light of a level's frames, from which on no lamp explains it
+MOST_FALLEN = 0.1  # of a level's light at a longer exposure
+MOST_MISSING = 0.05  # of the numbers between frequent ones, that never occur
 USED = 0.7  # of saturation: the levels that EMVA 1288 fits
 LEAST_DRIFT = 0.1  # change of the dark current over the dark frames, of itself
 LEAST_HOT = 1.1  # DSNU with hot pixels over that without
@@ -70,15 +74,16 @@ def remarks(dark: Sequence[Level], flat: Sequence[Level]) -> list[str]:
 
 
 def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
-    """Raise ``ValueError`` where dark levels are cut off at 0, or flat ones flicker."""
+    """Raise ``ValueError`` where dark levels are cut off, levels do not rise with time, or flat ones flicker."""
     for level in dark:
-        zero, noise = level.share(0), math.sqrt(level.variance_dn2)
-        cut = level.highest_dn == 0 or (zero > PILED and level.mean_dn + 0.5 < 3 * noise)
-        share = f"{100 * zero:.3g} % of its pixels are 0"
-        refuse(cut, f"{level}: is clipped, {share}; raise the black level of the camera")
+        _check_cut(level)
+    _check_order(dark, flat)
     rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
     lamp = "use a constant lamp, or exposures of whole periods"
     for level in flat:
+        unlike = f"the means of its frames are {min(level.means_dn):.4g} to {max(level.means_dn):.4g} DN"
+        others = "are some of another exposure or kind, by names, headers or frames.csv?"
+        refuse(level.lamp_spread > MOST_UNLIKE, f"{level}: {unlike}; {others}")
         differs = (
             f"the light of its frames varies by {level.lamp_spread:.2%}; must be below {MOST_FLICKER:.0%}"
         )
@@ -86,6 +91,45 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
         bands = level.row_share > rows + 5 / math.sqrt(level.pixels) and level.share(level.highest_dn) < PILED
         share = f"rows have {level.row_share:.2%} of the noise in common"
         refuse(bands, f"{level}: flicker in bands: {share}; {lamp}")
+
+
+def _check_cut(level: Level) -> None:
+    """Raise ``ValueError`` where a dark level's noise is cut off, at 0 or at a black level above it.
+
+    Of a normal distribution of variance V, sampled at steps g, number n - g has the share of n, squared, over that of
+    n + g times exp(-g^2 / V); of pixels that differ more.
+    """
+    lowest, following = [*np.flatnonzero(level.counts)[:2], 0][:2]
+    share, variance = level.share(lowest), level.variance_dn2
+    shown = f"{level}: is clipped, {100 * share:.3g} % of its pixels are {lowest}"
+    at_zero = share > PILED and level.mean_dn + 0.5 < 3 * math.sqrt(variance)
+    black = "raise the black level of the camera"
+    refuse(not lowest and (level.highest_dn == 0 or at_zero), f"{shown}; {black}")
+    if lowest and following and variance and share > PILED:
+        gap = following - lowest
+        below = level.counts[lowest] ** 2 / level.counts[following] * math.exp(-(gap**2) / variance)
+        cut = f"{shown}, none below, as after an offset was subtracted and another added; use raw frames, or {black}"
+        refuse(below > SURELY**2, cut)
+
+
+def _check_order(dark: Sequence[Level], flat: Sequence[Level]) -> None:
+    """Raise ``ValueError`` where a flat level is darker than one of less exposure, or a dark one brighter than it."""
+    times = "are exposure times and kinds right, in names, headers or frames.csv?"
+    even = {(each.photons_per_px, each.illuminance_lux, each.wavelength_nm) for each in flat}
+    of_time = even == {(None, None, None)}
+    base = min(level.mean_dn for level in dark)
+    for shorter, longer in pairwise(flat):
+        fallen = shorter.mean_dn - longer.mean_dn > MOST_FALLEN * (shorter.mean_dn - base)
+        means = f"its mean is {longer.mean_dn:.4g} DN, but {shorter.mean_dn:.4g} DN of {shorter}"
+        refuse(of_time and fallen, f"{longer}: {means}; {times}")
+    for level in dark:
+        for lit in flat if of_time else ():
+            under = lit.exposure_s >= level.exposure_s and level.mean_dn - lit.mean_dn > lit.mean_dn - base
+            far = level.mean_dn - lit.mean_dn > SURELY * math.sqrt(level.variance_dn2)
+            refuse(
+                under and far,
+                f"{level}: its mean is {level.mean_dn:.4g} DN, but {lit.mean_dn:.4g} DN of {lit}; {times}",
+            )
 
 
 def check_noise(flat: Sequence[Level]) -> None:
@@ -103,7 +147,7 @@ def check_linearity(flat: Sequence[Level], found: Linearity) -> None:
     """Raise ``ValueError`` where a level is off the line by more than 5 %."""
     worst, over = found.deviation[found.worst], "exposure" if found.light == "s" else "light"
     why = f"its signal is {worst:+.2%} off the line over {over}; must be within {MOST_LINEARITY_ERROR:.0%}"
-    raw = "use raw numbers without gamma, and a constant lamp"
+    raw = "use raw numbers without gamma, a constant lamp and right exposure times"
     refuse(abs(worst) > MOST_LINEARITY_ERROR, f"{flat[found.worst]}: is not linear: {why}; {raw}")
 
 
@@ -201,6 +245,18 @@ def hot_pixels(pattern: Pattern, fit: Transfer) -> Doubt | None:
         ("dsnu_e", "dark_current_e_s"),
         f"hot pixels: {pattern.outliers} ({share:.2g} %) are far outside the dark pattern; DSNU and PRNU exclude "
         f"them (DSNU would be {with_them / fit.gain:.3g} e- with them), the mean dark current includes them",
+    )
+
+
+def combed(every: Sequence[Level]) -> Doubt | None:
+    """Numbers that never occur between frequent ones: the converter's were stretched, which adds rounding."""
+    never, could = counts.missing([level.counts for level in every])
+    if never <= MOST_MISSING * could:
+        return None
+    return Doubt(
+        ("read_noise_e", "system_gain_dn_per_e", "dsnu_e"),
+        f"{never} of {could} numbers never occur between frequent ones: they were stretched after the converter "
+        "(digital gain, tone curve, LinearizationTable), so rounding adds more noise than is assumed; use raw frames",
     )
 
 

@@ -14,6 +14,7 @@ from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import bend, checks, levels, structure, transfer
 from blurnoise_eval.calibration.bend import Bend
 from blurnoise_eval.calibration.checks import Doubt
+from blurnoise_eval.calibration.counts import Scale
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, Size, refuse
 from blurnoise_eval.calibration.levels import Level, Pattern, columns, level_of
@@ -149,7 +150,9 @@ def measure(
             means = [np.mean([*whole.planes(whole.flat[place])], axis=0) for place in chosen]
             light = np.mean(means, axis=0)
         stray = checks.stray_light(whole, dark, [flat[place] for place in chosen], light, found)
-    doubts = [doubt for doubt in (first, checks.hot_pixels(fitted.pattern, found), stray) if doubt]
+    seen = (first, checks.hot_pixels(fitted.pattern, found), stray, checks.combed([*dark, *flat]))
+    doubts = [doubt for doubt in seen if doubt]
+    doubts += [Doubt(("quantum_efficiency", "cfa"), text) for text in files.doubts]
     for doubt in doubts:
         doubt.widen(estimates)
     return Measurement(
@@ -158,7 +161,7 @@ def measure(
         bend=fitted.bend, linearity=linear, size_px=files.size_px,
         cfa=None if files.place is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
         clip_dn=clip_dn, doubts=doubts,
-        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files.step_dn)],
+        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files.scale)],
     )  # fmt: skip
 
 
@@ -246,14 +249,14 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     return _Fitted(fit, pattern, clip_dn, used, curve, tone)
 
 
-def _notes(fit: Transfer, step: int) -> list[str]:
+def _notes(fit: Transfer, scale: Scale) -> list[str]:
     """What was assumed, and what else to know of the figures."""
     bounds = "; these, black level and dark current are bounds only"
     bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
     dark = f"the noise in the dark, {fit.noise_dn:.2g} DN, is smaller than the rounding"
     hidden = "the camera subtracts the dark signal; the dark current is measured from the variance"
     every = (
-        (step > 1, f"all digital numbers are multiples of {step}; they are counted in steps of {step}"),
+        (scale.text, f"{scale.text}; the converter's own counts are measured"),
         (fit.rounding, f"{dark}; read noise and DSNU assume normal noise{bounds}"),
         (fit.hidden_dn2_s[0] > 0, hidden),
         (fit.widened, "the variances scatter more than expected about the line; the intervals are widened"),

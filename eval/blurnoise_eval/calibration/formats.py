@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import integer, one_of
+from blurnoise_eval.calibration.headers import directories, fits, fits_taken, linearized, number
+from blurnoise_eval.calibration.headers import refuse as refuse
 from blurnoise_eval.datasets import decode
 from blurnoise_eval.system.files import check_regular
 
@@ -27,14 +29,6 @@ Plane = NDArray[np.uint8] | NDArray[np.uint16]
 SMALLEST_PX = 32
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw")
 _JPEG = b"\xff\xd8\xff"
-_FITS_BLOCK, _FITS_CARD = 2880, 80
-_FITS_NUMBERS = {8: "u1", 16: ">i2", 32: ">i4", -32: ">f4", -64: ">f8"}
-
-
-def refuse(applies: object, text: str) -> None:
-    """Raise ``ValueError`` of this text where it applies."""
-    if applies:
-        raise ValueError(text)
 
 
 class _Packing(NamedTuple):
@@ -117,7 +111,7 @@ class Format(NamedTuple):
     """How files of a kind are read.
 
     read: the numbers (H, W) of one page. pages: how many there are. taken: fields of ``Frame`` that the header
-    states, and ``iso`` or ``gain_setting``.
+    states, and ``iso`` or ``gain_setting``; words: of its kind; processed: why it is no frame of the sensor; notes.
     """
 
     read: Callable[[Path, RawLayout | None, int], NDArray[Any]]
@@ -221,73 +215,10 @@ def _headerless(path: Path, layout: RawLayout | None, page: int) -> NDArray[Any]
     return layout.unpack(octets) if layout else octets
 
 
-def _fits_header(path: Path) -> tuple[dict[str, Any], int]:
-    """Keywords of the primary header, and where the array begins (FITS standard 4.0, sections 3 and 4)."""
-    header: dict[str, Any] = {}
-    with path.open("rb") as file:
-        while len(block := file.read(_FITS_BLOCK).decode("ascii", "replace")) == _FITS_BLOCK:
-            for start in range(0, _FITS_BLOCK, _FITS_CARD):
-                card = block[start : start + _FITS_CARD]
-                name, value = card[:8].strip(), card[10:].strip()
-                if name == "END":
-                    return header, file.tell()
-                if value.startswith("'"):
-                    header[name] = value[1:].split("'")[0].strip()
-                elif card[8:10] == "= ":
-                    text = value.split("/")[0].strip().replace("D", "E")
-                    header[name] = float(text) if text[-1:].isdigit() or text[-1:] == "." else text
-            refuse("SIMPLE" not in header, "is not a FITS file; it does not begin with SIMPLE")
-    raise ValueError("is not a FITS file; its header has no END")
-
-
-def _number(header: Mapping[str, Any], key: str, default: float) -> float:
-    """Of a header. Raises ``ValueError`` for what is no number."""
-    value = header.get(key, default)
-    refuse(not isinstance(value, float | int), f"{key} = {value!r}: must be a number")
-    return float(value)
-
-
-def _fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
-    """The primary array (N, H, W) as it is stored, and the header."""
-    header, start = _fits_header(path)
-    axes = [
-        int(_number(header, f"NAXIS{axis}", 0)) for axis in range(int(_number(header, "NAXIS", 0)), 0, -1)
-    ]
-    two = len(axes) in (2, 3) and min(axes) > 0
-    refuse(
-        not two,
-        f"axes = {axes}: must be 2 or 3 in the primary array (compressed extensions and tables are not supported)",
-    )
-    bits = int(_number(header, "BITPIX", 0))
-    kind = _FITS_NUMBERS.get(bits, "")
-    refuse(not kind, f"BITPIX = {bits}: must be one of {', '.join(map(str, _FITS_NUMBERS))}")
-    needed = start + np.dtype(kind).itemsize * math.prod(axes)
-    held = path.stat().st_size
-    refuse(held < needed, f"has {held} bytes; must have {needed} according to its header")
-    values: NDArray[Any] = np.memmap(path, kind, "r", start, tuple(axes))
-    return values.reshape(-1, *axes[-2:]), header
-
-
 def _fits_plane(path: Path, _: RawLayout | None, page: int) -> NDArray[Any]:
-    values, header = _fits(path)
-    scale, zero = _number(header, "BSCALE", 1.0), _number(header, "BZERO", 0.0)
+    values, header = fits(path)
+    scale, zero = number(header, "BSCALE", 1.0), number(header, "BZERO", 0.0)
     return _whole(scale * values[page].astype(np.float64) + zero)
-
-
-def _fits_taken(path: Path) -> dict[str, Any]:
-    _, header = _fits(path)
-    names = {
-        "exposure_s": ("EXPTIME", "EXPOSURE"), "gain_setting": ("GAIN",), "temperature_c": ("CCD-TEMP",),
-        "cfa": ("BAYERPAT",),
-    }  # fmt: skip
-    found = {field: header[key] for field, keys in names.items() for key in keys[::-1] if key in header}
-    _number(header, "GAIN", 0.0)
-    kind = str(header.get("IMAGETYP", "")).lower()
-    if "flat" in kind:
-        found["kind"] = "flat"
-    elif "dark" in kind or "bias" in kind:
-        found["kind"] = "dark"
-    return found
 
 
 @contextmanager
@@ -316,6 +247,10 @@ def _raw_taken(path: Path) -> dict[str, Any]:
         if raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
             places = raw.raw_colors_visible[:2, :2].ravel()
             found["cfa"] = "".join(chr(raw.color_desc[place]) for place in places)
+    if path.suffix.lower() == ".dng":
+        with suppress(ValueError):  # of what LibRaw can read all the same
+            stretched = "; ".join(filter(None, map(linearized, directories(path))))
+            found["notes"] = [f"{stretched}: noise near black is of those steps"] if stretched else []
     return found
 
 
@@ -324,7 +259,7 @@ FORMATS: Mapping[str, Format] = {
     **dict.fromkeys((".png", ".pgm"), Format(_picture)),
     **dict.fromkeys((".tif", ".tiff"), Format(_picture, _tiff_pages)),
     **dict.fromkeys((".raw", ".bin"), Format(_headerless, lambda path, layout: len(_bytes(path, layout)))),
-    **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(_fits(path)[0]), _fits_taken)),
+    **dict.fromkeys((".fit", ".fits", ".fts"), Format(_fits_plane, lambda path, _: len(fits(path)[0]), fits_taken)),
     ".npy": Format(lambda path, _, page: _whole(_array(path)[page]), lambda path, _: len(_array(path))),
     **dict.fromkeys(RAW_SUFFIXES, _LIBRAW),
 }  # fmt: skip

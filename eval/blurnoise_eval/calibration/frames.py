@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise._core.checks import one_of
+from blurnoise_eval.calibration.counts import Numbers, check_wrapped, scale_of, together
 from blurnoise_eval.calibration.formats import Plane as Plane
 from blurnoise_eval.calibration.formats import RawLayout, read_plane
 from blurnoise_eval.calibration.formats import refuse as refuse
@@ -26,6 +27,7 @@ FEWEST_FLAT = 3
 _UNLIKE = 0.05  # by which the places of a mosaic differ, of their mean
 _SETTLED_C = 1.0  # over which dark current changes by some 10 %
 _ALIKE = 0.02  # by which its two green ones do
+_DOUBTFUL = 0.1  # by which they do not
 _EVEN = 0.99  # of the pixels
 
 
@@ -37,9 +39,9 @@ class Folder:
     and RCCC) of every other row: one colour plane, as EMVA 1288 measures them.
 
     Raises ``ValueError`` unless there are dark levels and three flat ones, of two frames each, and for frames of
-    several sizes or depths. step_dn: of which all numbers are multiples, 16 for 12 bits at the top of 16; the planes
-    are counted in it. size_px: (width, height) of whole frames. place: row and column of the plane in the mosaic,
-    None where there is none. bit_depth: as the folder's list states it. notes: what else to know.
+    several sizes, depths or scales. scale: of the numbers in the files; planes are the converter's counts. size_px:
+    (width, height) of whole frames. place: row and column of the plane in the mosaic, None where there is none.
+    bit_depth: as the folder's list states it, or the scale. notes: what else to know; doubts: of the mosaic.
     """
 
     def __init__(self, folder: Path, layout: RawLayout | None = None, cfa: str | None = None) -> None:
@@ -58,12 +60,11 @@ class Folder:
             )
         self.dark = [frames for frames in levels if frames[0].kind == "dark"]
         self.flat = [frames for frames in levels if frames[0].kind == "flat"]
-        refuse(
-            not self.dark,
-            "frames: dark frames are missing; take two or more at one exposure, with the lens covered",
-        )
+        left = "".join(f"; {note}" for note in listing.left_out)
+        missing = "frames: dark frames are missing; take two or more at one exposure, with the lens covered"
+        refuse(not self.dark, missing + left)
         few = f"frames: {len(self.flat)} flat exposures with two frames or more; must be 3 or more, better 8"
-        refuse(len(self.flat) < FEWEST_FLAT, few)
+        refuse(len(self.flat) < FEWEST_FLAT, few + left)
         for gain_db in sorted({frames[0].gain_db for frames in levels} - {*self.gains_db}):
             self.notes.append(
                 f"left out: the frames at {gain_db:g} dB; dark levels and {FEWEST_FLAT} flat levels are needed"
@@ -75,13 +76,15 @@ class Folder:
             warmed = f"the temperature of the sensor varies from {min(celsius):g} to {max(celsius):g} °C"
             self.notes.append(f"{warmed}; the dark current is a mean over it")
         before = ""
-        held = np.zeros(1 << 16, bool)
+        held: dict[float, list[Numbers]] = {}
         pictures: dict[int, Frame] = {}
         places: dict[Kind, list[Floats]] = {"dark": [], "flat": []}
         for frame in (frame for frames in levels for frame in frames):
             plane = read_plane(frame.file, layout, frame.page)
-            held[plane] = True
+            held.setdefault(frame.gain_db, []).append(Numbers.by(str(frame.file), plane))
             _check_new(plane, frame, pictures)
+            if frame.kind == "dark":
+                check_wrapped(str(frame.file), plane)
             height, width = plane.shape
             here = f"{width} x {height} px, {8 * plane.itemsize} bits"
             before = before or here
@@ -89,7 +92,8 @@ class Folder:
             refuse(here != before, mixed)
             means = [plane[row::2, column::2].mean() for row in (0, 1) for column in (0, 1)]
             places[frame.kind].append(np.array(means))
-        self.size_px, self.step_dn = (width, height), max(1, int(np.gcd.reduce(np.flatnonzero(held))))
+        self.size_px, self.scale = (width, height), together(map(scale_of, held.values()))
+        self.bit_depth = self.bit_depth or self.scale.bits or None
         stated = {frame.cfa for frame in ordered} - {None}
         refuse(
             not cfa and len(stated) > 1,
@@ -97,6 +101,7 @@ class Folder:
         )
         # of the frame that shows it best: neither dim nor clipped
         light = max(places["flat"], key=np.ptp) - np.mean(places["dark"])
+        self.doubts: list[str] = []
         self.cfa: str | None = cfa or next(iter(stated), None) or _noticed(light)
         self.place: tuple[int, int] | None = None
         if self.cfa not in (None, "none"):
@@ -113,6 +118,16 @@ class Folder:
         where = f"those in row {self.place[0] + 1}, column {self.place[1] + 1} of each 2 x 2"
         figures = f"{how}colour filters {cfa}: values are for the {name} pixels, {where}"
         self.notes.append(f"{figures}; relative signal of the others: {others}")
+        pair = [place for place, letter in enumerate(cfa) if letter == cfa[used]]
+        if len(pair) > 2 or _apart(light[pair]) < _DOUBTFUL:
+            return
+        rest = [place for place in range(4) if place not in pair]
+        turned = {"".join(row[::-1] for row in (cfa[:2], cfa[2:])), cfa[2:] + cfa[:2]}
+        likely = f"; {' or '.join(sorted(turned))} is likely" if _apart(light[rest]) < _ALIKE else ""
+        differ = f"the two {name} ones of {cfa} differ by {_apart(light[pair]):.0%}"
+        self.doubts.append(
+            f"colour filters: {differ}, the other two by {_apart(light[rest]):.0%}{likely}; set --cfa"
+        )
 
     @property
     def gains_db(self) -> list[float]:
@@ -138,7 +153,7 @@ class Folder:
     def planes(self, frames: Sequence[Frame]) -> Iterator[Plane]:
         """The frames' numbers in steps of the converter, one after the other."""
         for frame in frames:
-            plane = read_plane(frame.file, self._layout, frame.page) // self.step_dn
+            plane = self.scale.counts(read_plane(frame.file, self._layout, frame.page))
             yield plane if self.place is None else plane[self.place[0] :: 2, self.place[1] :: 2]
 
 
@@ -152,6 +167,11 @@ def _check_new(plane: Plane, frame: Frame, before: dict[int, Frame]) -> None:
         return
     same = f"page {frame.page}: is the same picture as {first.file.name}, page {first.page}"
     raise ValueError(f"{frame.file}: {same}; each frame must be a new exposure")
+
+
+def _apart(light: Floats) -> float:
+    """Of two signals, of their mean."""
+    return float(np.ptp(light) / light.mean())
 
 
 def _noticed(light: Floats) -> str | None:

@@ -1,8 +1,9 @@
 """Which frames a folder holds and how each was taken.
 
 ``frames.csv`` lists them (its columns are the fields of ``Frame``), or the descriptor of EMVA 1288's data sets and of
-the package emva1288 (a .txt file). Without either, names of files and folders say what is dark and what is flat,
-names or headers how long the exposure was: ``dark_10ms_0.png``, ``flat/2ms_1.tif``, ``flat_5us.npy``, ``IMG_1.dng``.
+the package emva1288 (a .txt file). Without either, names of files and folders say what is dark and what is flat, then
+headers; headers how long the exposure was, then names: ``dark_10ms_0.png``, ``flat/2ms_1.tif``, ``IMG_1.dng``. Where
+the two differ, and where a name can be read in several ways, the listing's notes say so.
 """
 
 from __future__ import annotations
@@ -10,24 +11,26 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
+import numpy as np
 from annotated_types import Interval
 from pydantic import BaseModel, ValidationError
 
 from blurnoise._core.checks import within
 from blurnoise._core.files import read_text
-from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, refuse
+from blurnoise_eval.calibration.formats import FORMATS, RawLayout, format_of, naming, read_plane, refuse
+from blurnoise_eval.calibration.names import WAYS, Exposure, exposure_of, kind_of, way_of
 from blurnoise_eval.system.files import inside
 
 Kind = Literal["dark", "flat"]
 BayerPattern = Literal["none", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 _LIST = "frames.csv"
-_KIND = re.compile(r"(?<![a-z])(dark|bias|flat)s?(?![a-z])", re.IGNORECASE)
-_EXPOSURE = re.compile(r"(?<![a-z\d.])(\d+(?:\.\d+)?)(ns|us|ms|s)(?![a-z\d])", re.IGNORECASE)
-_UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
+_DECIMAL_COMMA = re.compile(r"-?\d+,\d+(?:e-?\d+)?", re.IGNORECASE)
+_CLIPPED = 0.01  # of the pixels at the greatest number
 _DESCRIPTOR = re.compile(r"^n\s+\d+\s+\d+\s+\d+\s*$", re.MULTILINE)
 
 
@@ -69,16 +72,30 @@ class Listing(NamedTuple):
     notes: Sequence[str]
     bit_depth: int | None = None
 
+    @property
+    def left_out(self) -> list[str]:
+        """Notes on files that were left out."""
+        return [note for note in self.notes if note.startswith("left out")]
+
 
 class _Headers:
-    """Headers of files, and the ISO numbers and gain settings in them, which only compare the gains."""
+    """Headers of files, the ISO numbers and gain settings in them, which only compare the gains, and notes.
+
+    noted: files by what was assumed of them or why they were left out.
+    """
 
     def __init__(self) -> None:
         self._isos: dict[Path, float] = {}
         self._settings: dict[Path, float] = {}
+        self.noted: dict[str, list[str]] = {}
 
-    def read(self, path: Path, given: dict[str, Any]) -> dict[str, Any]:
-        """Fields of the file's frames; given: those known without its header, which count more."""
+    def note(self, text: str, path: Path) -> None:
+        """What was assumed of a file."""
+        self.noted.setdefault(text, []).append(path.name)
+
+    def read(self, path: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Fields of the file's frames, and its ``words`` and ``processed``; given: those known without its header,
+        which count more."""
         refuse(not path.is_file(), f"file {path.name!r}: must be a file in {path.parent}")
         with naming(path):
             taken = format_of(path).taken(path)
@@ -86,6 +103,14 @@ class _Headers:
             value = taken.pop(name, None)
             if value is not None and "gain_db" not in given:
                 values[path] = value
+        for text in taken.pop("notes", ()):
+            self.note(text, path)
+        stated = taken.get("exposure_s")
+        if isinstance(stated, float) and stated and "exposure_s" in given:
+            with suppress(ValueError):
+                if not math.isclose(stated, float(given["exposure_s"]), rel_tol=0.01):
+                    text = f"{given['exposure_s']} s in {_LIST} but {stated:g} s in the header"
+                    self.note(f"{text}; that of {_LIST} is used", path)
         return {"file": path, **taken, **given}
 
     def apply(self, frames: Sequence[Frame], notes: Sequence[str] = ()) -> Listing:
@@ -94,6 +119,10 @@ class _Headers:
         numbers = ", ".join(f"{setting:g}" for setting in different)
         unit = "their unit depends on the manufacturer; add the column gain_db to frames.csv"
         refuse(len(different) > 1, f"GAIN in the headers = {numbers}: {unit}")
+        notes = [
+            *notes,
+            *(f"{text} ({len(names)} files, such as {names[0]})" for text, names in self.noted.items()),
+        ]
         if not self._isos:
             return Listing(frames, notes)
         base = min(self._isos.values())
@@ -141,7 +170,7 @@ def list_frames(folder: Path, layout: RawLayout | None = None) -> Listing:
     else:
         found = _named(folder, layout)
     must = f"must contain {_LIST}, a descriptor of EMVA 1288, files with names such as flat_10ms_1.png, or raw files"
-    refuse(not found.frames, f"{folder}: no frames; {must}")
+    refuse(not found.frames, f"{folder}: no frames; {'; '.join([must, *found.left_out])}")
     return found
 
 
@@ -151,11 +180,11 @@ def _listed(source: Path, layout: RawLayout | None) -> Listing:
     headers = _Headers()
     lines: dict[tuple[Path, int], int] = {}
     with naming(source):
-        rows = csv.reader(read_text(source).splitlines(), skipinitialspace=True)
+        rows = reader_of(source)
         try:
             names = _columns(next(rows, []))
             for cells in rows:
-                for frame in _row(source.parent, headers, names, cells, layout):
+                for frame in _row(source.parent, headers, names, with_points(cells, rows), layout):
                     page = frame.file, frame.page
                     twice = (
                         f"file {frame.file.name!r}, page {frame.page}: is already in line {lines.get(page)}"
@@ -169,11 +198,28 @@ def _listed(source: Path, layout: RawLayout | None) -> Listing:
         return headers.apply(frames)
 
 
+def reader_of(source: Path) -> Any:
+    """The ``csv.reader`` of a table: separated by commas, or by semicolons or tabs as its first line is."""
+    lines = read_text(source).splitlines()
+    if lines and lines[0].lower().startswith("sep="):  # for Excel
+        return csv.reader(lines[1:], delimiter=lines[0][4:5] or ",", skipinitialspace=True)
+    head = lines[0] if lines else ""
+    separator = next((each for each in ";\t" if "," not in head and each in head), ",")
+    return csv.reader(lines, delimiter=separator, skipinitialspace=True)
+
+
+def with_points(cells: Sequence[str], reader: Any) -> list[str]:
+    """Cells of a line, with a point for the decimal comma that numbers have between semicolons or tabs."""
+    commas = reader.dialect.delimiter != ","
+    return [
+        cell.replace(",", ".") if commas and _DECIMAL_COMMA.fullmatch(cell.strip()) else cell.strip()
+        for cell in cells
+    ]
+
+
 def _columns(header: Sequence[str]) -> list[str]:
     """Names of the columns, in small letters."""
     names = [name.strip().lower() for name in header]
-    separated = "columns must be separated by commas, with a decimal point in numbers"
-    refuse(len(names) == 1 and re.search(r"[;\t]", names[0]), f"{header[:1]}: {separated}")
     twice = [name for name in names if name and names.count(name) > 1]
     refuse(twice, f"column {', '.join(twice[:1])!r}: must occur once")
     return names
@@ -186,11 +232,18 @@ def _row(
     refuse(
         len(cells) > len(names), f"{len(cells)} values; must be at most {len(names)}, the number of columns"
     )
-    given: dict[str, Any] = {
-        name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()
-    }
+    given: dict[str, Any] = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
     if "file" in given:
-        yield from _pages(headers.read(folder / inside(given.pop("file")), given), layout)
+        path = folder / inside(given.pop("file"))
+        fields = headers.read(path, given)
+        words, processed = fields.pop("words", ""), fields.pop("processed", "")
+        averaged = kind_of(words).averaged or processed
+        refuse(
+            averaged, f"{path.name}: {processed or words!r}: must be a raw frame, not an average or processed"
+        )
+        if "kind" not in given and kind_of(words).kind in ("dark", "flat"):
+            fields["kind"] = kind_of(words).kind
+        yield from _pages(fields, layout)
     elif given:
         _frame(given)
 
@@ -225,24 +278,79 @@ def _described(source: Path) -> Listing:
 def _named(folder: Path, layout: RawLayout | None) -> Listing:
     """Of files by the names of files and folders, and by their headers. What neither name calls dark or flat is a
     frame of light where its header states an exposure, or else no frame."""
-    frames: list[Frame] = []
-    unknown: list[str] = []
     headers = _Headers()
+    found: list[tuple[dict[str, Any], Exposure | None]] = []
     below = [path for each in folder.iterdir() if each.is_dir() for path in each.iterdir()]
     for path in sorted([*folder.iterdir(), *below]):
-        kind = _KIND.search(path.stem) or (_KIND.search(path.parent.name) if path.parent != folder else None)
-        exposure = _EXPOSURE.search(path.stem)
-        given: dict[str, Any] = {}
-        if kind:
-            given["kind"] = "flat" if kind[1].lower() == "flat" else "dark"
-        if exposure:
-            given["exposure_s"] = float(exposure[1]) * _UNITS[exposure[2].lower()]
-        if not path.is_file() or (path.suffix.lower() not in FORMATS and len(given) < 2):
+        above = path.parent.name if path.parent != folder else ""
+        names = [kind_of(path.stem), kind_of(above)]
+        exposure = exposure_of(path.stem) or exposure_of(above)
+        named = any(each.kind for each in names) and exposure
+        if not path.is_file() or (path.suffix.lower() not in FORMATS and not named):
             continue
-        fields = headers.read(path, given)
-        if "exposure_s" not in fields:
-            unknown += [path.name] if kind else []
-        elif kind or len(fields) > 1 + len(given):
-            frames += _pages({"kind": "flat", **fields}, layout)
-    none = f"left out: {len(unknown)} files without an exposure in name or header, such as {''.join(unknown[:1])}"
-    return headers.apply(frames, [none] if unknown else [])
+        fields = headers.read(path, {})
+        words, processed = fields.pop("words", ""), fields.pop("processed", "")
+        stated = kind_of(words)
+        signs = [*(names[::-1] if names[1].of_flats else names), stated]
+        kind = next((each.kind for each in signs if each.kind in ("dark", "flat")), "")
+        if not kind and (words or any(each.kind for each in names)):
+            kind = "light"
+        elif not kind and "exposure_s" in fields:
+            kind = "flat"
+        if kind and (processed or any(each.averaged for each in signs)):
+            why = f" ({processed})" if processed else ""
+            headers.note(f"left out: averages or processed frames{why}; single raw frames are needed", path)
+        elif kind == "light":
+            called = f" ({words})" if words else ""
+            headers.note(
+                f"left out: light frames{called}, which are not of an even light; else name them flat", path
+            )
+        elif kind and not exposure and "exposure_s" not in fields:
+            headers.note("left out: no exposure in name or header", path)
+        elif kind:
+            if stated.kind not in ("", kind):
+                headers.note(f"{kind} by name but {words!r} by header; the name is used", path)
+            found.append((_timed({**fields, "kind": kind}, exposure, headers), exposure))
+    _settle(found, headers, layout)
+    return headers.apply([frame for fields, _ in found for frame in _pages(fields, layout)])
+
+
+def _timed(fields: dict[str, Any], exposure: Exposure | None, headers: _Headers) -> dict[str, Any]:
+    """The fields with the header's exposure, or the name's where that is clear."""
+    if fields.get("exposure_s"):
+        stated = _frame(fields).exposure_s
+        if exposure and not exposure.agrees(stated):
+            text = f"{exposure.readings[0]:g} s by name but {stated:g} s by header; the header's is used"
+            headers.note(text, fields["file"])
+    elif exposure and exposure.clear:
+        fields["exposure_s"] = exposure.readings[0]
+    return fields
+
+
+def _settle(
+    found: Sequence[tuple[dict[str, Any], Exposure | None]], headers: _Headers, layout: RawLayout | None
+) -> None:
+    """Read exposures in names that can be read in several ways in the one with which the light grows with them."""
+    unclear = [(fields, exposure) for fields, exposure in found if exposure and "exposure_s" not in fields]
+    if not unclear:
+        return
+    dark = [read_plane(fields["file"], layout).mean() for fields, _ in found if fields["kind"] == "dark"][:2]
+    signals = [
+        _signal(fields["file"], layout) - min(dark, default=0.0) if fields["kind"] == "flat" else math.nan
+        for fields, _ in unclear
+    ]
+    way = way_of([exposure for _, exposure in unclear], signals)
+    first, shown = unclear[0][0]["file"], sorted({*unclear[0][1].readings})
+    may = " or ".join(f"{each:g} s" for each in shown)
+    fits = f"exposures in names such as {first.name} can be {may}, and the flat frames' light fits none"
+    if way is None:
+        raise ValueError(f"{fits}; list them in {_LIST}")
+    for fields, exposure in unclear:
+        fields["exposure_s"] = exposure.readings[WAYS.index(way)]
+    headers.note(f"exposures in names: {first.name} is read as {unclear[0][0]['exposure_s']:g} s", first)
+
+
+def _signal(file: Path, layout: RawLayout | None) -> float:
+    """Mean of a file's first frame, NaN where it clips."""
+    plane = read_plane(file, layout)
+    return math.nan if np.mean(plane == plane.max()) > _CLIPPED else float(plane.mean())

@@ -1,36 +1,36 @@
 """Cameras of measured figures, and of what a DNG file's tags describe: every figure with its source.
 
 What frames and tags cannot show is a preset's. Of DNG files nothing is decoded but tags, in any of their directories.
-NoiseProfile states the variance S x + O of a value x in [0, 1] between black and white level. With K in DN/e- and
-W = white - black, a mean of n electrons is x = K n/W and its shot noise K^2 n/W^2 = (K/W) x: so K = S W, and
-the noise in the dark is sqrt(O)/S electrons, rounding included. Source: DNG specification 1.7.1, tag 51041.
+The black level of a pixel is BlackLevel of its place in the pattern plus BlackLevelDeltaH of its column plus
+BlackLevelDeltaV of its row; here it is their mean. NoiseProfile states the variance S x + O of a value x in [0, 1]
+between black and white level. With K in DN/e- and W = white - black, a mean of n electrons is x = K n/W and its
+shot noise K^2 n/W^2 = (K/W) x: so K = S W, and the noise in the dark is sqrt(O)/S electrons, rounding included.
+Source: DNG specification 1.7.1, tags 50714 to 50717, 50829, 51041.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import warnings
 from collections import ChainMap
-from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from blurnoise._core.checks import one_of
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.camera import PRESETS, Camera, MeasuredGain
 from blurnoise_eval.calibration.fit import Measurement
 from blurnoise_eval.calibration.frames import refuse
+from blurnoise_eval.calibration.headers import Tags, directories, linearized, numbers
 from blurnoise_eval.cameras import find
 from blurnoise_eval.system.files import check_regular
 
-Tags = Mapping[int, Any]
 NOISE_PROFILE, BLACK_LEVEL, WHITE_LEVEL, MODEL = 51041, 50714, 50717, 50708
-_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _SUB, _EXIF = 256, 257, 258, 262, 330, 34665
+_BLACK_DELTAS = {50715: "BlackLevelDeltaH", 50716: "BlackLevelDeltaV"}
+_WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC, _ACTIVE_AREA = 256, 257, 258, 262, 50829
 _F_NUMBER, _ISO = 33437, 34855
 _RAW = (32803, 34892)  # colour filter array, linear raw
 _COUNTED = "counted from "
@@ -72,7 +72,8 @@ def camera_of(
     preset = PRESETS[one_of("base", base, sorted(PRESETS))]
     known |= _gains(found, preset)
     if found.cfa and set(found.cfa) == set(preset.cfa):
-        known["cfa"] = (found.cfa, "stated with the frames")
+        doubted = [doubt.text for doubt in found.doubts if "cfa" in doubt.figures]
+        known["cfa"] = (found.cfa, "; doubtful: ".join(["stated with the frames", *doubted]))
     if "quantum_efficiency" in known and preset.cfa not in ("none", "mono"):
         of_green = f"{known['quantum_efficiency'][0]:.3g} in the frames' light and the green pixels"
         source = f"assumed, as of the preset {base}: measured was {of_green}, not of each colour"
@@ -153,17 +154,23 @@ def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
     """
     check_regular(path)
     try:
-        directories = _directories(path)
-        raw = next((each for each in directories if each.get(_PHOTOMETRIC) in _RAW), directories[0])
+        every = directories(path)
+        raw = next((each for each in every if each.get(_PHOTOMETRIC) in _RAW), every[0])
         # a tag of the raw picture before that of its preview
-        tags = ChainMap(dict(raw), *(dict(each) for each in directories))
-        at = f" at ISO {_numbers(tags, _ISO)[0]:g}" if _ISO in tags else ""
+        tags = ChainMap(dict(raw), *(dict(each) for each in every))
+        at = f" at ISO {numbers(tags, _ISO)[0]:g}" if _ISO in tags else ""
         known = _levels(raw, tags, f"of {path.name}{at}")
-        for name, tag in (("width_px", _WIDTH), ("height_px", _HEIGHT)):
-            if tag in raw:
-                known[name] = (int(raw[tag]), f"stated: size of the raw picture of {path.name}")
-        if _numbers(tags, _F_NUMBER, 0)[0] > 0:
-            known["f_number"] = (_numbers(tags, _F_NUMBER)[0], f"stated: FNumber of {path.name}")
+        whole = (0, 0, *numbers(raw, _HEIGHT), *numbers(raw, _WIDTH))
+        area = numbers(raw, _ACTIVE_AREA, whole)
+        if len(area) == 4:
+            of_raw = (
+                f"stated: {'ActiveArea' if _ACTIVE_AREA in raw else 'size'} of the raw picture of {path.name}"
+            )
+            known["width_px"], known["height_px"] = (
+                (int(area[end + 2] - area[end]), of_raw) for end in (1, 0)
+            )
+        if numbers(tags, _F_NUMBER, 0)[0] > 0:
+            known["f_number"] = (numbers(tags, _F_NUMBER)[0], f"stated: FNumber of {path.name}")
         return on_base(str(tags.get(MODEL) or path.stem).strip("\0 ") + at, known, base)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{path}: {error}") from None
@@ -171,24 +178,27 @@ def camera_of_dng(path: Path, *, base: str = "imx250") -> Camera:
 
 def _levels(raw: Tags, tags: Tags, of: str) -> Known:
     """Gain, noise and levels, with their sources."""
-    profile = _numbers(tags, NOISE_PROFILE)
+    profile = numbers(tags, NOISE_PROFILE)
     refuse(not profile, "has no NoiseProfile (tag 51041); use frames: blurnoise cameras fit FOLDER")
     pairs = len(profile) % 2 == 0 and np.isfinite(profile).all() and min(profile[::2]) > 0
     refuse(not pairs, f"NoiseProfile = {profile}: must be pairs of S > 0 and O")
     planes = np.reshape(profile, (-1, 2)).tolist()
     used = min(_GREEN, len(planes) - 1)
     scale, offset = planes[used]
-    bits = int(max(_numbers(raw, _BITS, 16)))
-    white = min(_numbers(raw, WHITE_LEVEL, 2**bits - 1))
-    black = float(np.mean(_numbers(raw, BLACK_LEVEL, 0)))
-    sound, levels = 0 <= black < white <= 65535, f"BlackLevel = {black:g}, WhiteLevel = {white:g}"
+    bits = int(max(numbers(raw, _BITS, 16)))
+    white = min(numbers(raw, WHITE_LEVEL, 2**bits - 1))
+    deltas = [name for tag, name in _BLACK_DELTAS.items() if tag in raw]  # of each column, and of each row
+    blacks = [np.mean(numbers(raw, tag, 0)) for tag in (BLACK_LEVEL, *_BLACK_DELTAS)]
+    black, stated = float(np.sum(blacks)), " + ".join(["BlackLevel", *deltas])
+    sound, levels = 0 <= black < white <= 65535, f"{stated} = {black:g}, WhiteLevel = {white:g}"
     refuse(not sound, f"{levels}: must be 0 <= black < white <= 65535")
     span, gain = white - black, scale * (white - black)
     read_e = math.sqrt(max(0.0, offset - 1 / 12 / span**2)) / scale
     profiled = f"from NoiseProfile {of}" + (f", its plane {used + 1} of {len(planes)}" if used else "")
     depth = f"derived: the fewest bits that hold WhiteLevel {white:g}"
     depth = depth if WHITE_LEVEL in raw else "stated: BitsPerSample"
-    level = "stated: BlackLevel" if BLACK_LEVEL in raw else "assumed: no BlackLevel, so 0,"
+    level = f"stated: mean of {stated}" if BLACK_LEVEL in raw or deltas else "assumed: no BlackLevel, so 0,"
+    profiled += f"; {linearized(raw)}, counted here" if linearized(raw) else ""
     return {
         "system_gain_dn_per_e": (gain, f"derived: S (white - black) {profiled}"),
         "read_noise_e": (read_e, f"derived: sqrt(O)/S {profiled}, less the rounding of 1/12 DN²"),
@@ -196,31 +206,3 @@ def _levels(raw: Tags, tags: Tags, of: str) -> Known:
         "black_level_dn": (black, f"{level} {of}"),
         "bit_depth": (max(1, math.ceil(math.log2(white + 1))), f"{depth} {of}"),
     }
-
-
-def _directories(path: Path) -> list[Tags]:
-    """All directories of a TIFF file: the chain, those below them, and EXIF's."""
-    found: list[Tags] = []
-    with path.open("rb") as file, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of entries that are cut short
-        head = file.read(8)
-        refuse(head[:4] not in (b"II*\0", b"MM\0*"), "is not a DNG file; it does not begin like a TIFF file")
-        places = [int.from_bytes(head[4:8], "little" if head[:2] == b"II" else "big")]
-        for place in places:  # which grows
-            directory = ImageFileDirectory_v2(head)
-            try:
-                file.seek(place)
-                directory.load(file)
-                found.append(dict(directory))
-            except Exception as error:  # Pillow raises all sorts
-                raise ValueError(f"is not a valid DNG file: {error}") from None
-            below = [*_numbers(directory, _SUB), *_numbers(directory, _EXIF), directory.next]
-            places += [int(each) for each in below if each and each not in places]
-    refuse(not any(found), "is not a DNG file; it has no tags")
-    return found
-
-
-def _numbers(tags: Tags, tag: int, default: Any = ()) -> list[float]:
-    """A tag's numbers, one or many, NaN for fractions over 0; those of ``default`` without it."""
-    value = tags.get(tag, default)
-    return [float(each) for each in (value if isinstance(value, (tuple, list)) else (value,))]

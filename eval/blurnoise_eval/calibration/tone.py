@@ -8,7 +8,6 @@ eliminated. What is smooth is g less that of sRGB, by its second difference.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,9 +20,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.interpolate import PchipInterpolator
 
-from blurnoise._core.files import read_text
 from blurnoise.optics.colour import Points, linear_from_srgb
 from blurnoise_eval.calibration.frames import Floats, refuse
+from blurnoise_eval.calibration.listing import reader_of, with_points
 from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.datasets import decode
@@ -180,7 +179,9 @@ def _stack(files: Sequence[Path]) -> NDArray[np.uint8]:
 def _listed(folder: Path) -> tuple[list[Path], Floats]:
     """Pictures and their exposures, s: by frames.csv (file, exposure_s), else by EXIF, with ISO and f-number."""
     if (folder / _LIST).is_file():
-        rows = list(csv.DictReader(read_text(folder / _LIST).splitlines(), skipinitialspace=True))
+        reader = reader_of(folder / _LIST)
+        names = [name.strip() for name in next(reader, [])]
+        rows = [dict(zip(names, with_points(cells, reader), strict=False)) for cells in reader if any(cells)]
         try:
             taken = [(folder / inside(row["file"].strip()), float(row["exposure_s"])) for row in rows]
         except (KeyError, TypeError, ValueError, AttributeError):

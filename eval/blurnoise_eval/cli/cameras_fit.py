@@ -88,9 +88,9 @@ def cameras_fit(
 
       frames.csv    table with the columns file, kind (dark or flat), exposure_s
       a .txt file   descriptor of an EMVA 1288 data set
-      file names    such as dark_10ms_0.png and flat/2.5ms_1.tif; frames in
-                    dark/ are dark, all others flat; raw and FITS files also
-                    contain their exposure and ISO
+      file names    such as dark_10ms_0.png, flat/2.5ms_1.tif, flat_0,1s.png;
+                    dark flats are dark, light frames and averages are left
+                    out; raw and FITS files also contain kind, exposure, ISO
 
     Optional columns of frames.csv: photons_per_px (for the quantum efficiency), illuminance_lux, wavelength_nm,
     gain_db, temperature_c, cfa, page. Of a colour sensor, the green pixels are measured.

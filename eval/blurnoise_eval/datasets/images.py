@@ -47,6 +47,9 @@ def decode(path: Location, max_megapixels: float = MOST_MEGAPIXELS, known: str |
     it has been looked up.
     """
     decoded = _stored(path, max_megapixels, known)
+    if str(path).lower().endswith(".exr") or (decoded is not None and decoded.dtype.kind == "f"):
+        linear = "with --picture-tone linear, in a plan picture_tone: linear, it is read as light"
+        raise UnreadablePicture(f"{path}: must be an 8- or 16-bit picture; {linear}")
     if decoded is None or decoded.dtype not in (np.uint8, np.uint16):
         raise UnreadablePicture(f"{path}: must be an 8- or 16-bit picture that OpenCV can decode")
     return decoded
@@ -89,6 +92,11 @@ def _openexr(path: Path) -> NDArray[np.float32]:
         _check_size(path, (width, height), MOST_MEGAPIXELS)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
+        if counts := [
+            name for name, pixels in channels.items() if name in "RGBY" and pixels.dtype.kind == "u"
+        ]:
+            integers = f"the channels {', '.join(counts)} are UINT, of numbers such as object ids"
+            raise UnreadablePicture(f"{path}: {integers}, not light; must be HALF or FLOAT")
         planes = [np.asarray(channels[name], np.float32) for name in ("RGB" if "R" in channels else "Y")]
         return planes[0] if len(planes) == 1 else np.stack(planes, axis=-1)
     except ImportError:

@@ -359,12 +359,12 @@ class Part:
         return int.from_bytes(digest, "little") % self.count == self.number - 1
 
 
-def reflectance_text(anchor: str | None) -> str:
-    """How a plan relates the brightness of photographs to reflectance, in half a line."""
+def reflectance_text(anchor: str | None, setting: str) -> str:
+    """How a plan relates the brightness of photographs to reflectance, in half a line. setting: of the anchor."""
     if anchor is None:
-        return "brightness is used as reflectance; with --grey-anchor, a part of the picture reflects 18 %"
+        return f"brightness is used as reflectance; with {setting}, a part of the picture reflects 18 %"
     of = GreyAnchor.parse(anchor)
     words = "the mean" if of.percentile is None else f"the {of.percentile:g} % percentile"
     if of.region_px is not None:
         words = f"the mean of the region {of}"
-    return f"{words} of each picture reflects 18 % (--grey-anchor {anchor})"
+    return f"{words} of each picture reflects 18 % ({setting.split()[0]} {anchor})"

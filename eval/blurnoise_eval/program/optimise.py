@@ -3,7 +3,8 @@
 Domain: lux, s; gain in dB, of stages as a factor, 1 and more; values in the criterion's unit, means over the
 scenario's lights. Stages are libcamera's: from the first time and gain on, as more total exposure (time x gain) is
 asked for, time rises to the next stage's at the present gain, then gain to the next stage's at that time; beyond the
-last stage nothing rises.
+last stage nothing rises, and in front of the first nothing falls. Last, a time of one or more periods of the mains is
+cut to whole ones and gain makes up for it; a shorter one stays (libcamera 0.7.1, ``AgcChannel::divideUpExposure``).
 """
 
 from __future__ import annotations
@@ -101,8 +102,9 @@ def optimise(problem: Problem) -> Program:
 
     (most, reached), enough = ways[-1], ENOUGH * len(lights)
     tested = next(stages for stages, worth in ways if worth >= reached - enough)
-    # more light than was tested is met by shorter exposures
-    found = replace(tested, times_s=(min(limits.shortest_s, tested.times_s[0]), *tested.times_s[1:]))
+    # more light than was tested is met by shorter exposures, also than the lamps need: no camera goes below its first
+    # stage
+    found = replace(tested, times_s=(min(limits.first_s, tested.times_s[0]), *tested.times_s[1:]))
     ours = schedule(found)
     if None in ours.values:
         raise problem.nothing_left([lights[ours.values.index(None)]])

@@ -2,8 +2,8 @@
 
 libcamera's format is that of the "rpi.agc" algorithm of a Raspberry Pi tuning file: "exposure_modes" maps a name to
 "shutter", us, and "gain", lists of one length, two or more (src/ipa/rpi/controller/rpi/agc_channel.cpp,
-``AgcExposureMode::read``; how they are walked, ``divideUpExposure``, is
-:meth:`~blurnoise_eval.program.optimise.Stages.divided`).
+``AgcExposureMode::read``, of libcamera 0.7.1; how they are walked, ``divideUpExposure``, is
+:meth:`~blurnoise_eval.program.optimise.Stages.divided`). No exposure is below the first "shutter".
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ def lines(program: Program, width: int | None = None) -> Iterator[str]:
         for time, gain in both
     ]
     yield from paragraph(f"Stages (the time rises first, then the gain): {'; '.join(stages)}.", prose)
+    yield from paragraph(brightest(program), prose)
     yield from paragraph(
         f"Speeds and targets: {problem.scenario.text}. Limits: {', '.join(problem.limits.words)}. The gain of "
         f"{inputs.metering.camera.name} meters to 18 % of full scale; the pictures have "
@@ -77,6 +78,20 @@ def sentence(program: Program) -> str:
     if program.regret_95 is None:
         return f"{start} {pictures} are too few to say how much better another program could be."
     return f"{start} No other program is better by more than {program.regret_95:.3f} (95 %, {pictures})."
+
+
+def brightest(program: Program) -> str:
+    """From which light on the rules cannot be kept."""
+    limits, metering = program.problem.limits, program.problem.inputs.metering
+
+    def lux(exposure_s: float) -> str:
+        """At which this exposure needs no gain."""
+        return f"{metering.total_s(1.0) / exposure_s:.3g} lux"
+
+    first_s, lamps_s = program.stages.times_s[0], limits.shortest_s
+    long = f"Above {lux(lamps_s)} {milliseconds(lamps_s)} ms are too long: exposures are shorter, and lamps flicker"
+    flickers = f"{long}. " if (limits.mains_hz or limits.led) and first_s < lamps_s else ""
+    return f"{flickers}Above {lux(first_s)} pictures are too bright at the first stage, {milliseconds(first_s)} ms."
 
 
 def _lux(light: float) -> str:

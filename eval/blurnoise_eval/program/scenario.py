@@ -146,6 +146,11 @@ def _number(name: str, text: str) -> float:
         raise ValueError(f"{name} = {text!r}: must be as 0:0.3,200:0.7, or without shares") from None
 
 
+def _whole(least: float, unit: float) -> float:
+    """As many whole units as are ``least`` or more; ``least`` without a unit."""
+    return math.ceil(least / unit - _STEP) * unit if unit else least
+
+
 @dataclass(frozen=True)
 class Limits(AutoExposure):
     """What a program may use: the camera's own limits, and those of the lamps and the sensor.
@@ -172,9 +177,13 @@ class Limits(AutoExposure):
     @cached_property
     def shortest_s(self) -> float:
         """The shortest exposure that the rules allow."""
-        least = max(self._period_s, LED_S if self.led else 0.0, self.row_time_s, self.least_exposure_s)
-        unit_s = self._period_s or self.row_time_s
-        return math.ceil(least / unit_s - _STEP) * unit_s if unit_s else least
+        lamps_s = max(self._period_s, LED_S if self.led else 0.0)
+        return _whole(max(lamps_s, self.first_s), self._period_s or self.row_time_s)
+
+    @cached_property
+    def first_s(self) -> float:
+        """The sensor's shortest exposure: in light in which what lamps need is too long and all would be white."""
+        return _whole(max(self.row_time_s, self.least_exposure_s), self.row_time_s)
 
     def settled(self, exposure_s: float) -> float:
         """The longest allowed exposure that is not longer; the shortest there is, if all are."""

@@ -40,8 +40,8 @@ class Score:
     where undefined. Without any the score is of a model as a whole.
     charted: whether the page draws it. of_models: of which kinds the table of models has it, of the original
     pictures; meaning: what it is, there, missing: why it may have no value, digits: how it is written. criterion:
-    what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it, if it is
-    ``of_targets`` or ``by_size``.
+    what it is called where a share of it is kept, and where it reaches a level: so ``--score`` takes it; raises
+    ``ValueError`` without ``of_targets`` or ``by_size``.
     """
 
     name: str
@@ -58,6 +58,11 @@ class Score:
     missing: str = ""
     digits: str = ".3f"
     criterion: tuple[str, str] | None = None
+
+    def __post_init__(self) -> None:
+        if self.criterion and not (self.of_targets or self.by_size):
+            must = "must have of_targets or by_size, which answer for each size of targets"
+            raise ValueError(f"score {self.name!r}: criterion = {self.criterion!r}: {must}")
 
     @property
     def most(self) -> float:

@@ -101,7 +101,7 @@ def take(given: SceneFile, camera: Camera, scene: Tensor) -> Taken:
     found = _figures(shot, frames[0], size)
     if given.grey_anchor is not None or given.emitters is not None or given.picture_tone == "linear":
         found["above_white_percent"] = 100 * float((scene.amax(1) > 1).double().mean())
-    found["reflectance"] = reflectance_text(given.grey_anchor)
+    found["reflectance"] = reflectance_text(given.grey_anchor, "--grey-anchor")
     return Taken(pictures, found, _plan(given, shot, size), shot.camera)
 
 

@@ -115,3 +115,9 @@ def test_a_new_score_is_one_entry(tmp_path, monkeypatch):
     assert "half" in criterion.names("detector")
     assert "alarms" not in criterion.names("detector")
     assert criterion.Criterion(0.9, kept=True, score="half").text == "keeps 0.9 of its half"
+
+
+def test_a_criterion_needs_a_form_for_each_size():
+    """``--score`` answered for recall under the name of such a score: 1.00 for one that is 0.123 everywhere."""
+    with pytest.raises(ValueError, match=r"score 'made_up': criterion = .*: must have of_targets or by_size"):
+        table.Score("made_up", "Made up", of=lambda judged: 0.123, criterion=("made up", "made up"))

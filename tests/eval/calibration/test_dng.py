@@ -3,6 +3,7 @@
 import made_frames
 import numpy as np
 import pytest
+from blurnoise_eval.calibration.formats import format_of, read_plane
 from blurnoise_eval.calibration.to_camera import camera_of_dng
 
 PLANE = np.full((48, 64), 500, np.uint16)
@@ -49,6 +50,42 @@ def test_other_tags(tmp_path):
     bare = camera_of_dng(dng(tmp_path, t50714=None, t50717=None, t34855=None))
     assert (bare.black_level_dn, bare.bit_depth, bare.name) == (0, 16, "Made Up 1")
     assert bare.sources["black_level_dn"].startswith("assumed")
+
+
+def test_the_black_level_is_the_mean_of_its_three_tags(tmp_path):
+    """48 rows, 64 columns; of one row 48 more is 1 on average."""
+    rows, columns = (48.0, *(0.0,) * 47), (2.0,) * 64
+    camera = camera_of_dng(
+        dng(tmp_path, t50714=(5, (50, 60, 60, 70)), t50715=(10, columns), t50716=(10, rows))
+    )
+    assert camera.black_level_dn == pytest.approx(60 + 2 + 1)
+    assert camera.system_gain_dn_per_e == pytest.approx(S * (WHITE - 63))
+    assert "BlackLevel + BlackLevelDeltaH + BlackLevelDeltaV" in camera.sources["black_level_dn"]
+
+
+def test_active_area_and_linearization_table(tmp_path):
+    camera = camera_of_dng(dng(tmp_path, t50829=(4, (1, 2, 47, 60)), t50712=(3, (0, 1, 4095))))
+    assert (camera.width_px, camera.height_px) == (58, 46)
+    assert "a LinearizationTable spreads 3 stored numbers to 4095" in camera.sources["read_noise_e"]
+
+
+AREAS = {(1, 1, 47, 63): "BGGR", (1, 0, 47, 64): "GBRG", (0, 1, 48, 63): "GRBG", (2, 2, 46, 62): "RGGB"}
+
+
+@pytest.mark.parametrize(("area", "letters"), AREAS.items())
+def test_letters_of_frames_are_those_of_what_is_read(tmp_path, area, letters):
+    """LibRaw leaves out a row or column more where the area begins at an odd one; letters are the area's."""
+    pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
+    plane = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
+    tags = {50829: (4, area), 50712: (3, tuple(range(48 * 64)))}
+    made_frames.write_dng(tmp_path / "a.dng", plane, tags)
+    read, taken = read_plane(tmp_path / "a.dng"), format_of(tmp_path / "a.dng").taken(tmp_path / "a.dng")
+    row, column = divmod(int(read[0, 0]), 64)
+    pattern = "RGGB"[2 * ((row - area[0]) % 2) + (column - area[1]) % 2]
+    assert (taken["cfa"], taken["cfa"][0]) == (letters, pattern)
+    assert taken["notes"] == [
+        "a LinearizationTable spreads 3072 stored numbers to 3071: noise near black is of those steps"
+    ]
 
 
 @pytest.mark.parametrize(

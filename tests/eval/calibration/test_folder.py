@@ -1,6 +1,7 @@
 """Levels of a folder: by gain, light and exposure; mosaics taken apart."""
 
 import csv
+import re
 from dataclasses import replace
 
 import made_frames
@@ -106,6 +107,28 @@ def test_figures_of_a_mosaic_are_of_its_green_pixels(tmp_path):
     assert found.estimates["prnu"].value == pytest.approx(0.01, rel=0.1)
     assert measure(folder, cfa="none").flat[-1].pixels == 128 * 160
     assert any(note.startswith("detected: colour filters XGGX") for note in measure(folder).notes)
+
+
+DOUBTED = {
+    "a row off": (
+        "GBRG",
+        "the two green ones of GBRG differ by 5[0-9] %, the other two by 0 %; BGGR or RGGB is likely",
+    ),
+    "not a mosaic's": ("RGGB", None),
+    "a column off": ("BGGR", None),
+    "other letters": ("GRBG", "BGGR or RGGB is likely; set --cfa"),
+}
+
+
+@pytest.mark.parametrize(("cfa", "why"), DOUBTED.values(), ids=DOUBTED)
+def test_greens_that_differ_are_doubted(tmp_path, cfa, why):
+    """Of R 0.5, G 1, B 0.3; red and blue cannot be told from each other."""
+    found = measure(mosaic(tmp_path / "frames", (0.5, 1.0, 1.0, 0.3)), cfa=cfa)
+    assert [bool(re.search((why or "").replace(" %", "%"), doubt.text)) for doubt in found.doubts] == (
+        [True] if why else []
+    )
+    if why:
+        assert "doubtful: colour filters" in camera_of(found, "mine", base="imx250c").sources["cfa"]
 
 
 def test_the_camera_behind_a_mosaic(tmp_path):

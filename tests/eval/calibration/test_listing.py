@@ -86,9 +86,7 @@ def test_names_of_files_and_folders(tmp_path):
     assert {(frame.kind, frame.exposure_s) for frame in found.frames} == {
         ("dark", 0.01), ("flat", 0.0025), ("flat", 0.0005), ("dark", 1.0), ("dark", 0.007), ("flat", 0.007),
     }  # fmt: skip
-    assert list(found.notes) == [
-        "left out: 1 files without an exposure in name or header, such as flat_10_1.npy"
-    ]
+    assert list(found.notes) == ["left out: no exposure in name or header (1 files, such as flat_10_1.npy)"]
     with pytest.raises(ValueError, match="must be a folder"):
         list_frames(tmp_path / "x.npy")
     (tmp_path / "empty").mkdir()

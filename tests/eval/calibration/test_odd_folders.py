@@ -95,7 +95,6 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
     "a column twice": (
         lambda folder: rewrite(folder, (HEADER, HEADER + ",kind")), "line 1: column 'kind': must occur once",
     ),
-    "semicolons": (lambda folder: rewrite(folder, (",", ";")), "line 1: .*separated by commas"),
     "no number": (
         lambda folder: rewrite(folder, ("dark,0.05", "dark,nan")),
         "line 3: exposure_s = 'nan': must be a finite number",

@@ -175,7 +175,17 @@ def test_light_of_openexr(tmp_path, monkeypatch):
         patch.setattr(images, "MOST_MEGAPIXELS", 1e-5)
         with pytest.raises(UnreadablePicture, match="11 x 7 px"):
             decode_linear(path)
-    for planes, fault in (({"Z": grey}, "must have R, G, B or Y"), ({"Y": -grey}, "negative or infinite")):
+    with pytest.raises(
+        UnreadablePicture, match=r"a\.exr: must be an 8- or 16-bit picture; with --picture-tone linear"
+    ):
+        decode(path)
+    faulty = (
+        ({"Z": grey}, "must have R, G, B or Y"),
+        ({"Y": -grey}, "negative or infinite"),
+        ({"Y": grey.astype(np.uint32)}, "the channels Y are UINT, of numbers such as object ids, not light"),
+        ({"RGB": light.astype(np.uint32)}, "the channels B, G, R are UINT"),
+    )
+    for planes, fault in faulty:
         with pytest.raises(UnreadablePicture, match=fault):
             decode_linear(saved_light(**planes))
     path.write_bytes(path.read_bytes()[:200])

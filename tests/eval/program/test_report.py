@@ -26,10 +26,10 @@ def mean_of(light_lux, total_s):
 class Libcamera:
     """Its metering of a scene at rest: gain to the target, damped, divided over the mode's stages."""
 
-    def __init__(self, mode, least_s):
+    def __init__(self, mode, least_s, period_s=0.0):
         assert len(mode["shutter"]) == len(mode["gain"]) >= 2
         self.times = [max(1e-6 * time, least_s) for time in mode["shutter"]]  # limitShutter
-        self.gains = mode["gain"]
+        self.gains, self.period_s = mode["gain"], period_s
 
     def settled(self, light_lux):
         """Time and gain after 80 frames."""
@@ -48,6 +48,15 @@ class Libcamera:
         return time_s, gain
 
     def divided(self, total_s):
+        """With flicker avoidance, which cuts a time to whole periods, last."""
+        time_s, gain = self.of_stages(total_s)
+        periods = int(time_s / self.period_s + 1e-9) if self.period_s else 0
+        if periods:
+            gain = min(gain * time_s / (periods * self.period_s), self.gains[-1])
+            time_s = periods * self.period_s
+        return time_s, gain
+
+    def of_stages(self, total_s):
         time_s, gain = self.times[0], self.gains[0]
         if time_s * gain < total_s:
             for stage in range(1, len(self.gains)):
@@ -100,3 +109,37 @@ def test_stages_differ_and_gain_waits_for_time(folder):
     assert stages[0] == (20, 1.0)
     longest = mode["shutter"][-1]
     assert all(20 * math.log10(gain) <= EARLY_GAIN_DB + 1e-3 for time, gain in stages if time < longest)
+
+
+@pytest.mark.parametrize(
+    "how", [{"mains_hz": 50.0}, {"mains_hz": 60.0, "row_time_s": 30e-6}, {"led": True}, {}], ids=str
+)
+def test_daylight_is_as_bright_as_a_room(tmp_path, how):
+    """With 1/100 s as the first shutter 20 000 lux were 6.3 stops too bright; in lamps' light periods are whole."""
+    limits = Limits(**how)
+    program = optimise(made_problem(limits))
+    report.write(program, tmp_path, "run")
+    period_s = 1 / (2 * limits.mains_hz) if limits.mains_hz else 0.0
+    driver = Libcamera(mode_of(tmp_path), 1e-6, period_s)
+    assert driver.times[0] == pytest.approx(max(20e-6, limits.row_time_s), rel=1e-3)
+    for light in (20.0, 300.0, 2e3, 20e3):
+        time_s, gain = driver.settled(light)
+        assert mean_of(light, time_s * gain) == pytest.approx(TARGET, rel=0.03), light
+        if period_s and light < 0.9 * METERING.total_s(1.0) / period_s:
+            assert time_s / period_s == pytest.approx(round(time_s / period_s), abs=1e-6), light
+
+
+def test_what_is_too_bright_is_named():
+    """A period of 10 ms; LEDs need 11.1 ms."""
+    unity = METERING.total_s(1.0)
+    mains, led = (
+        report.brightest(optimise(made_problem(Limits(**how)))) for how in ({"mains_hz": 50.0}, {"led": True})
+    )
+    assert (
+        f"Above {100 * unity:.3g} lux 10 ms are too long: exposures are shorter, and lamps flicker" in mains
+    )
+    assert f"Above {90 * unity:.3g} lux 11.1 ms are too long" in led
+    for text in (mains, led):
+        assert text.endswith(
+            f"Above {unity / 20e-6:.3g} lux pictures are too bright at the first stage, 0.02 ms."
+        )

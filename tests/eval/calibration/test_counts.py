@@ -1,0 +1,128 @@
+"""Numbers that drivers store are a converter's counts, or are refused; numbers that noise cannot have are doubted."""
+
+from dataclasses import replace
+
+import made_frames
+import numpy as np
+import pytest
+from blurnoise_eval.calibration.fit import measure
+
+CAMERA = replace(
+    made_frames.drawn_camera(2),
+    full_well_e=9000.0, system_gain_dn_per_e=0.4, read_noise_e=6.0, prnu=0.005, dsnu_e=1.0, black_level_dn=60.0,
+    dark_current_e_s=5.0, bit_depth=12,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def taken():
+    return made_frames.exposed(CAMERA, 1, size=(64, 80), levels=5, top=0.8)
+
+
+def saved(folder, taken, dark, flat):
+    stored = {"dark": dark, "flat": flat}
+    return made_frames.save(
+        folder,
+        {key: [stored[key[0]](plane).astype(np.uint16) for plane in planes] for key, planes in taken.items()},
+    )
+
+
+def plain(plane):
+    return plane
+
+
+def times(factor):
+    return lambda plane: np.floor(plane * float(factor))
+
+
+def repeated(plane):
+    """12 bits, with the highest again below them: IDS peak's PNG, FFmpeg's gray12le as gray16."""
+    return plane << 4 | plane >> 8
+
+
+def scaled(plane):
+    return np.rint(plane * (65535 / 4095))
+
+
+def clipped_at_the_top(plane):
+    return np.where(plane > 3000, 65535, plane * 16)
+
+
+READ = {
+    "as arrays": (plain, plain, ""),
+    "at the top of 16 bits": (times(16), times(16), "all numbers are multiples of 16"),
+    "beside 65535": (times(16), clipped_at_the_top, "all numbers are multiples of 16"),
+    "bits repeated": (repeated, repeated, "numbers are 12 bits stretched to 16"),
+    "scaled to 65535": (scaled, scaled, "numbers are 12 bits stretched to 16"),
+}
+
+
+@pytest.mark.parametrize(("dark", "flat", "note"), READ.values(), ids=READ)
+def test_counts_are_read(tmp_path, taken, dark, flat, note):
+    """Gain and read noise are those of the arrays: repeated bits made them 16 times, and 10 to 16 % more."""
+    found = measure(saved(tmp_path / "frames", taken, dark, flat))
+    gain, read_e = (found.estimates[name] for name in ("system_gain_dn_per_e", "read_noise_e"))
+    assert gain.low <= 0.4 <= gain.high
+    assert gain.value == pytest.approx(0.4, rel=0.05)
+    assert read_e.low <= 6 <= read_e.high
+    assert (found.bit_depth, found.doubts) == (12, [])
+    assert [text.startswith(note) for text in found.notes] == ([True] if note else [])
+
+
+MIXED = {
+    "arrays and pictures of pylon": (plain, times(16), "flat.*multiples of 16 .*unlike those of .*dark"),
+    "pictures and arrays of pylon": (times(16), plain, "dark.*multiples of 16 .*unlike those of .*flat"),
+    "arrays and pictures of IDS": (plain, repeated, "flat.*multiples of 2, unlike those of .*dark"),
+    "big-endian": (np.ndarray.byteswap, np.ndarray.byteswap, "numbers have their two bytes exchanged"),
+    "wrapped": (lambda plane: (plane - 60) & 65535, plain, "dark.*wrap around below 0"),
+    "cut at black": (lambda plane: np.maximum(plane, 60), plain, "5[78].* % of its pixels are 60, none below"),
+    "cut below black": (lambda plane: np.maximum(plane, 56), plain, "7.* % of its pixels are 56, none below"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("dark", "flat", "why"), MIXED.values(), ids=MIXED)
+def test_frames_of_two_scales_and_cut_ones_are_refused(tmp_path, taken, dark, flat, why):
+    """Arrays beside pictures gave a gain of 3.47 for 0.25 DN/e-; cut dark frames 3.5 e- for 6.2."""
+    with pytest.raises(ValueError, match=why):
+        measure(saved(tmp_path / "frames", taken, dark, flat))
+
+
+@pytest.mark.parametrize("factor", [1.5, 3.7])
+def test_numbers_that_never_occur_are_doubted(tmp_path, taken, factor):
+    found = measure(saved(tmp_path / "frames", taken, times(factor), times(factor)))
+    (doubt,) = found.doubts
+    never, could = (int(word) for word in doubt.text.split() if word.isdigit())
+    assert never / could == pytest.approx(1 - 1 / factor, abs=0.02)
+    assert "never occur between frequent ones" in doubt.text
+
+
+def exchanged(folder, one, other):
+    """Two files of the folder under each other's names."""
+    (folder / one).rename(folder / "x")
+    (folder / other).rename(folder / one)
+    (folder / "x").rename(folder / other)
+
+
+ORDER = {
+    "times exchanged": (
+        [(f"flat_40.0000ms_{n}.npy", f"flat_80.0000ms_{n}.npy") for n in (0, 1)],
+        r"flat 60 ms: its mean is .* of flat 40 ms; are exposure times and kinds right",
+    ),
+    "one frame of another time": (
+        [("flat_40.0000ms_0.npy", "flat_80.0000ms_0.npy")],
+        r"flat 40 ms: the means of its frames are .*; are some of another exposure or kind",
+    ),
+    "flat for dark": (
+        [(f"flat_40.0000ms_{n}.npy", f"dark_40.0000ms_{n}.npy") for n in (0, 1)],
+        r"(flat|dark) 40 ms: its mean is .*; are exposure times and kinds right",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("pairs", "why"), ORDER.values(), ids=ORDER)
+def test_levels_that_do_not_rise_with_time_are_refused_by_name(tmp_path, taken, pairs, why):
+    folder = saved(tmp_path / "frames", taken, plain, plain)
+    for pair in pairs:
+        exchanged(folder, *pair)
+    with pytest.raises(ValueError, match=why):
+        measure(folder)
