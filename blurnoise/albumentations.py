@@ -200,7 +200,8 @@ class RandomExposure(OverConditions, _Sampled):
             return masks
         row, column, inside = of
         inside = inside[..., None] if masks.ndim == 4 else inside
-        return np.where(inside, masks[:, row, column], np.zeros((), masks.dtype))
+        moved: Array = np.where(inside, masks[:, row, column], np.zeros((), masks.dtype))
+        return moved
 
     apply_to_mask3d = apply_to_masks
 
