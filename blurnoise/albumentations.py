@@ -190,7 +190,8 @@ class RandomExposure(OverConditions, _Sampled):
 
     def apply_to_mask(self, mask: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
         """The mask (H, W) or (H, W, C) at mid-exposure."""
-        return self.apply_to_masks(mask[None], drawn, ranges)[0]
+        moved: Array = self.apply_to_masks(mask[None], drawn, ranges)[0]
+        return moved
 
     def apply_to_masks(self, masks: Array, drawn: dict[str, Any], ranges: Draws, **params: Any) -> Array:
         """The masks (N, H, W) or (N, H, W, C) at mid-exposure."""
