@@ -172,7 +172,8 @@ def huge_picture(path):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     head = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
-    rows = zlib.compress(bytes(90_001 * 3))
+    packed, row = zlib.compressobj(1), bytes(90_001)
+    rows = b"".join([*(packed.compress(row) for _ in range(30_000)), packed.flush()])
     for each in path.parent.glob("*.png"):
         each.write_bytes(
             b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
@@ -272,6 +273,8 @@ ROWS = {
     "detections that are not finite": sql(f"UPDATE cells SET detections = x'{'0000c07f' * 6}'"),
     "detections of no class": sql(f"UPDATE cells SET detections = x'{'0000003f' * 5}ffffff7f'"),
     "text for detections": sql("UPDATE cells SET detections = 'none'"),
+    "names behind a zero": everywhere("camera", "char(0) || hex(zeroblob(1000000))"),
+    "a million detections": sql("UPDATE cells SET detections = zeroblob(24000000)"),
     "an enormous value": sql("UPDATE cells SET error = hex(zeroblob(20000000)) WHERE clean"),
 }
 DOCUMENTS = {
@@ -293,6 +296,7 @@ DOCUMENTS = {
     "no classes": document("manifest", at(("models", 0, "contract", "classes"), KeyError)),
     "a list for a manifest": document("manifest", "[1, 2]"),
     "text for a manifest": document("manifest", '"text"'),
+    "an enormous document": document("manifest", "[" + "[]," * 6_000_000 + "[]]"),
     "no JSON": document("manifest", "{"),
     "deep JSON": document("manifest", DEEP),
     "rather deep JSON": document(
@@ -373,6 +377,9 @@ READ = {
         "manifest", at(("title",), "\x1b[2J<script>alert(1)</script>")
     ),
     "an enormous PNG": file(huge_picture, "examples/any"),
+    "an enormous file for an example": file(
+        lambda path: [os.truncate(each, 20 << 30) for each in path.parent.glob("*.png")], "examples/any"
+    ),
     "a pipe for an example": file(
         lambda path: [pipe(each) for each in path.parent.glob("*.png")], "examples/any"
     ),

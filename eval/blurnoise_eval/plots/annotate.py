@@ -15,9 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from blurnoise_eval.datasets import eight_bit, read_picture
+from blurnoise_eval.datasets.folder import MAX_MEGAPIXELS
 from blurnoise_eval.scoring.boxes import iou
 from blurnoise_eval.scoring.matching import MATCH_IOU
-from blurnoise_eval.system.files import check_regular
+from blurnoise_eval.system.files import LARGEST_EXAMPLE_BYTES
 from blurnoise_eval.system.terminal import plain
 
 OTHER_SCORE = 0.3  # detections that belong to no target are drawn from this score on
@@ -37,17 +39,15 @@ def drawn_example(example: dict[str, Any], size_px: int, threshold: float) -> ND
     than ``MOST_BOXES`` targets the largest are drawn.
     """
     try:
-        check_regular(Path(example["path"]))
-        encoded = np.frombuffer(Path(example["path"]).read_bytes(), np.uint8)
-        bgr = cv2.imdecode(encoded, cv2.IMREAD_COLOR) if encoded.size else None
-    except (OSError, cv2.error):
+        if Path(example["path"]).stat().st_size > LARGEST_EXAMPLE_BYTES:
+            return None
+        whole = eight_bit(read_picture(example["path"], MAX_MEGAPIXELS))
+    except (OSError, ValueError):
         return None
-    if bgr is None:
-        return None
-    scale = size_px / max(bgr.shape[:2])
-    width, height = max(1, round(bgr.shape[1] * scale)), max(1, round(bgr.shape[0] * scale))
+    scale = size_px / max(whole.shape[:2])
+    width, height = max(1, round(whole.shape[1] * scale)), max(1, round(whole.shape[0] * scale))
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    picture = cv2.cvtColor(cv2.resize(bgr, (width, height), interpolation=method), cv2.COLOR_BGR2RGB)
+    picture = cv2.resize(whole, (width, height), interpolation=method)
     for other in example["detections"]:
         if other["score"] < OTHER_SCORE:
             continue

@@ -10,7 +10,7 @@ from blurnoise_eval.store import queries, schema
 from blurnoise_eval.store.store import Store, StoreError, unpack_all
 from blurnoise_eval.system.files import inside
 
-_AT_ONCE = 500  # blobs, of 7 kB mostly
+_AT_ONCE = 100  # blobs, of 7 kB mostly and 1 MB at most
 _OF_CELLS = ("image", "repeat", *schema.CONDITIONS)
 _SAME = " AND ".join(f"cells.{name} IS targets.{name}" for name in _OF_CELLS)
 _ALIEN = {
@@ -23,6 +23,8 @@ _ALIEN = {
 
 def check_rows(store: Store, classes: Mapping[str, int]) -> None:
     """Raise :class:`StoreError` for rows that no sweep writes. classes: by model, the number of its classes."""
+    if (found := _first(store, "PRAGMA quick_check(1)")) != [("ok",)]:
+        raise store.damaged("pages", str(found))
     for table, columns in schema.COLUMNS.items():
         there = store.columns(table, shown=False)
         known = [*columns, *(schema.OF_LAMPS[name] for name in there if name in schema.OF_LAMPS)]

@@ -12,10 +12,11 @@ import sqlite3
 import stat
 from contextlib import closing
 from pathlib import Path
-from urllib.parse import quote
 
 from blurnoise_eval.store import schema
 
+LARGEST_DOCUMENT = 16 << 20
+"""Letters of JSON that another account has written."""
 OTHER_VERSION = "was made by another version of blurnoise, or by other software; choose another folder"
 LARGEST_VALUE = 32 << 20
 """Bytes of a text or blob: some hundred thousand detections."""
@@ -38,7 +39,9 @@ _WAL = b"\2"  # at byte 18 of a file with a journal ahead of it
 
 def most_steps(path: Path) -> Steps:
     """Those of a query of this file."""
-    return Steps(_STEPS + _STEPS_PER_BYTE * path.stat().st_size)
+    facts = path.stat()
+    n_bytes = min(facts.st_size, 512 * getattr(facts, "st_blocks", facts.st_size))  # without holes
+    return Steps(_STEPS + _STEPS_PER_BYTE * n_bytes)
 
 
 class Steps:
@@ -80,9 +83,7 @@ def connect(path: Path, steps: Steps) -> sqlite3.Connection:
             )
         with path.open("rb") as file:  # of a journal that SQLite would make beside it
             how = "immutable=1" if file.read(20)[18:19] == _WAL else how
-    db = sqlite3.connect(
-        f"file:{quote(str(path.absolute()))}?{how}", uri=True, timeout=1.0, isolation_level=None
-    )
+    db = sqlite3.connect(f"{path.absolute().as_uri()}?{how}", uri=True, timeout=1.0, isolation_level=None)
     try:
         for limit, most in _LIMITS.items():
             db.setlimit(limit, most)

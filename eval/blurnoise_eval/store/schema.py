@@ -46,15 +46,19 @@ def _on(axis: Axis) -> str:
     return f"CASE WHEN clean THEN {{0}} IS NULL ELSE {allowed} END"
 
 
-_TEXT = "typeof({0}) = 'text' AND length({0}) BETWEEN 1 AND 1000"
-_ANY_TEXT = "typeof({0}) = 'text' AND length({0}) <= 1000000"
+_BYTES = "length(CAST({0} AS BLOB))"  # length alone ends at a zero
+_TEXT = f"typeof({{0}}) = 'text' AND {_BYTES} BETWEEN 1 AND 4000"
+_ANY_TEXT = f"typeof({{0}}) = 'text' AND {_BYTES} <= 20000"
 _ID = "typeof({0}) = 'text' AND length({0}) = 20 AND {0} NOT GLOB '*[^0-9a-f]*'"
 _HASH = "typeof({0}) = 'text' AND length({0}) <= 32 AND {0} NOT GLOB '*[^0-9a-f]*'"
 _COUNT, _SIZE, _FLAG = (_number(low, high, "integer") for low, high in ((0, 10**6), (1, 10**5), (0, 1)))
 _BIG = _number(0, 2**63 - 1, "integer")
 _SHARE, _PX = _number(0.0, 1.000001), _number(-1e9, 1e9)
 _MEASURED = _or_none(_number(-math.inf, math.inf))
-_DETECTIONS = f"typeof({{0}}) = 'blob' AND length({{0}}) % {DETECTION_BYTES} = 0"
+_DETECTIONS = (
+    f"typeof({{0}}) = 'blob' AND length({{0}}) % {DETECTION_BYTES} = 0"
+    f" AND length({{0}}) <= {DETECTION_BYTES * 50_000}"
+)
 
 _SHARED: tuple[Column, ...] = (
     ("cell_id", "TEXT", _ID), ("model", "TEXT", _TEXT), ("camera", "TEXT", _TEXT), ("image", "TEXT", _TEXT),

@@ -21,7 +21,15 @@ import numpy as np
 
 from blurnoise_eval.detectors.records import Answers, Detections
 from blurnoise_eval.store import schema
-from blurnoise_eval.store.reading import Steps, check_files, check_tables, connect, most_steps
+from blurnoise_eval.store.reading import (
+    LARGEST_DOCUMENT,
+    LARGEST_VALUE,
+    Steps,
+    check_files,
+    check_tables,
+    connect,
+    most_steps,
+)
 from blurnoise_eval.system.files import RUN_FILE, path_within
 from blurnoise_eval.system.signing import is_own, signed
 
@@ -108,13 +116,13 @@ class Store:
         with ExitStack() as opened:
             db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
-            db.execute("PRAGMA journal_mode = WAL")
-            db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
-            db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version == 0:
                 db.executescript(f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT")
             check_tables(db)
+            db.execute("PRAGMA journal_mode = WAL")
+            db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
+            db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
             opened.pop_all()
             return db
 
@@ -148,28 +156,32 @@ class Store:
     def is_own(self) -> bool:
         """Whether this user has written every document of the run."""
         rows = self.rows("SELECT key, value, signature FROM about")
-        others = [row for row in rows if not is_own(f"{row['key']} {row['value']}", row["signature"])]
-        return not others
+        return all(is_own(f"{row['key']} {row['value']}", row["signature"]) for row in rows)
 
     def about(self, key: str, *, own: bool = False) -> Any:
         """The JSON value under ``key``, None when there is none. own: nor one that somebody else has written."""
         for row in self.rows("SELECT value, signature FROM about WHERE key = ?", key):
-            if not own or is_own(f"{key} {row['value']}", row["signature"]):
+            signed_here = is_own(f"{key} {row['value']}", row["signature"])
+            if len(row["value"]) > LARGEST_DOCUMENT and not signed_here:
+                raise self.damaged(key, f"has more than {LARGEST_DOCUMENT} letters")
+            if signed_here or not own:
                 return self._document(key, row["value"])
         return None
 
     def keep(self, key: str, value: Any) -> None:
-        """As :meth:`set_about`; of a run that is read only where it is this user's and can be written."""
+        """As :meth:`set_about`, for later; where it is too large, or the run that is read cannot be written or is
+        another account's, nothing happens."""
+        if len(json.dumps(value, default=np.ndarray.tolist)) > LARGEST_VALUE // 2:
+            return
         if not self._reads:
             self.set_about(key, value)
-        if not self._reads or not self.is_own():
-            return
-        with suppress(sqlite3.Error, StoreError):
-            self._db.rollback()  # others may write
-            with Store(self.folder, create=True) as writing:
-                writing.set_about(key, value)
-        with self._explained():
-            self._db.execute("BEGIN")
+        elif self.is_own():
+            with suppress(sqlite3.Error, StoreError):
+                self._db.rollback()  # others may write
+                with Store(self.folder, create=True) as writing:
+                    writing.set_about(key, value)
+            with self._explained():
+                self._db.execute("BEGIN")
 
     def add(self, results: Sequence[CellResult]) -> None:
         """Commit finished cells, all of them or none; their pictures are not skipped."""

@@ -16,7 +16,7 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import read_truth, write_instances
 from blurnoise_eval.sweep.open import ENOUGH, Batch, Run, ask
 from blurnoise_eval.sweep.run_folder import differences, listed
-from blurnoise_eval.system.files import write_whole, written_whole
+from blurnoise_eval.system.files import LARGEST_EXAMPLE_BYTES, write_whole, written_whole
 
 
 class Merged(NamedTuple):
@@ -89,7 +89,7 @@ def _joined(
                 file = joined.file(name)
                 if part.store.file(name).is_file() and not file.exists():
                     file.parent.mkdir(parents=True, exist_ok=True)
-                    write_whole(file, read_bytes(part.store.file(name)))
+                    write_whole(file, read_bytes(part.store.file(name), LARGEST_EXAMPLE_BYTES))
             progress(1)
         for key, value in about.items():
             joined.set_about(key, value)

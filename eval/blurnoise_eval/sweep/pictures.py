@@ -110,6 +110,6 @@ class RunPictures:
     def _trusted(self, name: str, place: str) -> Path:
         """A path that the run names. Raises ``ValueError`` unless the run is trusted."""
         if not self.trusted:
-            other = "--trust opens files of a run of your own, --images a folder, --model a model"
+            other = "--trust opens it, --images a folder of pictures, --model a model"
             raise ValueError(f"{name} = {place!r}: is outside the folder of the run; {other}")
         return Path(place).expanduser()

@@ -19,6 +19,8 @@ __all__ = ["check_regular", "write_whole", "written_whole"]
 
 RUN_FILE = "results.sqlite"
 """The file by which a folder is known to be a sweep's."""
+LARGEST_EXAMPLE_BYTES = 300_000_000
+"""Of a picture that a run keeps."""
 RUN_PICTURES = ("examples", "figures")
 """The folders in it that hold pictures."""
 

@@ -3,14 +3,15 @@
 import os
 import resource
 import signal
+import subprocess
 import sys
 from contextlib import suppress
 
 import pytest
-from blurnoise_eval.store.store import StoreError
+from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.open import Run
 from commands import main
-from hostile_runs import READ, REFUSED, SENTINEL, changed, small_run
+from hostile_runs import ENDLESS, READ, REFUSED, SENTINEL, changed, small_run
 from processes import limited
 
 SECONDS, MEGABYTES = 20, 2000
@@ -82,10 +83,25 @@ def test_commands_survive_it(what, run, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["an endless tree", "a pattern that backtracks"])
-def test_ctrl_c_ends_it(what, run, tmp_path, capsys):
-    folder = changed(run, tmp_path, (READ | REFUSED)[what])
-    signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
-    signal.setitimer(signal.ITIMER_REAL, 1.0)
-    with suppress(KeyboardInterrupt):
-        assert main(["report", folder, "-o", tmp_path / "out", "--trust"]) in (2, 130)
+def test_ctrl_c_ends_a_search(run, tmp_path):
+    """For a pattern that whoever trusts the run has searched for: in a process of its own, within seconds."""
+    folder = changed(run, tmp_path, READ["a pattern that backtracks"])
+    words = [sys.executable, "-m", "blurnoise_eval.cli", "report", folder, "-o", tmp_path / "out", "--trust"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(SECONDS / 2)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=SECONDS)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+
+
+def test_ctrl_c_ends_a_query_and_none_is_endless(run, monkeypatch):
+    with Store(run) as store:
+        signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        with pytest.raises(KeyboardInterrupt):
+            list(store.rows(f"{ENDLESS} SELECT COUNT(*) FROM n"))
+    monkeypatch.setattr("blurnoise_eval.store.reading._STEPS", 1_000_000)
+    with Store(run) as store, limited(SECONDS), pytest.raises(StoreError, match="does not end"):
+        list(store.rows(f"{ENDLESS} SELECT COUNT(*) FROM n"))
