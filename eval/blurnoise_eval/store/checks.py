@@ -23,8 +23,8 @@ _ALIEN = {
 
 def check_rows(store: Store, classes: Mapping[str, int]) -> None:
     """Raise :class:`StoreError` for rows that no sweep writes. classes: by model, the number of its classes."""
-    if (found := _first(store, "PRAGMA quick_check(1)")) != [("ok",)]:
-        raise store.damaged("pages", str(found))
+    if (pages := _first(store, "PRAGMA quick_check(1)")) != [("ok",)]:
+        raise store.damaged("pages", str(pages))
     for table, columns in schema.COLUMNS.items():
         there = store.columns(table, shown=False)
         known = [*columns, *(schema.OF_LAMPS[name] for name in there if name in schema.OF_LAMPS)]
