@@ -129,7 +129,7 @@ def repeated(plane):
 
 PROGRAMS = {
     "N.I.N.A.": (beside(NINA, "LIGHT/a.fits", EXPTIME=30.0, IMAGETYP="LIGHT"), "left out: light frames (LIGHT)"),
-    "SharpCap": (SHARPCAP, "BAYERPAT = GBRG is RGGB from the file's first row on"),
+    "SharpCap": (SHARPCAP, "GBRG in the header is RGGB from the file's first row on, by YBAYROFF"),
     "ASIAIR": (
         beside(ASIAIR, "MasterFlat_Stack20_50.0ms_Bin1_gain100.fit"), "left out: averages or processed",
     ),
