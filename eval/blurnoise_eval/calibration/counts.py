@@ -104,8 +104,9 @@ def _of(numbers: NDArray[np.uint16]) -> Scale:
 def check_wrapped(name: str, plane: Plane) -> None:
     """Raise ``ValueError`` for a dark frame whose numbers below 0 have wrapped to the greatest."""
     top = np.iinfo(plane.dtype).max
-    low, high = np.mean(plane < top // _EDGE), np.mean(plane > top - top // _EDGE)
-    wrapped = min(low, high) > _PILED and low + high > 1 - _PILED
+    below, above = plane < top // _EDGE, plane > top - top // _EDGE
+    low, high = np.mean(below), np.mean(above & (plane < top))  # at the top itself are hot pixels
+    wrapped = min(low, high) > _PILED and np.mean(below | above) > 1 - _PILED
     must = f"{high:.2g} of its numbers wrap around below 0; must be raw, without a dark frame subtracted"
     refuse(wrapped, f"{name}: {must}")
 

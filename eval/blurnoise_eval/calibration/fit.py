@@ -14,7 +14,6 @@ from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import bend, checks, levels, structure, transfer
 from blurnoise_eval.calibration.bend import Bend
 from blurnoise_eval.calibration.checks import Doubt
-from blurnoise_eval.calibration.counts import Scale
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, Size, refuse
 from blurnoise_eval.calibration.levels import Level, Pattern, columns, level_of
@@ -161,7 +160,7 @@ def measure(
         bend=fitted.bend, linearity=linear, size_px=files.size_px,
         cfa=None if files.place is None else files.cfa, bit_depth=bits, bits_given=bit_depth is not None,
         clip_dn=clip_dn, doubts=doubts,
-        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files.scale)],
+        notes=[*files.notes, *checks.remarks(dark, flat), *_notes(found, files)],
     )  # fmt: skip
 
 
@@ -249,14 +248,21 @@ def _fitted(taken: _Taken, full_scale_dn: float) -> _Fitted:
     return _Fitted(fit, pattern, clip_dn, used, curve, tone)
 
 
-def _notes(fit: Transfer, scale: Scale) -> list[str]:
+def _notes(fit: Transfer, files: Folder) -> list[str]:
     """What was assumed, and what else to know of the figures."""
     bounds = "; these, black level and dark current are bounds only"
     bounds = bounds if fit.noise_dn < transfer.TWO_NUMBERS_DN else ""
     dark = f"the noise in the dark, {fit.noise_dn:.2g} DN, is smaller than the rounding"
     hidden = "the camera subtracts the dark signal; the dark current is measured from the variance"
+    measured_dn = fit.dark.offset * files.scale.step
+    stated_dn = measured_dn if files.black_dn is None else files.black_dn
+    other = abs(measured_dn - stated_dn) > max(2.0, 0.05 * stated_dn)
+    blacks = (
+        f"the dark frames have a black level of {measured_dn:.4g} DN, but the files state {stated_dn:g} DN"
+    )
     every = (
-        (scale.text, f"{scale.text}; the converter's own counts are measured"),
+        (other, f"{blacks}; are the numbers still those of the sensor?"),
+        (files.scale.text, f"{files.scale.text}; the converter's own counts are measured"),
         (fit.rounding, f"{dark}; read noise and DSNU assume normal noise{bounds}"),
         (fit.hidden_dn2_s[0] > 0, hidden),
         (fit.widened, "the variances scatter more than expected about the line; the intervals are widened"),

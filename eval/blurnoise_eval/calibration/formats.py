@@ -111,7 +111,8 @@ class Format(NamedTuple):
     """How files of a kind are read.
 
     read: the numbers (H, W) of one page. pages: how many there are. taken: fields of ``Frame`` that the header
-    states, and ``iso`` or ``gain_setting``; words: of its kind; processed: why it is no frame of the sensor; notes.
+    states, and ``iso`` or ``gain_setting``, ``black_dn``; words: of its kind; processed: why it is no frame of the
+    sensor; notes.
     """
 
     read: Callable[[Path, RawLayout | None, int], NDArray[Any]]
@@ -242,6 +243,8 @@ def _raw(path: Path, *_: object) -> NDArray[Any]:
 def _raw_taken(path: Path) -> dict[str, Any]:
     with _opened(path) as raw:
         found: dict[str, Any] = {"iso": raw.other.iso_speed} if raw.other.iso_speed > 0 else {}
+        if any(blacks := raw.black_level_per_channel):
+            found["black_dn"] = float(np.mean(blacks))
         if raw.other.shutter_speed > 0:
             found["exposure_s"] = float(f"{raw.other.shutter_speed:.6g}")
         if raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):

@@ -41,7 +41,8 @@ class Folder:
     Raises ``ValueError`` unless there are dark levels and three flat ones, of two frames each, and for frames of
     several sizes, depths or scales. scale: of the numbers in the files; planes are the converter's counts. size_px:
     (width, height) of whole frames. place: row and column of the plane in the mosaic, None where there is none.
-    bit_depth: as the folder's list states it, or the scale. notes: what else to know; doubts: of the mosaic.
+    bit_depth: as the folder's list states it, or the scale; black_dn: as the files do. notes: what else to know;
+    doubts: of the mosaic.
     """
 
     def __init__(self, folder: Path, layout: RawLayout | None = None, cfa: str | None = None) -> None:
@@ -49,7 +50,7 @@ class Folder:
             one_of("cfa", cfa, get_args(BayerPattern))
         self._layout = layout
         listing = list_frames(folder, layout)
-        self.notes, self.bit_depth = [*listing.notes], listing.bit_depth
+        self.notes, self.bit_depth, self.black_dn = [*listing.notes], listing.bit_depth, listing.black_dn
         ordered = sorted(listing.frames, key=lambda frame: frame.level)
         every = [list(frames) for _, frames in groupby(ordered, lambda frame: frame.level)]
         levels = [frames for frames in every if len(frames) > 1]

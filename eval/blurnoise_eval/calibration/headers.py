@@ -113,9 +113,10 @@ def fits_taken(path: Path) -> dict[str, Any]:
     if stated in _BAYER:
         found["cfa"] = _letters(stated, header, values.shape[1])
         if found["cfa"] != stated:
-            notes.append(
-                f"BAYERPAT = {stated} is {found['cfa']} from the file's first row on, by XBAYROFF, YBAYROFF, ROWORDER"
+            by = ", ".join(
+                key for key in ("XBAYROFF", "YBAYROFF", "BAYOFFX", "BAYOFFY", "ROWORDER") if key in header
             )
+            notes.append(f"{stated} in the header is {found['cfa']} from the file's first row on, by {by}")
     elif stated and "BAYERPAT" in header:
         notes.append(f"BAYERPAT = {stated!r} is not used; set --cfa")
     return {**found, "notes": notes}

@@ -66,11 +66,12 @@ class Frame(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
 
 
 class Listing(NamedTuple):
-    """The frames of a folder in the order taken. bit_depth: as the list states it."""
+    """The frames of a folder in the order taken. bit_depth: as the list states it; black_dn: as headers do."""
 
     frames: Sequence[Frame]
     notes: Sequence[str]
     bit_depth: int | None = None
+    black_dn: float | None = None
 
     @property
     def left_out(self) -> list[str]:
@@ -87,6 +88,7 @@ class _Headers:
     def __init__(self) -> None:
         self._isos: dict[Path, float] = {}
         self._settings: dict[Path, float] = {}
+        self._blacks_dn: dict[Path, float] = {}
         self.noted: dict[str, list[str]] = {}
 
     def note(self, text: str, path: Path) -> None:
@@ -99,7 +101,9 @@ class _Headers:
         refuse(not path.is_file(), f"file {path.name!r}: must be a file in {path.parent}")
         with naming(path):
             taken = format_of(path).taken(path)
-        for name, values in (("iso", self._isos), ("gain_setting", self._settings)):
+        for name, values in (
+            ("iso", self._isos), ("gain_setting", self._settings), ("black_dn", self._blacks_dn),
+        ):  # fmt: skip
             value = taken.pop(name, None)
             if value is not None and "gain_db" not in given:
                 values[path] = value
@@ -123,14 +127,18 @@ class _Headers:
             *notes,
             *(f"{text} ({len(names)} files, such as {names[0]})" for text, names in self.noted.items()),
         ]
+        blacks_dn = {*self._blacks_dn.values()}
+        black_dn = blacks_dn.pop() if len(blacks_dn) == 1 else None
         if not self._isos:
-            return Listing(frames, notes)
+            return Listing(frames, notes, black_dn=black_dn)
         base = min(self._isos.values())
         gains = {path: round(20 * math.log10(iso / base), 3) for path, iso in self._isos.items()}
         with_gain = [
             each.model_copy(update={"gain_db": gains.get(each.file, each.gain_db)}) for each in frames
         ]
-        return Listing(with_gain, [*notes, f"ISO {base:g}, the lowest, is used as 0 dB of gain"])
+        return Listing(
+            with_gain, [*notes, f"ISO {base:g}, the lowest, is used as 0 dB of gain"], black_dn=black_dn
+        )
 
 
 def _frame(fields: dict[str, Any]) -> Frame:

@@ -62,11 +62,15 @@ def packed(folder, kind, exposure_s, number, plane):
     (folder / f"{kind}_{1000 * exposure_s:g}ms_{number}.raw").write_bytes(octets.tobytes())
 
 
-def dng(folder, kind, exposure_s, number, plane):
+def dng(folder, kind, exposure_s, number, plane, black=60):
     (folder / kind).mkdir(exist_ok=True)
     exif = {33434: exposure_s, 34855: 100}
-    tags = {50714: (4, 60), 50717: (4, 4095), 34665: (4, exif), 50712: (3, tuple(range(4096)))}
+    tags = {50714: (4, black), 50717: (4, 4095), 34665: (4, exif), 50712: (3, tuple(range(4096)))}
     made_frames.write_dng(folder / kind / f"{1000 * exposure_s:g}_{number}.dng", plane, tags)
+
+
+def dng_of_another_black(*frame):
+    dng(*frame, black=256)
 
 
 def each(one, other):
@@ -125,7 +129,7 @@ def repeated(plane):
 
 PROGRAMS = {
     "N.I.N.A.": (beside(NINA, "LIGHT/a.fits", EXPTIME=30.0, IMAGETYP="LIGHT"), "left out: light frames (LIGHT)"),
-    "SharpCap": (SHARPCAP, "BAYERPAT = GBRG is RGGB from the file's first row on"),
+    "SharpCap": (SHARPCAP, "GBRG in the header is RGGB from the file's first row on, by YBAYROFF"),
     "ASIAIR": (
         beside(ASIAIR, "MasterFlat_Stack20_50.0ms_Bin1_gain100.fit"), "left out: averages or processed",
     ),
@@ -149,6 +153,7 @@ PROGRAMS = {
     "IDS peak": (picture(".png", repeated), "numbers are 12 bits stretched to 16"),
     "FFmpeg": (picture(".tiff", repeated), "numbers are 12 bits stretched to 16"),
     "rpicam-still": (dng, "a LinearizationTable spreads 4096 stored numbers to 4095"),
+    "changed DNG": (dng_of_another_black, "the dark frames have a black level of 59.96 DN, but the files state 256"),
     "v4l2-ctl": (packed, None),
     "OpenCV": (picture(".png", lambda plane: cv2.merge([plane] * 3)), "error: .*not colours"),
     "ccdproc": (each(picture(".png", lambda plane: plane - 60), array), "error: .*wrap around below 0"),
@@ -158,7 +163,7 @@ PROGRAMS = {
 
 @pytest.mark.parametrize(("write", "said"), PROGRAMS.values(), ids=PROGRAMS)
 def test_a_folder_of_the_program(tmp_path, taken, write, said):
-    if write is dng:
+    if write in (dng, dng_of_another_black):
         pytest.importorskip("rawpy", reason="needs rawpy: pip install 'blurnoise[raw]'")
     for frame in taken:
         write(tmp_path, *frame)
@@ -167,10 +172,13 @@ def test_a_folder_of_the_program(tmp_path, taken, write, said):
         with pytest.raises(ValueError, match=said.removeprefix("error: ")):
             measure(tmp_path, layout=layout)
         return
-    found = measure(tmp_path, layout=layout, cfa=None if write in (SHARPCAP, dng) else "none")
+    found = measure(
+        tmp_path, layout=layout, cfa=None if write in (SHARPCAP, dng, dng_of_another_black) else "none"
+    )
     gain, dark = (found.estimates[name] for name in ("system_gain_dn_per_e", "dark_current_e_s"))
     assert gain.low <= 0.4 <= gain.high
     assert dark.value == pytest.approx(500, rel=0.05)
     assert sum(level.frames for level in (*found.flat, *found.dark)) == len(taken)
     notes = [note for note in found.notes if "colour filters" not in note and "ISO" not in note]
-    assert [note.startswith(said) for note in notes] == [True] if said else not notes
+    assert any(note.startswith(said) for note in notes) if said else not notes
+    assert len(notes) <= 2
