@@ -179,7 +179,8 @@ class Selection:
         empty = ["pictures without targets"] * (self._keep_empty and bool(self._labels))
         chosen = ", ".join([*sorted(self._labels), *empty])
         counted = (f"{n} {'box' if n == 1 else 'boxes'} {why} left out" for why, n in self._left_out.items())
-        return PictureSet(self.kind, str(self.file), pictures, categories, (*counted, *notes), chosen)
+        about = (*counted, *notes), chosen, str(self.folder)
+        return PictureSet(self.kind, str(self.file), pictures, categories, *about)
 
 
 class _Sized(BaseModel):

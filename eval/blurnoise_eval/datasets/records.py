@@ -60,8 +60,8 @@ class PictureSet:
     """Pictures of one kind ("rendered", "folder", "coco", "yolo", "bdd", "text") and where they come from.
 
     categories: ids of the labels, COCO's own, or by default from 1 on as they occur. notes: what was left
-    out, and how much of it. chosen: which targets count, in words; "" for all. Raises ``ValueError`` for a name that
-    occurs twice: results are told apart by it.
+    out, and how much of it. chosen: which targets count, in words; "" for all. folder: of the pictures' files, if
+    they have any. Raises ``ValueError`` for a name that occurs twice: results are told apart by it.
     """
 
     kind: str
@@ -70,6 +70,7 @@ class PictureSet:
     categories: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     chosen: str = ""
+    folder: str = ""
 
     def __post_init__(self) -> None:
         names: set[str] = set()

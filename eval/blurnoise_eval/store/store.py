@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence, Set
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -29,6 +30,7 @@ _DETECTION = np.dtype([("box_xyxy", "<f4", 4), ("score", "<f4"), ("class_id", "<
 """A class that is not the first of its box is stored as its complement, a number below 0."""
 _NOT_SHOWN = ("detections", "non_finite_values")  # columns that no table has
 _AT_ONCE = 20_000  # rows that are read at a time
+_APPLICATION, _MAGIC = 0x626C6E73, b"SQLite format 3\0"  # "blns" in the file's header, and how that begins
 _JOURNAL_PAGES = 8000  # 32 MB; rows go to pages all over the file, which are synced when the journal is full
 
 
@@ -105,9 +107,13 @@ class Store:
         """The connection of the one that writes."""
         self.folder.mkdir(parents=True, exist_ok=True)
         check_files(path)
+        if other := _other_software(path):
+            raise ValueError(f"{RUN_FILE} is {other}; choose another folder")
         with ExitStack() as opened:
             db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            if not path.stat().st_size:
+                db.execute(f"PRAGMA application_id = {_APPLICATION}")  # in the file before any journal
             db.execute("PRAGMA journal_mode = WAL")
             db.execute("PRAGMA synchronous = NORMAL")  # a killed process loses nothing
             db.execute(f"PRAGMA wal_autocheckpoint = {_JOURNAL_PAGES}")
@@ -333,6 +339,24 @@ def _infinite(constant: str) -> float:
     if constant == "NaN":
         raise ValueError("NaN")
     return float(constant)
+
+
+def _other_software(path: Path) -> str:
+    """What a file is in which no run can be begun or go on, "" for one that is a run or will be.
+
+    Nothing is written for it: SQLite would write beside a file that it opens.
+    """
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        head = file.read(100)
+    if not head or (head.startswith(_MAGIC) and int.from_bytes(head[68:72]) == _APPLICATION):
+        return ""
+    if not head.startswith(_MAGIC):
+        return "damaged, or no database of blurnoise"
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as db:
+        held = {name for (name,) in db.execute("SELECT name FROM sqlite_schema WHERE type = 'table'")}
+    return "" if held.issuperset(("about", *schema.RUN_TABLES)) else "a database of other software"
 
 
 def _insert(db: sqlite3.Connection, table: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -98,9 +98,13 @@ class RunPictures:
         folder = self._images
         if isinstance(folder, PictureSet):
             return folder
+        at = self.manifest["images"].get("at", {})
+        where = at.get("source", source)
         if kind == "folder":
-            return datasets.image_folder(folder or self._trusted("images", source))
-        labels = self._trusted("images", source)
+            return datasets.image_folder(folder or self._trusted("images", where))
+        labels = self._trusted("images", where)
+        if folder is None and at.get("folder"):
+            folder = self._trusted("images", at["folder"])
         if kind not in _LABELS or not labels.exists():
             raise ValueError(f"images = {source!r}: must be a folder with the pictures of the run")
         opener: Any = _LABELS[kind]
