@@ -4,6 +4,7 @@ import base64
 import json
 import shutil
 from itertools import product
+from typing import Any
 
 import browsers
 import cv2
