@@ -95,7 +95,8 @@ def open_run(
     store.set_about("identity", identity)
     before = {} if store.about("manifest") is None else Run(store).models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
-    images["at"] = {name: _absolute(getattr(pictures, name)) for name in ("source", "folder")}
+    if pictures.folder:
+        images["at"] = {name: _absolute(getattr(pictures, name)) for name in ("source", "folder")}
     manifest = {
         "title": f"{', '.join(names)} seen through {camera.name}",
         "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
@@ -111,7 +112,7 @@ def open_run(
 
 
 def _absolute(place: str) -> str:
-    return place if not place or is_url(place) else str(Path(place).absolute())
+    return place if is_url(place) else str(Path(place).absolute())
 
 
 def differences(held: Any, here: Any, at: str = "") -> list[str]:
