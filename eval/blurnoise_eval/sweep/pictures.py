@@ -22,6 +22,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
 from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.system.urls import is_url
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 _LABELS = {"coco": datasets.coco, "yolo": datasets.yolo, "bdd": datasets.bdd, "text": datasets.texts}
@@ -103,7 +104,7 @@ class RunPictures:
         if kind == "folder":
             return datasets.image_folder(folder or self._trusted("images", where))
         labels = self._trusted("images", where)
-        if folder is None and at.get("folder"):
+        if folder is None and at and not is_url(at["folder"]):
             folder = self._trusted("images", at["folder"])
         if kind not in _LABELS or not labels.exists():
             raise ValueError(f"images = {source!r}: must be a folder with the pictures of the run")

@@ -103,7 +103,7 @@ def test_a_database_of_the_users_stays_as_it_is(here, capsys, command, journal):
         db.execute(f"PRAGMA journal_mode = {journal}")
         db.execute("CREATE TABLE mine (a)")
         db.commit()
-    refused(capsys, command, "is a database of other software; choose another folder")
+    refused(capsys, command, "other software; choose another folder")
 
 
 def test_a_search_does_not_begin_there_either(here, capsys):
