@@ -1,4 +1,4 @@
-"""Files: those read are regular files of limited size; those written are complete and on disk, or not there.
+"""Files that are read: regular files of limited size.
 
 Documents (JSON and YAML, from anywhere) and tables of samples (CSV): any fault is one line.
 """
@@ -9,15 +9,14 @@ import csv
 import errno
 import json
 import os
-import shutil
 import stat
-import uuid
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+from blurnoise._core.writing import note_inputs
 
 LARGEST_TEXT_BYTES = 64 << 20
 """Of a table as CSV: a day of readings at 20 Hz, or an hour at 500 Hz."""
@@ -59,79 +58,13 @@ def text_of(data: bytes) -> str:
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write ``data``, at once or piece by piece, as :func:`written_whole`. Raises ``OSError`` that names ``path``."""
-    with written_whole(path) as unfinished, _naming(path), unfinished.open("xb") as file:
-        file.writelines([data] if isinstance(data, bytes) else data)
-
-
-@contextmanager
-def written_whole(path: Path, *, over: bool = True) -> Iterator[Path]:
-    """A path beside ``path`` to write a file or folder to, which takes its place once it is on disk.
-
-    A former one stays until then; where anything fails nothing is left behind. Several writers of one path do not
-    disturb each other: the last one's content stays. over: replace a folder that is not empty, too. Raises
-    ``OSError`` that names ``path``.
-    """
-    unfinished = _beside(path)
-    try:
-        yield unfinished
-        with _naming(path):
-            for place in (*unfinished.rglob("*"), unfinished):
-                _sync(place)
-            _take_place(unfinished, path, over)
-        with suppress(OSError):
-            _sync(path.parent)
-    finally:
-        with suppress(OSError):
-            shutil.rmtree(unfinished) if unfinished.is_dir() else unfinished.unlink()
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
-
-
-def _beside(path: Path) -> Path:
-    return path.with_name(f".{uuid.uuid4().hex}.partial")
-
-
-def _take_place(unfinished: Path, path: Path, over: bool) -> None:
-    try:
-        unfinished.replace(path)
-    except OSError as error:
-        if not over or error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise
-        aside = _beside(path)  # a folder that holds anything cannot be replaced at once
-        with suppress(FileNotFoundError):  # another writer was faster
-            path.replace(aside)
-        try:
-            _take_place(unfinished, path, over)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-
-
-def _sync(place: Path) -> None:
-    """Write a file's content to disk, or a folder's names where its file system can do so."""
-    handle = os.open(place, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError:
-        if not place.is_dir():
-            raise
-    finally:
-        os.close(handle)
-
-
 def read_document(path: Path) -> Any:
     """The content of a file of at most 1 MiB, JSON by its suffix .json, else YAML.
 
     Raises ``OSError``, and ``ValueError`` of one line.
     """
     text = read_bytes(path, _LARGEST_BYTES).decode("utf-8-sig")
+    note_inputs([path])
     return json_of(text, _without_doubles) if path.suffix.lower() == ".json" else yaml_of(text)
 
 
@@ -174,7 +107,7 @@ class _Loader(yaml.SafeLoader):
         self.around: list[str | None] = []  # anchors of the values in which the next one stands
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        anchor = self.peek_event().anchor
+        anchor = self.peek_event().anchor  # type: ignore[no-untyped-call]
         if self.check_event(yaml.AliasEvent):
             self.aliases += 1
             if self.aliases > _MOST_ALIASES:
@@ -215,6 +148,7 @@ def read_samples(path: str | Path, column: int, position: str) -> tuple[tuple[fl
     Raises ``ValueError`` that names the file and line when a row does not hold numbers, or for fewer than two.
     """
     samples: list[tuple[float, float]] = []
+    note_inputs([Path(path)])
     for number, row in enumerate(csv.reader(read_text(Path(path)).split("\n")), start=1):
         if not row or not row[0].strip():
             continue

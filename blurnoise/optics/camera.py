@@ -29,6 +29,7 @@ from blurnoise._core.checks import (
     shown,
     within,
 )
+from blurnoise._core.writing import writing
 from blurnoise.optics import camera_files, colour, gain
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
 from blurnoise.optics.gain import ConversionGain as ConversionGain
@@ -337,9 +338,14 @@ class Camera:
         except (TypeError, ValueError) as error:
             raise camera_files.within(str(path), error) from None
 
-    def save(self, path: str | Path) -> None:
-        """Save the camera to a .json, .yaml or .yml file, atomically. Raises ``ValueError`` or ``OSError``."""
-        camera_files.write(Path(path), self.to_dict())
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Save the camera to a .json, .yaml or .yml file, atomically.
+
+        overwrite: also replace a file that this did not write, or that was changed since. Raises ``ValueError`` or
+        ``OSError``.
+        """
+        with writing(overwrite=overwrite):
+            camera_files.write(Path(path), self.to_dict())
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON, sources included."""

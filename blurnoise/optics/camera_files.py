@@ -18,7 +18,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 import yaml
 
 from blurnoise._core.checks import integer, known, one_of, shown
-from blurnoise._core.files import read_document, read_samples, write_whole
+from blurnoise._core.files import read_document, read_samples
+from blurnoise._core.writing import write_whole
 from blurnoise.optics.colour import FilterCurves, marked
 
 PRESETS = (

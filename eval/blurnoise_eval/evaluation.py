@@ -42,7 +42,7 @@ from blurnoise_eval.sweep.run import Outcome
 from blurnoise_eval.sweep.run_folder import begun_or_gone, note_models, open_run
 from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
 from blurnoise_eval.sweep.work import count_cells
-from blurnoise_eval.system.files import write_whole
+from blurnoise_eval.system.files import RUN_FILES, check_outputs, write_whole, writing
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.tables import plain
 from blurnoise_eval.system.working_folder import WorkingFolder, working_folder
@@ -68,6 +68,7 @@ def evaluate(
     part: str | None = None,
     refine: bool = True,
     progress: bool | None = None,
+    overwrite: bool = False,
     command: str = "blurnoise_eval.evaluate",
 ) -> Evaluation:
     """Run models over pictures under every condition of a plan, as ``blurnoise sweep`` does.
@@ -87,11 +88,13 @@ def evaluate(
     pictures, by their names; :func:`~blurnoise_eval.sweep.merging.merge` joins the parts. refine: whether to compute
     more exposures where a window ends between two tested ones, to a quarter of a stop
     (:mod:`blurnoise_eval.sweep.refining`); a part refines nothing. progress: whether to draw a
-    bar on the terminal. command: what the run's page gives as its origin.
+    bar on the terminal. overwrite: replace files in the folder that blurnoise did not write, or that were changed
+    since; inputs and folders never are. command: what the run's page gives as its origin.
 
     Raises ``TypeError`` for values of another kind, and ``ValueError`` for what cannot be used: a model
     (:class:`~blurnoise_eval.detectors.contract.ModelError`), a folder that holds another run
-    (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read.
+    (:class:`~blurnoise_eval.store.store.StoreError`), pictures none of which can be read. Raises ``OSError`` where
+    the run cannot be written, or would replace a file that is not its own.
     """
     folder = working_folder(output)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
@@ -118,7 +121,7 @@ def evaluate(
     check_plan(plan, seen_by, shown)
     enough: dict[str, Any] = {"threshold": threshold, "keep": keep, "score": score}
     with (
-        begun_or_gone(folder.path),
+        begun_or_gone(folder.path, opened, whole, overwrite=overwrite),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):
@@ -251,8 +254,14 @@ class Evaluation:
             summary |= {name: getattr(self.outcome, name) for name in names}
         return summary
 
-    def report(self) -> Path:
-        """Write the run's tables, figures and pages; returns the page's path. Raises ``OSError``."""
+    def report(self, *, overwrite: bool = False) -> Path:
+        """Write the run's tables, figures and pages; returns the page's path. overwrite: replace files that blurnoise
+        did not write, too. Raises ``OSError``."""
+        with writing(overwrite=overwrite):
+            check_outputs(self.output, *RUN_FILES)
+            return self._report()
+
+    def _report(self) -> Path:
         from blurnoise_eval.report import charts, failures, page  # matplotlib and plotly
 
         self.output.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ import onnx
 import torch
 from onnx import helper
 
-from blurnoise._core.files import write_whole
+from blurnoise._core.writing import write_whole
 from blurnoise_models.network import Decoded, SignNet
 
 OPSET = 18

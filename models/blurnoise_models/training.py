@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 from torch.optim.swa_utils import AveragedModel
 
-from blurnoise._core.files import write_whole
+from blurnoise._core.writing import write_whole
 from blurnoise_models.network import SIDE_MULTIPLE_PX, SignNet, loss
 from blurnoise_models.scenes import scene
 

@@ -17,7 +17,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import helper, numpy_helper, parser
 
-from blurnoise._core.files import write_whole
+from blurnoise._core.writing import write_whole
 from blurnoise.charts import stop_sign
 from blurnoise.optics.colour import srgb_from_linear
 

@@ -69,7 +69,9 @@ def bench(
 
     from blurnoise_eval import datasets
     from blurnoise_eval.bench import augment, contest, decide, edges, motion, noise, sweep
+    from blurnoise_eval.system.files import check_outputs
 
+    check_outputs(folder, f"{what}.*")
     contests: dict[str, Any] = {
         "blur": motion.blur, "motion": motion.motion, "noise": noise.noise, "edges": edges.edges,
         "augment": augment.augment,

@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import wraps
 from importlib import import_module, metadata
-from inspect import cleandoc
+from inspect import Parameter, cleandoc, signature
+from itertools import pairwise
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -39,6 +43,14 @@ COMMANDS: dict[str, str] = {
 }
 """The commands, each with a line about it. The function of a command has its name, in a module of that name."""
 _INTERRUPTED = 130  # what Typer makes of an interrupt
+_READ_ONLY = ("_overview", "compare", "motion")
+_OVERWRITE = Annotated[
+    bool,
+    Option(
+        "--overwrite",
+        help="replace files that blurnoise did not write, or that were changed since; never an input",
+    ),
+]
 _ABOUT = """\
 What exposure time should this camera use, and how does my detector hold up
 when the picture gets dark, noisy and blurred?
@@ -84,7 +96,7 @@ def function(name: str) -> Callable[..., None]:
 
 def run_alone(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     """Run the command of one function, such as ``blurnoise sweep`` or ``python -m blurnoise_eval.bench``."""
-    return in_order(lambda: _run(command(run), name, words))
+    return in_order(lambda: _run(run, name, words))
 
 
 def command(run: Callable[..., None]) -> Any:
@@ -95,13 +107,62 @@ def command(run: Callable[..., None]) -> Any:
         add_completion=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    app.command(help=described(run.__doc__ or ""))(run)
+    app.command(help=described(run.__doc__ or ""))(run if run.__name__ in _READ_ONLY else _overwriting(run))
     made: Any = get_command(app)
     for each in made.params:
         named = each.param_type_name == "argument" and not each.type_descriptor.is_choice
         if named or getattr(each, "is_flag", False):
             each.display_type_rich = lambda ctx: None
     return made
+
+
+def _overwriting(run: Callable[..., None]) -> Callable[..., None]:
+    """The function with the option --overwrite, which :func:`_beginning` has read: some options write, too."""
+
+    @wraps(run)
+    def overwriting(overwrite: bool = False, **given: Any) -> None:
+        from blurnoise_eval.cli._options import BEGIN
+
+        BEGIN.get()()
+        run(**given)
+
+    own = signature(run, eval_str=True)
+    added = Parameter("overwrite", Parameter.KEYWORD_ONLY, default=False, annotation=_OVERWRITE)
+    overwriting.__signature__ = own.replace(parameters=[*own.parameters.values(), added])  # type: ignore[attr-defined]
+    return overwriting
+
+
+@contextmanager
+def _beginning(run: Callable[..., None], params: Sequence[Any], words: Sequence[str]) -> Iterator[None]:
+    """While a command runs: what it may replace. Its inputs are all files that it names, but those that it writes."""
+    if run.__name__ in _READ_ONLY:
+        yield
+        return
+    from blurnoise_eval.cli._options import BEGIN, WRITTEN
+
+    kinds = signature(run, eval_str=True).parameters.items()
+    names = {
+        name for name, each in kinds for about in getattr(each.annotation, "__metadata__", ())
+        if getattr(about, "parser", None) in WRITTEN
+    }  # fmt: skip
+    written = {option for each in params if each.name in names | {"saved_to"} for option in each.opts}
+    inputs: list[Path] = []
+    for before, word in pairwise(["", *words]):
+        option, _, value = word.partition("=")
+        if before not in written and option not in written:
+            inputs += map(Path, {word, value, *word.split(","), word.partition(":")[2]})
+
+    with ExitStack() as entered:
+
+        def begin() -> None:
+            from blurnoise_eval.system.files import writing
+
+            BEGIN.set(lambda: None)
+            entered.enter_context(writing(overwrite="--overwrite" in words, inputs=inputs))
+
+        token = BEGIN.set(begin)
+        entered.callback(BEGIN.reset, token)
+        yield
 
 
 def described(text: str) -> str:
@@ -113,12 +174,13 @@ def described(text: str) -> str:
     )
 
 
-def _run(program: Any, name: str, words: Sequence[str]) -> int:
+def _run(run: Callable[..., None], name: str, words: Sequence[str]) -> int:
     accept_all_text()
+    program = command(run)
     options = option_names(program.params, words)
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # errors are reported below
     try:
-        with plain_warnings():
+        with plain_warnings(), _beginning(run, program.params, words):
             code = program.main(args=[*words], prog_name=name, standalone_mode=False)
             sys.stdout.flush()
     except typer.TyperException as error:
@@ -129,11 +191,11 @@ def _run(program: Any, name: str, words: Sequence[str]) -> int:
         return 1
     except OSError as error:
         text = f"{error.filename}: {error.strerror}" if error.strerror and error.filename else str(error)
-        _say(in_options(text, options))
+        _say(in_options(text.replace("overwrite=True", "--overwrite"), options))
         _forget_output()
         return 2
     except (ValueError, TypeError) as error:
-        _say(in_options(str(error), options))
+        _say(in_options(str(error).replace("overwrite=True", "--overwrite"), options))
         return 2
     except (MemoryError, RuntimeError) as error:
         from blurnoise_eval.system.machine import is_out_of_memory

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import fields
 from functools import wraps
 from inspect import Parameter, signature
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     Region = tuple[int, int, int, int]
 else:
     Location = Region = object  # Typer calls the parser; a URL's class takes time to import
+
+
+BEGIN: ContextVar[Callable[[], None]] = ContextVar("begin", default=lambda: None)
+"""Called before anything is written or checked for it: says what the command may replace. What it imports is slow."""
 
 
 def place(text: str) -> Location:
@@ -42,6 +47,7 @@ def new_file(text: str) -> Path:
     """A file to write. Raises ``OSError`` if it cannot be written."""
     from blurnoise_eval.system.files import check_writable
 
+    BEGIN.get()()
     check_writable(Path(text))
     return Path(text)
 
@@ -50,6 +56,7 @@ def new_folder(text: str) -> Path:
     """A folder to write to. Raises ``OSError`` if it cannot be written to."""
     from blurnoise_eval.system.files import check_writable_folder
 
+    BEGIN.get()()
     check_writable_folder(Path(text))
     return Path(text)
 
@@ -58,6 +65,10 @@ def new_place(text: str | Location) -> Location:
     """As :func:`new_folder`, or a URL."""
     found = place(str(text))
     return new_folder(str(found)) if isinstance(found, Path) else found
+
+
+WRITTEN = (new_file, new_folder, new_place)
+"""The parsers of what a command writes."""
 
 
 def region(text: str) -> Region:
@@ -98,7 +109,7 @@ def settings(
     chosen = [each for name in names for each in (axes if name == "*" else [name])]
 
     def save(path: Path | None) -> None:
-        from blurnoise._core.files import write_whole
+        from blurnoise._core.writing import write_whole
 
         if path is not None:
             write_whole(path, kind.document().encode())

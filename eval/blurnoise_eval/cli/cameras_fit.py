@@ -71,7 +71,7 @@ def cameras_fit(
       blurnoise cameras fit frames/ --grey-card 500,0.18 -o mine.yaml
       blurnoise cameras fit --dng photo.dng -o phone.yaml
       blurnoise cameras fit --libcamera imx219.json -o pi.yaml
-      blurnoise cameras fit --tone bracket/ --base mine.yaml -o mine.yaml
+      blurnoise cameras fit --tone bracket/ --base mine.yaml -o toned.yaml
 
     Measured are gain, read noise, dark current, black level, saturation, PRNU, DSNU and linearity, each with a 95 %
     interval. Plots are written beside the camera file, as mine.png.
@@ -104,6 +104,8 @@ def cameras_fit(
     from blurnoise_eval.cameras import figures
 
     checks.one_of(f"suffix of {output}", output.suffix.lower(), (".yaml", ".yml", ".json"))  # before any work
+    if folder is not None:
+        new_file(str(output.with_suffix(".png")))
     sources = [path for path in (folder, dng, libcamera) if path is not None]
     if len(sources) > 1 or not (sources or tone):
         must = "exactly one is needed, as in 'blurnoise cameras fit FOLDER -o mine.yaml', or --tone alone"

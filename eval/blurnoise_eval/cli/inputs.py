@@ -84,10 +84,13 @@ def models(plan: PlanFile) -> list[Model]:
 
 def _place(name: str, text: str | None) -> Any:
     """The file, folder or URL of a setting. Raises ``ValueError`` that names the setting."""
+    from blurnoise_eval.system.files import note_inputs
     from blurnoise_eval.system.urls import location
 
     try:
-        return None if text is None else location(text)
+        found = None if text is None else location(text)
+        note_inputs([found] if isinstance(found, Path) else [])
+        return found
     except ValueError as error:
         raise ValueError(f"{name} = {error}") from None
 

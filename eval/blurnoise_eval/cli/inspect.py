@@ -88,8 +88,6 @@ def inspect(
     kept = None
     if save_contract:
         kept = (model.parent if isinstance(model, Path) else Path()) / f"{model.stem}.contract.json"
-        if kept.exists():
-            raise ValueError(f"save-contract = {str(kept)!r}: exists already; remove it first")
         new_file(str(kept))
     network: Any
     if reads:

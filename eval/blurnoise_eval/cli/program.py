@@ -38,8 +38,9 @@ def program(run: RunRead, *, config: ProgramFile, output: Folder) -> None:
     from blurnoise_eval.program.problem import Problem, inputs_of
     from blurnoise_eval.sweep.open import Run
     from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
-    from blurnoise_eval.system.working_folder import output_folder, read_run
+    from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
+    check_outputs(output, "program.csv", "program.json", "program.png", "libcamera.json")
     in_range("fps", config.fps, 0.0, 1e6, above=True)
     in_range("readout_ms", config.readout_ms, 0.0, 1e3 / config.fps)
     with read_run(run) as read, Run.open(read.path) as opened, ProgressBar("program", 2) as advance:

@@ -53,9 +53,11 @@ def quality(*, config: ChartPlan, output: NewFolder, as_json: Json = False) -> N
     workers = inputs.threads(config.threads)
     from blurnoise_eval.quality import figures as quality_figures
     from blurnoise_eval.quality import measure as quality
+    from blurnoise_eval.system.files import check_outputs
 
     plan = config.sweep_plan(repeats=2)
     quality.check(camera, plan)
+    check_outputs(output, "quality.csv", "quality.json", "figures/exposure-*.png")
     output.mkdir(parents=True, exist_ok=True)
     with ProgressBar("quality", len(plan.conditions())) as advance:
         rows = quality.measure(

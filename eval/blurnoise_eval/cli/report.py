@@ -86,7 +86,10 @@ def report(
     from blurnoise_eval.system.working_folder import output_folder, read_run
 
     if output is None and isinstance(run, Path) and run.is_dir():
-        new_place(run)
+        try:
+            new_place(run)
+        except OSError as error:
+            raise OSError(error.errno, f"{error.strerror}, as in -o DIR", error.filename) from None
     with read_run(run) as folder, nullcontext() if output is None else output_folder(output) as written:
         done = Decision(
             folder,

@@ -58,8 +58,6 @@ def simulate(
     from blurnoise_eval.simulation.taking import take
 
     config.at()
-    if output.exists() and output.samefile(image):
-        raise ValueError(f"output = {str(output)!r}: is the input picture; must be another file")
     scene = light(image, config)
     colour = not is_grey_light(scene)
     taken = take(config, inputs.camera(config.camera, config.cfa, colour=colour), scene)

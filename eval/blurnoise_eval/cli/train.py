@@ -36,11 +36,12 @@ def train(
     from blurnoise_models.augmentation import MIX, exposures
     from blurnoise_models.export import write_onnx
 
-    from blurnoise_eval.system.files import write_whole
+    from blurnoise_eval.system.files import check_outputs, remove, write_whole
     from blurnoise_eval.system.interrupts import keeps
 
     workers = inputs.threads(threads)
     checkpoint = output / "training.checkpoint"
+    check_outputs(output, "stop_sign.onnx", "training.csv", checkpoint.name)
     keeps(checkpoint.is_file)
     steps: list[tuple[int, float]] = []
     with ProgressBar("train", pictures) as advance:
@@ -57,5 +58,5 @@ def train(
     path = write_onnx(network, output / "stop_sign.onnx", input_px=size, facts=facts)
     rows = "".join(f"{seen},{loss:.6g}\n" for seen, loss in steps)
     write_whole(output / "training.csv", f"pictures,loss\n{rows}".encode())
-    checkpoint.unlink(missing_ok=True)
+    remove(checkpoint)
     print_facts({"model": str(path), **facts, "loss": steps[-1][1]}, as_json)

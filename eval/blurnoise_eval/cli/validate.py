@@ -38,10 +38,11 @@ def validate(
     """
     from blurnoise_eval import cameras
     from blurnoise_eval.calibration.formats import RawLayout
-    from blurnoise_eval.system.files import write_records
+    from blurnoise_eval.system.files import check_outputs, write_records
     from blurnoise_eval.validation import page
     from blurnoise_eval.validation.held_out import validate as compared
 
+    check_outputs(output, "validation.html", "validation.csv", "validation.json", "camera.yaml")
     layout = RawLayout.parse(raw_layout) if raw_layout else None
     known = cameras.find(camera) if camera else None
     found = compared(frames, known, layout=layout, cfa=cfa, seed=seed)

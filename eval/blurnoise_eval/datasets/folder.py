@@ -13,7 +13,7 @@ import numpy as np
 from blurnoise_eval.datasets import netpbm, tiff
 from blurnoise_eval.datasets.images import SUFFIXES, decode, depth_and_pages, read_picture
 from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture
-from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
+from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES, note_inputs
 from blurnoise_eval.system.urls import Location, listing, location, versions
 
 MAX_MEGAPIXELS = 100.0
@@ -109,6 +109,8 @@ def from_files(
     EXIF says, or of more than ``MAX_MEGAPIXELS``, is an :class:`UnreadablePicture` then. Raises ``OSError`` where
     the folder is a URL that nothing can be read from.
     """
+    if isinstance(folder, Path):
+        note_inputs(folder / entry.name for entry in entries)
     found = versions(folder, [entry.name for entry in entries]) if known is None else known
     pictures = []
     for place, (name, targets, image_id, size_px) in enumerate(entries, start=1):

@@ -104,7 +104,7 @@ def decided(
     conditions_at((0.0, 0.0), question.lines, question.exposures_s, question.further).exposure(camera)
     computed_by = engine_of(engine, threads) if isinstance(engine, str) else engine
     with (
-        begun_or_gone(folder.path),
+        begun_or_gone(folder.path, models, pictures),
         Store(folder.path, create=True) as store,
         staying(computed_by) as engine_kept,
     ):

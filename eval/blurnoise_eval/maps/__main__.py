@@ -39,8 +39,9 @@ def maps(
     from blurnoise_eval.maps.nodes import nodes_of
     from blurnoise_eval.sweep.open import Run
     from blurnoise_eval.sweep.score_tables import cluster_of_run, criterion_of
-    from blurnoise_eval.system.working_folder import output_folder, read_run
+    from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
+    check_outputs(output, "maps.csv", "nodes.csv", "figures/map-*.png", "figures/scatter-*.png")
     with read_run(run) as read, Run.open(read.path) as opened:
         question = criterion_of(opened, threshold, keep, score), cluster_of_run(opened, cluster)
         nodes = nodes_of(opened)

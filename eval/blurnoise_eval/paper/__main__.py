@@ -49,7 +49,9 @@ def paper(
     from blurnoise_eval.detectors.ocr import Recogniser, rapidocr_models
     from blurnoise_eval.paper import items, page
     from blurnoise_eval.paper.measurement import Measurements
+    from blurnoise_eval.system.files import check_outputs
 
+    check_outputs(output, "paper.csv", "paper.html")
     wanted, networks = items.chosen(only or ()), rapidocr_models()
     reader = None if networks is None else Recogniser(networks[1])
     repeats = 1 if quick else 3

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import base64
 import math
+import re
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from operator import itemgetter
@@ -84,6 +86,14 @@ def write_failures(store: Store, data: RunData, folder: Path, run: RunPictures) 
     views = (view for number, model in enumerate(models) for view in _views(number, model.codes, tested))
     opening = max(views, key=lambda view: len(view.lost), default=None)
     sizes, (pictures, unopened) = store.pictures(), _pictures(run, names)
+    page = folder / FAILURES
+    if unopened and (standing := _pictures_of(page)) > len(pictures):
+        warnings.warn(
+            f"{page}: stays as it was, with {standing} pictures; {len(pictures)} of {len(names)} can be opened now "
+            f"({unopened[0]}); --images names their folder",
+            stacklevel=2,
+        )
+        return page
     place = {name: number for number, name in enumerate(names)}
     numbers = {
         "axes": [texts for _, texts in tested.axes],
@@ -93,10 +103,25 @@ def write_failures(store: Store, data: RunData, folder: Path, run: RunPictures) 
         "opening": opening and opening[:3],
         "crops": dict(_crops(store, run, models[opening.model], tested, opening)) if opening else {},
     }
-    about = {"n_left_out": sum(model.n_left_out for model in models), "unopened": unopened}
+    about = {
+        "n_pictures": len(pictures),
+        "n_left_out": sum(model.n_left_out for model in models),
+        "unopened": unopened,
+    }
+    if unopened and not pictures:
+        warnings.warn(f"{page}: has no pictures ({unopened[0]}); --images names their folder", stacklevel=2)
     template = TEMPLATES / "failures.html.j2"
-    write_page(folder / FAILURES, template, data=data, axes=tested.axes, failures=numbers, **about)
-    return folder / FAILURES
+    write_page(page, template, data=data, axes=tested.axes, failures=numbers, **about)
+    return page
+
+
+def _pictures_of(page: Path) -> int:
+    """How many pictures a page shows that stands there already."""
+    if not page.is_file():
+        return 0
+    with page.open("rb") as file:
+        said = re.search(rb'<meta name="pictures" content="(\d+)">', file.read(1000))
+    return int(said[1]) if said else 0
 
 
 def _conditions(store: Store, models: Sequence[str]) -> _Conditions:

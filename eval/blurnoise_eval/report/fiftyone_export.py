@@ -13,8 +13,8 @@ import math
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from shutil import rmtree
 from typing import Any
 
 from blurnoise_eval.datasets import encode
@@ -24,7 +24,7 @@ from blurnoise_eval.report.run import RunData
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, unpack
 from blurnoise_eval.sweep.pictures import RunPictures
-from blurnoise_eval.system.files import path_within, write_whole
+from blurnoise_eval.system.files import check_own_folder, path_within, write_whole
 
 MOST_SAMPLES, MOST_PX = 2000, 1_000_000_000
 """Samples of a data set, and pixels of all its pictures, which are PNG files of about 2 GB then."""
@@ -50,7 +50,7 @@ def write_fiftyone(
     ``ValueError`` where no picture of the run can be opened, and ``OSError``.
     """
     names, slugs, (n_pictures, n_exposures) = sorted(store.pictures()), _slugs(data), _limits(store, data)
-    new = not folder.exists()
+    check_own_folder(folder)
     path_within(folder, "data").mkdir(parents=True, exist_ok=True)
     wrong, counts = list[str](), dict[str, int]()
 
@@ -74,8 +74,9 @@ def write_fiftyone(
     try:
         write_whole(folder / "samples.json", parts())
     except ValueError:
-        if new:
-            rmtree(folder)
+        with suppress(OSError):  # not empty
+            (folder / "data").rmdir()
+            folder.rmdir()
         raise
     document = {"version": _VERSION, "media_type": "image", "sample_fields": _fields(data, slugs)}
     write_whole(folder / "metadata.json", json.dumps(document, indent=1).encode())

@@ -64,12 +64,19 @@ class Steps:
 
 def check_files(path: Path) -> list[Path]:
     """The journals beside a run's file. Raises ``ValueError`` for one that is no file: SQLite would write through a
-    link."""
+    link. And for a file that no run was begun in, by its head: SQLite would write beside one that it opens."""
     found = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
     found = [each for each in found if os.path.lexists(each)]
     for each in found:
         if not stat.S_ISREG(each.lstat().st_mode):
             raise ValueError(f"{each.name} must be a file, no link, device or pipe")
+    if path in found:
+        with path.open("rb") as file:
+            head = file.read(100)
+        if head and not head.startswith(b"SQLite format 3\0"):
+            raise ValueError(f"{path.name} is damaged, or no database of blurnoise; choose another folder")
+        if head and int.from_bytes(head[68:72]) != schema.APPLICATION:
+            raise ValueError(OTHER_VERSION)
     return [each for each in found if each.name.endswith(("-wal", "-journal"))]
 
 
@@ -105,7 +112,7 @@ def check_tables(db: sqlite3.Connection) -> None:
     """Raise ``ValueError`` for a file whose tables are not those that a sweep writes, to the letter."""
     names = "user_version", "application_id"
     version, application = (db.execute(f"PRAGMA {name}").fetchone()[0] for name in names)
-    if version != schema.VERSION or application not in (0, schema.APPLICATION):
+    if version != schema.VERSION or application != schema.APPLICATION:
         raise ValueError(OTHER_VERSION)
     with closing(sqlite3.connect(":memory:")) as new:
         new.executescript(schema.TABLES)

@@ -122,7 +122,7 @@ TABLES = ";\n".join(
     ]
 )
 APPLICATION = 0x626C6E73
-"""By which tools know the file: "blns"."""
+"""In the head of each run's file, as SQLite has it: "blns"."""
 VERSION = int.from_bytes(hashlib.sha256(TABLES.encode()).digest()[:4]) >> 1
 """Of the tables: a number made of their columns."""
 

@@ -116,6 +116,8 @@ class Store:
         with ExitStack() as opened:
             db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             db.execute("PRAGMA locking_mode = EXCLUSIVE")
+            if not path.stat().st_size:
+                db.execute(f"PRAGMA application_id = {schema.APPLICATION}")  # in the file before any journal
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version == 0:
                 db.executescript(f"BEGIN; {schema.TABLES} PRAGMA user_version = {schema.VERSION}; COMMIT")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 from collections.abc import Callable, Mapping
 from itertools import chain, count
@@ -16,7 +17,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.documents import validated
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.system.files import path_within, write_whole
+from blurnoise_eval.system.files import check_outputs, path_within, write_whole
 
 INSTANCES = Path("coco") / "instances.json"
 
@@ -110,8 +111,12 @@ def write_detections(store: Store, folder: Path) -> list[Path]:
     MODEL-instances.json, the truth at rest; targets.csv has where conditions move it. Raises ``OSError``.
     """
     written, truth_of, labels = [], truths(store), read_truth(store)
+    models = list(Run(store).models)
+    check_outputs(
+        folder, *(glob.escape(f"{name}{end}.json") for name in models for end in ("", "-instances"))
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    for model in Run(store).models:
+    for model in models:
         if (truth := truth_of(model)) is None:
             continue
         rows = (

@@ -38,6 +38,14 @@ class ModelNote(TypedDict):
 
 
 @_STRICT
+class ImagesPlace(TypedDict):
+    """Labels, or the folder without any, and the folder of the pictures: paths from the root of this machine."""
+
+    source: str
+    folder: str
+
+
+@_STRICT
 class ImagesNote(TypedDict):
     """The pictures of the run."""
 
@@ -47,6 +55,7 @@ class ImagesNote(TypedDict):
     notes: list[str]
     chosen: str
     count: Count
+    at: NotRequired[ImagesPlace]
 
 
 @_STRICT

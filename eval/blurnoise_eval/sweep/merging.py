@@ -55,7 +55,7 @@ def merge(
         if all(each == questions[0] for each in questions):
             about[ENOUGH] = questions[0]
         try:
-            with written_whole(output, over=False) as folder:
+            with written_whole(output) as folder:
                 write_instances(folder, truth)
                 return _joined(parts, folder, about, progress)
         except OSError as error:

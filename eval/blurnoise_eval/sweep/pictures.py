@@ -23,6 +23,7 @@ from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
 from blurnoise_eval.sweep.exposing import Frame, Scene, frames
 from blurnoise_eval.sweep.open import Run
+from blurnoise_eval.system.urls import is_url
 
 _RENDERED = re.compile(r"rendered (?P<sizes>[\d.-]+) px, (?P<number>\d+) of seed (?P<seed>\d+)")
 
@@ -98,9 +99,13 @@ class RunPictures:
         folder = self._images
         if isinstance(folder, PictureSet):
             return folder
+        at = self.manifest["images"].get("at", {})
+        where = at.get("source", source)
         if kind == "folder":
-            return datasets.image_folder(folder or self._trusted("images", source))
-        labels = self._trusted("images", source)
+            return datasets.image_folder(folder or self._trusted("images", where))
+        labels = self._trusted("images", where)
+        if folder is None and at and not is_url(at["folder"]):
+            folder = self._trusted("images", at["folder"])
         of = format_named(kind)
         if of is None or not labels.exists():
             raise ValueError(f"images = {source!r}: must be a folder with the pictures of the run")

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from itertools import cycle
+from itertools import chain, cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from blurnoise._core.writing import remove_made
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.datasets import Picture, PictureSet, UnreadablePicture, content, sample
 from blurnoise_eval.detectors.contract import ModelError
@@ -29,8 +29,9 @@ from blurnoise_eval.store.store import Store, StoreError
 from blurnoise_eval.sweep.coco_export import write_truth
 from blurnoise_eval.sweep.contract_checks import Comparison
 from blurnoise_eval.sweep.open import Run
-from blurnoise_eval.system.files import RUN_FILE, RUN_PICTURES
+from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, RUN_PICTURES, check_outputs, writing
 from blurnoise_eval.system.machine import hardware, limited_threads, versions
+from blurnoise_eval.system.urls import is_url
 
 HARMLESS = ("id",)
 """Fields of annotations that reach neither a pixel nor a box."""
@@ -94,6 +95,8 @@ def open_run(
     store.set_about("identity", identity)
     before = {} if store.about("manifest") is None else Run(store).models
     images = {name: getattr(pictures, name) for name in ("kind", "source", "labelled", "notes", "chosen")}
+    if pictures.folder:
+        images["at"] = {name: _absolute(str(getattr(pictures, name))) for name in ("source", "folder")}
     manifest = {
         "title": f"{', '.join(names)} seen through {camera.name}",
         "models": [{**before.get(model.name, {}), **_about(model, pictures)} for model in models],
@@ -106,6 +109,10 @@ def open_run(
         "hardware": hardware(),
     }
     store.set_about("manifest", {**manifest, **facts})
+
+
+def _absolute(place: str) -> str:
+    return place if is_url(place) else str(Path(place).absolute())
 
 
 def differences(held: Any, here: Any, at: str = "") -> list[str]:
@@ -172,23 +179,34 @@ def _unsourced(values: dict[str, Any]) -> dict[str, Any]:
 
 
 @contextmanager
-def begun_or_gone(folder: Path) -> Iterator[None]:
-    """Where the body fails before a cell is finished or a picture is skipped, the folder is left as it was, but for
-    files that others have put there."""
-    made = [each for each in (folder, *folder.parents) if not each.exists()]
-    new = [name for name in (RUN_FILE, *RUN_PICTURES, "coco") if not (folder / name).exists()]
-    try:
-        yield
-    except BaseException:
-        if RUN_FILE in new and not _has_begun(folder):
-            for file in folder.glob(f"{RUN_FILE}*"):
-                file.unlink()
-            for name in new:
-                shutil.rmtree(folder / name, ignore_errors=True)
-            with suppress(OSError):  # missing, or not empty
-                for each in made:
-                    each.rmdir()
-        raise
+def begun_or_gone(
+    folder: Path, models: Sequence[Model], pictures: PictureSet, *, overwrite: bool = False
+) -> Iterator[None]:
+    """A run is begun in the folder, or goes on there. Where the body fails before a cell is finished or a picture is
+    skipped, whatever it has made is deleted, and nothing else.
+
+    overwrite: as of :func:`~blurnoise_eval.evaluation.evaluate`. Raises ``OSError`` where the run or its report could
+    not be written.
+    """
+    files = chain(
+        [Path(pictures.source)], (Path(pictures.folder or "", picture.name) for picture in pictures)
+    )
+    inputs = chain((Path(getattr(model, "path", "")) for model in models), files)
+    with writing(overwrite=overwrite, inputs=inputs) as own:
+        below = [folder / name for name in (*RUN_PICTURES, "coco")]
+        check_outputs(folder, *RUN_FILES, *(f"{name}/" for name in RUN_PICTURES))
+        stores = [folder / f"{RUN_FILE}{suffix}" for suffix in ("", "-wal", "-shm")]
+        new = [each for each in (*stores, *below, folder, *folder.parents) if not each.exists()]
+        since = len(own.made)
+        try:
+            yield
+        except BaseException:
+            if stores[0] in new and not _has_begun(folder):
+                remove_made(own, since)
+                for each in new:
+                    with suppress(OSError):  # missing, or not empty
+                        each.unlink() if each in stores else each.rmdir()
+            raise
 
 
 def _has_begun(folder: Path) -> bool:

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import json
 import os
-import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 from blurnoise._core.checks import one_of
-from blurnoise._core.files import check_regular, write_whole, written_whole
+from blurnoise._core.files import check_regular
+from blurnoise._core.writing import (
+    check_own_folder,
+    check_replaceable,
+    check_writable,
+    check_writable_folder,
+    note_inputs,
+    remove,
+    write_whole,
+    writing,
+    written_whole,
+)
 from blurnoise_eval.system.tables import csv_lines
 
-__all__ = ["check_regular", "write_whole", "written_whole"]
+__all__ = [
+    "check_own_folder", "check_regular", "check_replaceable", "check_writable", "check_writable_folder",
+    "note_inputs", "remove", "write_whole", "writing", "written_whole",
+]  # fmt: skip
 
 RUN_FILE = "results.sqlite"
 """The file by which a folder is known to be a sweep's."""
@@ -23,6 +35,12 @@ LARGEST_EXAMPLE_BYTES = 300_000_000
 """Of a picture that a run keeps."""
 RUN_PICTURES = ("examples", "figures")
 """The folders in it that hold pictures."""
+RUN_FILES = (
+    "recommendations.csv", "answers.csv", "models.csv", "scores.csv", "curves.csv", "results.csv", "targets.csv",
+    "conditions.json", "summary.json", "report.html", "failures.html", "coco/instances.json",
+    "figures/confidence_*.png", "figures/score_moves.png",
+)  # fmt: skip
+"""All that a sweep and its report write beside these."""
 
 
 def write_records(
@@ -33,25 +51,17 @@ def write_records(
     write_whole(folder / f"{name}.json", json.dumps(document, indent=1, allow_nan=False).encode())
 
 
-def check_writable(path: Path) -> None:
-    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
-    if path.is_dir():
-        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-    check_writable_folder(path.parent, path)
-
-
-def check_writable_folder(folder: Path, path: Path | None = None) -> None:
-    """Raise ``OSError`` where no file could be written into the folder, or its nearest parent if it is not there yet.
-
-    path: what the error names in place of the folder, which must be there then.
-    """
-    there = folder if path else next(each for each in (folder, *folder.absolute().parents) if each.exists())
-    probe = there / f".{uuid.uuid4().hex}.probe"
-    try:
-        probe.touch(exist_ok=False)
-        probe.unlink()
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path or folder)) from None
+def check_outputs(folder: Path, *names: str) -> None:
+    """Raise ``OSError`` where one of these files in the folder may not be replaced, before anything is computed for
+    them. names: as :meth:`Path.glob` takes them, folders with a slash at the end. ``ValueError`` for a folder that is
+    a link to another place."""
+    check_writable_folder(folder)
+    for below in sorted({name.rpartition("/")[0] for name in names} - {""}):
+        if path_within(folder, below).exists():
+            check_writable_folder(folder / below)
+    for name in (each for each in names if not each.endswith("/")):
+        for path in sorted(folder.glob(name)):
+            check_replaceable(path)
 
 
 def plot_suffix(path: Path) -> str:

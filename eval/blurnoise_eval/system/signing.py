@@ -13,7 +13,7 @@ import secrets
 from contextlib import suppress
 from pathlib import Path
 
-from blurnoise._core.files import write_whole
+from blurnoise._core.writing import write_whole
 
 _BYTES = 32
 

@@ -6,14 +6,22 @@ SQLite needs a local disk. What a killed process has not put is computed again.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
+from typing import TYPE_CHECKING
 
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise._core.writing import MANIFEST
+from blurnoise_eval.system import files
+from blurnoise_eval.system.files import RUN_FILE, RUN_FILES, check_replaceable
 from blurnoise_eval.system.urls import Location, cache_folder, explained, is_url, listing, without_secrets
+
+if TYPE_CHECKING:
+    from upath import UPath
+
 
 _READ = (RUN_FILE, "examples/", "coco/instances.json")  # files of a run that are read again
 
@@ -42,17 +50,20 @@ def working_folder(where: str | Path | WorkingFolder) -> WorkingFolder:
 def written_run(where: Location, *, fetch: bool = True, results: bool = True) -> Iterator[WorkingFolder]:
     """The folder of a run that goes on, or begins; one at a URL is put there at the end, also of an error.
 
-    Raises ``OSError``, and ``ValueError`` where somebody else has put results meanwhile: then nothing is put, and the
-    folder stays. fetch: first fetch what is there; results: put the results, too.
+    Raises ``OSError``, also for an object that blurnoise did not put there, and ``ValueError`` where somebody else
+    has put results meanwhile: then nothing is put, and the folder stays. fetch: first fetch what is there; results:
+    put the results, too.
     """
     if isinstance(where, Path):
         yield WorkingFolder(where)
         return
-    found = _found(where) if fetch else {}
+    if results:
+        check_outputs(where, *RUN_FILES)
+    found = _found(where)
     runs = cache_folder() / "runs"
     runs.mkdir(parents=True, exist_ok=True)
     path = Path(mkdtemp(dir=runs))
-    read = [name for name in found if name.startswith(_READ)]
+    read = [name for name in found if _is_list(name) or (fetch and name.startswith(_READ))]
     with explained(where):
         where.fs.get([(where / name).path for name in read], [str(path / name) for name in read])
     folder, before = WorkingFolder(path, where), listing(path)
@@ -70,8 +81,9 @@ def written_run(where: Location, *, fetch: bool = True, results: bool = True) ->
             raise ValueError(f"run = {str(where)!r}: {conflict} {path}")
         changed = [name for name, held in listing(path).items() if held != before.get(name)]
         left_out = (".", f"{RUN_FILE}-", *([] if results else [RUN_FILE]))  # SQLite's own, unfinished files
-        changed = [name for name in changed if not Path(name).name.startswith(left_out)]
+        changed = [name for name in changed if _is_list(name) or not Path(name).name.startswith(left_out)]
         try:
+            _check(where, set(changed) - {*read, RUN_FILE})
             with explained(where):
                 where.fs.put(
                     [str(path / name) for name in changed], [(where / name).path for name in changed]
@@ -90,6 +102,33 @@ def read_run(where: Location) -> AbstractContextManager[WorkingFolder]:
 def output_folder(where: Location) -> AbstractContextManager[WorkingFolder]:
     """A folder to write to; all that is in it is put at the end."""
     return written_run(where, fetch=False, results=False)
+
+
+def check_outputs(where: Location, *names: str) -> None:
+    """As of :func:`blurnoise_eval.system.files.check_outputs`, also at a URL."""
+    if isinstance(where, Path):
+        files.check_outputs(where, *names)
+    else:
+        _check(where, [each for each in _found(where) if any(fnmatchcase(each, name) for name in names)])
+
+
+def _check(url: UPath, names: Collection[str]) -> None:
+    """Raise ``OSError`` where one of these objects is there and was not put by blurnoise, or has changed since."""
+    found = _found(url) if names else {}
+    held = [name for name in names if name in found]
+    lists = [name for name in found if _is_list(name)] if held else []
+    with TemporaryDirectory(prefix="blurnoise-") as folder, explained(url):
+        copies = {name: Path(folder, name) for name in (*lists, *held)}
+        url.fs.get([(url / name).path for name in copies], [*map(str, copies.values())])
+        for name in held:
+            try:
+                check_replaceable(copies[name])
+            except OSError as error:
+                raise type(error)(error.errno, error.strerror, str(url / name)) from None
+
+
+def _is_list(name: str) -> bool:
+    return Path(name).name == MANIFEST
 
 
 def _found(url: Location) -> dict[str, str]:

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from blurnoise._core.files import write_whole
+from blurnoise._core.writing import check_own_folder, remove, write_whole
 from blurnoise_models.scenes.drawing import Bytes, Easel, Floats, Plane, Points, dim
 from blurnoise_models.scenes.grounds import ground
 from blurnoise_models.scenes.paint import Draws
@@ -82,9 +82,10 @@ def write_coco(
     after each scene. Raises as :func:`scene`, and ``OSError`` where nothing can be written.
     """
     _check(seed=seed, count=count, size_px=size_px)  # before anything is written
+    check_own_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     listing = folder / "instances.json"
-    listing.unlink(missing_ok=True)  # an older one does not belong to the new pictures
+    remove(listing)  # an older one does not belong to the new pictures
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
     for number in range(1, count + 1):

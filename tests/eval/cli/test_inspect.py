@@ -123,4 +123,4 @@ def test_the_contract_is_kept_beside_the_model_and_found_there(tmp_path, capsys,
     typed = told(capsys, "inspect", path, "--contract", again["--contract"])
     assert typed["contract"] | {"sources": {}} == first["contract"] | {"sources": {}}
     assert main(["inspect", str(path), "--save-contract"]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "is an input of this command" in capsys.readouterr().err

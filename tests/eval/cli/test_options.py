@@ -14,7 +14,7 @@ from blurnoise_eval.grid import plan_file
 from blurnoise_eval.grid.axes import AXES, axis
 from blurnoise_eval.grid.plan_file import PlanFile, SceneFile
 
-MOST = {"sweep": 26, "decide": 20, "simulate": 24}
+MOST = {"sweep": 27, "decide": 21, "simulate": 25}
 
 
 class Asked(Exception):

@@ -156,7 +156,7 @@ def test_it_explains_what_it_models(capsys):
 def test_the_picture_itself_is_not_written_over(capsys):
     before = Path("street.png").read_bytes()
     assert main(["simulate", "street.png", "-o", "street.png"]) == 2
-    assert "is the input picture" in capsys.readouterr().err
+    assert "is an input of this command" in capsys.readouterr().err
     assert Path("street.png").read_bytes() == before
 
 

@@ -4,6 +4,7 @@ import base64
 import json
 import shutil
 from itertools import product
+from typing import Any
 
 import browsers
 import cv2
@@ -130,18 +131,22 @@ def test_crops_show_the_target_as_the_model_saw_it(numbers, run, targets):
         assert inside.mean() / 255 == pytest.approx((codes[condition, target] >> 1) / 1000, abs=0.03)
 
 
-def test_without_the_pictures_the_page_says_so_and_keeps_its_numbers(run, numbers, tmp_path):
-    copy = tmp_path / "run"
+def test_without_the_pictures_a_page_that_has_them_stays_and_a_new_one_says_so(run, numbers, tmp_path):
+    copy, other = tmp_path / "run", tmp_path / "other"
     shutil.copytree(run.folder, copy)
-    moved = Evaluation(copy, progress=False, images=tmp_path / "gone")
-    moved.report()
-    left = numbers_of(copy / "failures.html")
+    gone: Any = {"progress": False, "images": tmp_path / "gone"}
+    with pytest.warns(UserWarning, match=r"stays as it was, with 3 pictures; 0 of 3 .*--images"):
+        Evaluation(copy, **gone).report()
+    assert numbers_of(copy / "failures.html") == numbers
+    with pytest.warns(UserWarning, match="has no pictures"):
+        Evaluation(copy, output=other, **gone).report()
+    left = numbers_of(other / "failures.html")
     assert [each[3] for each in left["pictures"]] == [None] * 3
     assert left["models"] == numbers["models"]
-    assert "3 of 3 pictures cannot be shown" in Page(copy / "failures.html").text
+    assert "3 of 3 pictures cannot be shown" in Page(other / "failures.html").text
     there = shutil.copytree(run.folder.parent / "pictures", tmp_path / "elsewhere")
-    Evaluation(copy, progress=False, images=there).report()
-    assert numbers_of(copy / "failures.html")["pictures"] == numbers["pictures"]
+    Evaluation(copy, progress=False, output=other, images=there).report()
+    assert numbers_of(other / "failures.html")["pictures"] == numbers["pictures"]
 
 
 def test_cells_that_cannot_be_simulated_again_leave_the_page_without_crops(run, numbers, tmp_path):

@@ -15,6 +15,7 @@ from blurnoise_eval.sweep.engines import ThreadEngine
 from blurnoise_eval.sweep.run_folder import begun_or_gone
 from blurnoise_eval.sweep.work import count_cells
 from blurnoise_eval.system import working_folder
+from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.urls import location
 from plans import plan as swept
 from processes import limited, with_helpers
@@ -101,14 +102,15 @@ def test_unreadable_picture_is_named_and_skipped_until_it_is_mended(detector, tm
 
 def begin(folder, *, cells=0, skipped=False, before="", meanwhile=""):
     """Fail after so much was stored; what is there then."""
-    if before:
-        folder.mkdir(exist_ok=True)
-        (folder / before).write_text("mine")
-    with suppress(KeyboardInterrupt), begun_or_gone(folder), Store(folder, create=True) as store:
+    for name in before.split():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("mine")
+    begun = begun_or_gone(folder, [], TWO)
+    with suppress(KeyboardInterrupt), begun, Store(folder, create=True) as store:
         (folder / "coco").mkdir(exist_ok=True)
-        (folder / "coco/instances.json").write_text("{}")
-        if meanwhile:
-            (folder / meanwhile).write_text("mine, too")
+        write_whole(folder / "coco/instances.json", b"{}")
+        for name in meanwhile.split():
+            (folder / name).write_text("mine, too")
         store.add([result(number) for number in range(cells)])
         if skipped:
             store.skip("a.png", "cannot be read")
@@ -124,6 +126,11 @@ def test_what_has_begun_and_what_was_there_stay(tmp_path):
     assert begin(tmp_path / "skipped", skipped=True) == whole
     assert begin(tmp_path / "mine", before="notes.txt") == ["notes.txt"]
     assert begin(tmp_path / "ours", meanwhile="download.zip") == ["download.zip"]
+    theirs = "coco/mine.json examples/a.png results.sqlite-old results.sqlite.bak"
+    assert begin(tmp_path / "more", before=theirs, meanwhile="results.sqlite-1 coco/b.json") == [
+        "coco", "examples", "results.sqlite-1", "results.sqlite-old", "results.sqlite.bak"
+    ]  # fmt: skip
+    assert sorted(path.name for path in (tmp_path / "more/coco").iterdir()) == ["b.json", "mine.json"]
     with Store(tmp_path / "held", create=True) as store:
         store.set_about("identity", {})
     assert begin(tmp_path / "held") == whole

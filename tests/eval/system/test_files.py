@@ -10,6 +10,7 @@ import pytest
 from blurnoise_eval.system.files import write_whole, written_whole
 
 import blurnoise
+from blurnoise._core.writing import MANIFEST
 
 SOURCES = {
     f"{package.__name__}/{path.relative_to(folder)}": path
@@ -17,12 +18,16 @@ SOURCES = {
     for folder in (Path(package.__path__[0]),)
     for path in folder.rglob("*.py")
 }
-WRITER = "blurnoise/_core/files.py"
+WRITER = "blurnoise/_core/writing.py"
 IN_PLACE = re.compile(
     r"""write_text\(|write_bytes\(|imwrite\(|\.tofile\(|json\.dump\(|np\.save\((?!content|data)|\.partial["'`]"""
     r"""|open\([^)]*["'][wax]"""
 )
 FIGURE_BY_NAME = re.compile(r"savefig\((?!.*format=)")  # into a buffer, the format has to be said
+
+
+def there(folder):
+    return {entry.name: entry.read_bytes() for entry in folder.iterdir() if entry.name != MANIFEST}
 
 
 def test_what_fails_half_way_leaves_the_file_of_before(tmp_path):
@@ -35,9 +40,9 @@ def test_what_fails_half_way_leaves_the_file_of_before(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         write_whole(path, lines())
-    assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"before"}
+    assert there(tmp_path) == {"table.csv": b"before"}
     write_whole(path, [b"af", b"ter"])
-    assert {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()} == {"table.csv": b"after"}
+    assert there(tmp_path) == {"table.csv": b"after"}
 
 
 def test_a_folder_is_on_disk_before_it_takes_its_name(tmp_path, monkeypatch):
@@ -49,17 +54,16 @@ def test_a_folder_is_on_disk_before_it_takes_its_name(tmp_path, monkeypatch):
         honest(handle)
 
     monkeypatch.setattr(os, "fsync", fsync)
-    for text in ("first", "second"):
-        with written_whole(tmp_path / "table") as unfinished:
-            (unfinished / "below").mkdir(parents=True)
-            (unfinished / "below" / "part").write_text(text)
-            synced.clear()
-        assert {"part", "below", unfinished.name} == set(synced[:-1])
-        assert synced[-1] == tmp_path.name
-    with pytest.raises(OSError, match="table'"), written_whole(tmp_path / "table", over=False) as unfinished:
+    with written_whole(tmp_path / "table") as unfinished:
+        (unfinished / "below").mkdir(parents=True)
+        (unfinished / "below" / "part").write_text("first")
+        synced.clear()
+    assert {"part", "below", unfinished.name} == set(synced[:-1])
+    assert synced[-1] == tmp_path.name
+    with pytest.raises(OSError, match="table'"), written_whole(tmp_path / "table") as unfinished:
         unfinished.mkdir()
     assert [file.name for file in tmp_path.iterdir()] == ["table"]
-    assert (tmp_path / "table" / "below" / "part").read_text() == "second"
+    assert (tmp_path / "table" / "below" / "part").read_text() == "first"
 
 
 def test_nothing_writes_files_in_place():

@@ -97,7 +97,7 @@ def test_a_copy_is_of_one_version(bucket, tmp_path):
     with pytest.raises(OSError, match="has changed while it was read") as error:
         local_file(bucket / "sub" / "none", known=known)
     assert error.value.filename == f"{URL}/sub/none"
-    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.*")) == ["a.bin", "a.bin"]
+    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.bin")) == ["a.bin", "a.bin"]
     assert local_file(tmp_path) == tmp_path
 
 

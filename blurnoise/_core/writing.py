@@ -1,0 +1,377 @@
+"""Files that are written: complete and on disk, or not there, and never in place of a file of the user's.
+
+A folder that something was written to holds a list of it, ``.blurnoise``: a line of JSON per file, with the name, the
+size and a hash of the content. A file is replaced where the list has its content; anything else that stands there is
+the user's, such as a saved camera that was edited since. What a command reads is never replaced.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import platform
+import re
+import shutil
+import stat
+import tempfile
+import uuid
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+MANIFEST = ".blurnoise"
+"""The list of what was written to a folder. Its names are those of files in that folder, none below or elsewhere."""
+_LINE = b'{"wrote": '  # as each begins: a file of that name that does not begin so is somebody else's
+_LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
+_PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
+_TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
+_STREAMS = stat.S_IFCHR, stat.S_IFIFO
+Known = tuple[int, int]
+
+
+@dataclass
+class Writing:
+    """What a command, or a call, may replace.
+
+    overwrite: also plain files that blurnoise did not write. inputs: files that it reads. made: files that it wrote
+    where none was, in order.
+    """
+
+    overwrite: bool = False
+    inputs: list[Iterable[Path]] = field(default_factory=list)
+    made: list[Path] = field(default_factory=list)
+    _read: set[Known] = field(default_factory=set)
+    _swept: set[Path] = field(default_factory=set)
+
+    def reads(self, found: os.stat_result) -> bool:
+        """Whether a file is an input, by whatever name."""
+        while self.inputs:
+            for path in self.inputs.pop():
+                with suppress(OSError, ValueError):
+                    own = path.stat()
+                    self._read.add((own.st_dev, own.st_ino))
+        return (found.st_dev, found.st_ino) in self._read
+
+    def sweep(self, folder: Path) -> None:
+        """Delete the unfinished copies in a folder whose processes have ended; once."""
+        if folder in self._swept:
+            return
+        self._swept.add(folder)
+        with suppress(OSError):
+            for entry in [*os.scandir(folder)]:
+                owner = _PARTIAL.fullmatch(entry.name)
+                if owner and owner[1] == _host() and _start(int(owner[2])) not in (owner[3], ""):
+                    _delete(Path(entry.path))
+
+
+_WRITING: ContextVar[Writing | None] = ContextVar("writing", default=None)
+
+
+@contextmanager
+def writing(*, overwrite: bool = False, inputs: Iterable[Path] = ()) -> Iterator[Writing]:
+    """What is written inside is written by one command, or within one. inputs: files that are never replaced."""
+    outer = _WRITING.get()
+    own = Writing(overwrite) if outer is None else outer
+    before, own.overwrite = own.overwrite, own.overwrite or overwrite
+    own.inputs.append(inputs)
+    token = _WRITING.set(own)
+    try:
+        yield own
+    finally:
+        own.overwrite = before
+        _WRITING.reset(token)
+
+
+def note_inputs(paths: Iterable[Path]) -> None:
+    """The command reads these files. They are looked at, if ever, before a file is replaced."""
+    if (own := _WRITING.get()) is not None:
+        own.inputs.append(paths)
+
+
+def write_whole(path: Path, data: bytes | Iterable[bytes]) -> None:
+    """Write ``data``, at once or piece by piece, as :func:`written_whole`. Raises ``OSError`` that names ``path``."""
+    with written_whole(path) as unfinished, _naming(path), unfinished.open("xb") as file:
+        file.writelines([data] if isinstance(data, bytes) else data)
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A path beside ``path`` to write a file or folder to, which takes its place once it is on disk.
+
+    A former file stays until then, and where :func:`check_replaceable` refuses it; a folder takes the place of an
+    empty one only. What is a device or a pipe is written to. Where anything fails nothing is left behind. Several
+    writers of one path do not disturb each other: the last one's content stays. Raises ``OSError`` that names
+    ``path``.
+    """
+    target = Path(os.path.realpath(path)) if path.is_dir() else check_replaceable(path)
+    unfinished = _beside(target or Path(tempfile.gettempdir()) / path.name)
+    try:
+        yield unfinished
+        with _naming(path):
+            if target is None:
+                _write_to(path, unfinished)
+                return
+            for place in (*unfinished.rglob("*"), unfinished):
+                _sync(place)
+            if not unfinished.is_dir():
+                _note(path, target, unfinished)
+            unfinished.replace(target)
+        with suppress(OSError):
+            _sync(target.parent)
+    finally:
+        _delete(unfinished)
+
+
+def check_writable(path: Path) -> None:
+    """Raise ``OSError`` where ``path`` cannot be written, before anything is computed for it."""
+    with _naming(path):
+        target = check_replaceable(path)
+        if target is None:
+            if not os.access(path, os.W_OK):
+                raise OSError(errno.EACCES, os.strerror(errno.EACCES))
+            return
+        _probe(target.parent)
+
+
+def check_writable_folder(folder: Path) -> None:
+    """Raise ``OSError`` where no file can be written to the folder, or its nearest parent if it is not there yet."""
+    with _naming(folder):
+        _probe(next(each for each in (folder, *folder.absolute().parents) if each.exists()))
+
+
+def check_replaceable(path: Path, new: Path | None = None) -> Path | None:
+    """The file that ``path`` is, links followed; None for a device, a pipe, or what standard output goes to.
+
+    Raises ``OSError`` for a folder, an input of the command, and a file that blurnoise did not write or that has
+    changed since. A command that overwrites replaces this, too, by a file of the same kind. new: what replaces it.
+    """
+    with _naming(path):
+        own = _WRITING.get() or Writing()
+        try:
+            found = path.stat()
+        except FileNotFoundError:
+            return _home(path, own)
+        if stat.S_ISDIR(found.st_mode):
+            raise IsADirectoryError(errno.EISDIR, "is a folder; must be a file")
+        if stat.S_IFMT(found.st_mode) in _STREAMS or _standard(found) is not None:
+            return None
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "is a disk or a socket; must be a file")
+        if own.reads(found):
+            raise FileExistsError(errno.EEXIST, "is an input of this command, which is never replaced")
+        target = _home(path, own)
+        if _is_written(target):
+            return target
+        if not own.overwrite:
+            whose = "is a file that blurnoise did not write, or that was changed since"
+            raise FileExistsError(errno.EEXIST, f"{whose}; overwrite=True replaces it")
+        same_name = target.suffix.lower() == path.suffix.lower()
+        if not same_name or (found.st_size and _is_text(target) != _will_be_text(path, new, target)):
+            kind = f"is a file of another kind ({target.name}), which is never replaced"
+            raise FileExistsError(errno.EEXIST, kind)
+        return target
+
+
+def check_own_folder(folder: Path) -> None:
+    """Raise ``OSError`` for a folder that holds, here or below, a file that blurnoise did not write there.
+
+    Hidden files, such as a desktop's own, are passed over.
+    """
+    with _naming(folder):
+        for root, _, names in os.walk(folder):
+            lines = _lines(Path(root) / MANIFEST)
+            for name in sorted(names):
+                if name not in lines and not name.startswith("."):
+                    other = os.path.relpath(Path(root) / name, folder)
+                    why = f"holds files that blurnoise did not write ({other}); choose another folder"
+                    raise FileExistsError(errno.EEXIST, why)
+
+
+def remove(path: Path) -> None:
+    """Delete a file that :func:`write_whole` could replace; it may be missing. Raises ``OSError``."""
+    if path.exists() and (target := check_replaceable(path)):
+        target.unlink(missing_ok=True)
+
+
+def remove_made(own: Writing, since: int) -> None:
+    """Delete the files that were made from the one of this number on, unless they changed, and lists of no file."""
+    made, own.made[since:] = own.made[since:], []
+    for path in made:
+        manifest = path.parent / MANIFEST
+        with suppress(OSError):
+            if _is_written(path):
+                path.unlink()
+            if not any((path.parent / name).exists() for name in _lines(manifest)):
+                manifest.unlink()
+
+
+def _home(path: Path, own: Writing) -> Path:
+    """The file that links lead to, in a folder without leftovers."""
+    target = Path(os.path.realpath(path))
+    if _WRITING.get() is not None:
+        own.sweep(target.parent)
+    return target
+
+
+def _standard(found: os.stat_result) -> int | None:
+    """The descriptor of standard output or error that goes to this file, as ``/dev/stdout > FILE`` does."""
+    for handle in (1, 2):
+        with suppress(OSError):
+            if os.path.samestat(found, os.fstat(handle)):
+                return handle
+    return None
+
+
+def _write_to(path: Path, unfinished: Path) -> None:
+    found = path.stat()
+    own = _standard(found) if stat.S_ISREG(found.st_mode) else None
+    with (
+        unfinished.open("rb") as data,
+        path.open("wb") if own is None else os.fdopen(os.dup(own), "wb") as to,
+    ):
+        shutil.copyfileobj(data, to)
+
+
+def _note(path: Path, target: Path, unfinished: Path) -> None:
+    """Write to the folder's list what is about to take its place there, or raise for what may not be replaced."""
+    check_replaceable(path, unfinished)  # again: it may have come meanwhile
+    size = unfinished.stat().st_size
+    content = size, _digest(unfinished, size)
+    if not target.exists():
+        if (own := _WRITING.get()) is not None:
+            own.made.append(target)
+    elif content in _lines(target.parent / MANIFEST).get(target.name, ()):
+        return
+    line = json.dumps({"wrote": target.name, "size": size, "blake2b": content[1]})
+    with suppress(PermissionError), _opened(target.parent / MANIFEST, os.O_RDWR | os.O_CREAT) as handle:
+        if os.read(handle, len(_LINE)) in (b"", _LINE):
+            os.write(handle, f"{line}\n".encode())
+
+
+def _is_written(target: Path) -> bool:
+    """Whether the file has any content that was written there: a writer may be ended between list and file."""
+    held = _lines(target.parent / MANIFEST).get(target.name, set())
+    size = target.stat().st_size
+    return size in {each for each, _ in held} and (size, _digest(target, size)) in held
+
+
+def _lines(manifest: Path) -> dict[str, set[tuple[int, str]]]:
+    """Sizes and hashes of what a list says was written, by name; rubbish says nothing."""
+    found: dict[str, set[tuple[int, str]]] = {}
+    with suppress(OSError), _opened(manifest, os.O_RDONLY) as handle, os.fdopen(os.dup(handle), "rb") as file:
+        if file.read(len(_LINE)) != _LINE:
+            return found
+        file.seek(max(0, os.fstat(handle).st_size - _LARGEST_MANIFEST))
+        for line in file.read(_LARGEST_MANIFEST).splitlines():
+            with suppress(ValueError, KeyError, TypeError, RecursionError):
+                held = json.loads(line)
+                found.setdefault(str(held["wrote"]), set()).add((held["size"], held["blake2b"]))
+    return found
+
+
+@contextmanager
+def _opened(manifest: Path, how: int) -> Iterator[int]:
+    """A regular file, never what a link leads to, nor a pipe that is waited for."""
+    for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_APPEND", "O_CLOEXEC", "O_BINARY"):
+        how |= getattr(os, flag, 0)
+    handle = os.open(manifest, how, 0o666)
+    try:
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise PermissionError(errno.EACCES, "is no regular file")
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _digest(path: Path, size: int) -> str:
+    """A hash of the content, if it is as long as it was."""
+    digest, left = hashlib.blake2b(digest_size=16), size
+    with path.open("rb") as file:
+        while data := file.read(min(_AT_ONCE, left + 1)):
+            left -= len(data)
+            digest.update(data)
+            if left < 0:
+                break
+    return digest.hexdigest() if left == 0 else ""
+
+
+def _will_be_text(path: Path, new: Path | None, target: Path) -> bool:
+    """Of what is to be written; before it is, of what the suffix promises, if that is known."""
+    if new is not None:
+        return _is_text(new)
+    return path.suffix.lower() in _TEXTS or _is_text(target)
+
+
+def _is_text(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"\0" not in file.read(4096)
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and "; " not in why:
+            why += "; choose a folder that you can write to"
+        raise OSError(error.errno, why, str(path)) from None
+
+
+def _probe(folder: Path) -> None:
+    probe = _beside(folder / "probe")
+    probe.touch(exist_ok=False)
+    probe.unlink()
+    if (own := _WRITING.get()) is not None:
+        own.sweep(folder)
+
+
+def _beside(path: Path) -> Path:
+    """A name beside a path that says whose it is: the machine, the process and when it began."""
+    start = _start(os.getpid()) or "0" * 8
+    return path.with_name(f".blurnoise-{_host()}-{os.getpid()}-{start}-{uuid.uuid4().hex}.partial")
+
+
+@cache
+def _host() -> str:
+    """The machine, and in a container its processes: their numbers mean nothing elsewhere."""
+    space = ""
+    with suppress(OSError):
+        space = str(Path("/proc/self/ns/pid").readlink())
+    return _short(f"{platform.node()} {space}")
+
+
+def _start(process: int) -> str | None:
+    """When a process began; None where there is none, "" where this system does not say."""
+    try:
+        facts = Path(f"/proc/{process}/stat").read_text(errors="replace").rpartition(")")[2].split()
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text()
+        return None if facts[0] == "Z" else _short(f"{boot} {facts[19]}")
+    except (OSError, IndexError):
+        return None if Path("/proc/self/stat").exists() else ""
+
+
+def _short(text: str) -> str:
+    return hashlib.blake2b(text.encode(errors="replace"), digest_size=4).hexdigest()
+
+
+def _delete(place: Path) -> None:
+    with suppress(OSError):
+        shutil.rmtree(place) if place.is_dir() and not place.is_symlink() else place.unlink()
+
+
+def _sync(place: Path) -> None:
+    """Write a file's content to disk, or a folder's names where its file system can do so."""
+    handle = os.open(place, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:
+        if not place.is_dir():
+            raise
+    finally:
+        os.close(handle)
