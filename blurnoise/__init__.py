@@ -12,7 +12,8 @@ from blurnoise.blur.layers import Layer, expose_layers
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import blur_pixels, velocity_px_s
 from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera, Capture
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.captures import Capture
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
 from blurnoise.optics.transfer import Optics

@@ -1,4 +1,4 @@
-"""The camera: figures, derived figures, presets and files; the captures of an HDR picture."""
+"""The camera: figures, derived figures, presets and files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from itertools import combinations
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -31,6 +30,7 @@ from blurnoise._core.checks import (
 )
 from blurnoise._core.writing import writing
 from blurnoise.optics import camera_files, colour, gain
+from blurnoise.optics.captures import Capture
 from blurnoise.optics.colour import Cfa, FilterCurves, Matrix, ToneCurve, WhiteBalance
 from blurnoise.optics.gain import ConversionGain as ConversionGain
 from blurnoise.optics.gain import MeasuredGain as MeasuredGain
@@ -47,25 +47,6 @@ DARK_NOISE = ("read_noise_e", "row_noise_e", "column_noise_e")
 PRNU = ("prnu", "prnu_row", "prnu_column")
 DSNU = ("dsnu_e", "dsnu_row_e", "dsnu_column_e")
 """Figures of the fixed pattern, of single pixels, whole rows and whole columns."""
-_ROUNDING = 1e-9  # of the first exposure: windows that meet do not overlap
-
-
-@dataclass(frozen=True)
-class Capture:
-    """One capture of an HDR picture; the first capture, the most sensitive one, is the reference.
-
-    exposure_ratio: T_1 / T_k. sensitivity: electrons per light and time, relative to the camera (split pixels).
-    gain_db: analogue, see :meth:`Camera.at_gain`. start_s: from the start of the first capture; None: at the end of
-    the previous one. Raises ``TypeError`` or ``ValueError``.
-    """
-
-    exposure_ratio: Annotated[Figure, within("exposure_ratio")] = 1.0
-    sensitivity: Annotated[Figure, within("sensitivity")] = 1.0
-    gain_db: Annotated[Figure, within("gain_db")] = 0.0
-    start_s: Annotated[Figure, within("start_s")] | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True)
@@ -410,47 +391,3 @@ def _fixed_pattern(figures: tuple[float, ...], shape: tuple[int, ...], seed: int
 PRESETS: dict[str, Camera] = {}
 for _name in camera_files.PRESETS:
     PRESETS[_name] = Camera.from_dict(camera_files.preset(_name))
-
-
-def staggered(*ratios: float) -> tuple[Capture, ...]:
-    """A capture followed by shorter ones, by exposure ratio: ``staggered(16)``, ``staggered(16, 256)``."""
-    return (Capture(), *(Capture(exposure_ratio=ratio) for ratio in ratios))
-
-
-def factors(captures: Sequence[Capture]) -> list[float]:
-    """R_k = T_1 s_1 / (T_k s_k) of every capture: electrons of the first for one of capture k."""
-    first = captures[0].exposure_ratio / captures[0].sensitivity
-    return [each.exposure_ratio / each.sensitivity / first for each in captures]
-
-
-def longest_first_s(captures: Sequence[Capture], within_s: float) -> float:
-    """Longest exposure of the first capture, s, so that all captures end in ``within_s``; that without captures."""
-    longest_s, start_s, lasts = within_s, 0.0, 0.0
-    for capture in captures:
-        if capture.start_s is not None:
-            start_s, lasts = capture.start_s, 0.0
-        lasts += captures[0].exposure_ratio / capture.exposure_ratio
-        longest_s = min(longest_s, (within_s - start_s) / lasts)
-    return longest_s
-
-
-def windows(captures: Sequence[Capture], exposure_s: float) -> list[tuple[float, float]]:
-    """Start and duration of each capture, s. Raises ``ValueError`` for captures that overlap."""
-    times: list[tuple[float, float]] = []
-    for capture in captures:
-        taken_s = exposure_s * captures[0].exposure_ratio / capture.exposure_ratio
-        follows_s = sum(times[-1]) if times else 0.0
-        times.append((follows_s if capture.start_s is None else capture.start_s, taken_s))
-    if times and times[0][0] != 0:
-        raise ValueError(f"captures: start_s of the first is {shown(times[0][0])}; must be 0")
-    for (other, (begun_s, lasted_s)), (place, (start_s, taken_s)) in combinations(enumerate(times), 2):
-        allowed = (start_s, taken_s) == (begun_s, lasted_s)  # one exposure
-        allowed |= captures[place].sensitivity != captures[other].sensitivity
-        apart_s = max(start_s - begun_s - lasted_s, begun_s - start_s - taken_s)
-        if not allowed and apart_s < -_ROUNDING * exposure_s:
-            raise ValueError(
-                f"captures: number {place + 1}, {1e3 * start_s:g} to {1e3 * (start_s + taken_s):g} ms, overlaps "
-                f"number {other + 1}, {1e3 * begun_s:g} to {1e3 * (begun_s + lasted_s):g} ms; must follow it, "
-                "have the same start and duration (two gains) or another sensitivity (split pixels)"
-            )
-    return times

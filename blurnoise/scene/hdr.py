@@ -35,7 +35,8 @@ from blurnoise.light.conditions import Conditions
 from blurnoise.light.flicker import Flicker as Flicker
 from blurnoise.light.motion import displaced, readout_of
 from blurnoise.motion.trajectory import Trajectory, per_picture
-from blurnoise.optics.camera import Camera, Capture, windows
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.captures import Capture, windows
 from blurnoise.optics.colour import Encoding
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.optics.spectra import Curve

@@ -15,7 +15,8 @@ from torch import Tensor
 from blurnoise._core.checks import Figure, batch_shaped, check_fields, in_range, limited, shown
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.optics import gain
-from blurnoise.optics.camera import Camera, Capture, longest_first_s
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.captures import Capture, longest_first_s
 from blurnoise.optics.radiometry import colour_shares, dark_electrons, electrons_per_lux_s
 from blurnoise.optics.spectra import Curve
 

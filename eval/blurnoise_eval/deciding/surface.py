@@ -23,7 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from blurnoise.optics.camera import Camera, Capture
+from blurnoise.optics.camera import Camera
+from blurnoise.optics.captures import Capture
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import hdr
 from blurnoise_eval.answers.table import ScoreTable

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from blurnoise import AutoExposure, Camera, ExposedScene, Exposure, Trajectory, simulate
 from blurnoise.light.flicker import Flicker, Pwm
-from blurnoise.optics.camera import Capture, staggered
+from blurnoise.optics.captures import Capture, staggered
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.scene import fusion, hdr
