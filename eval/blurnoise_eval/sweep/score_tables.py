@@ -129,7 +129,7 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
     notes = manifest["images"].get("notes", ())
     kind = "doubtful labels: "
     doubts = [note.removeprefix(kind).rstrip(".") for note in notes if note.startswith(kind)]
-    labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"
+    labels = f"Are the labels right ({'; '.join(doubts)})? If so, is" if doubts else "Is"
     return {
         name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "
         f"{LEAST_AP50:g}. {labels} the contract right (blurnoise inspect --probe), and does the model know these "

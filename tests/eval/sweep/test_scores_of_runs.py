@@ -120,6 +120,16 @@ def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
     assert list(models_withheld(manifest, rows)) == (["m"] if withheld else [])
 
 
+def test_the_labels_are_asked_for_first_where_a_note_doubts_them():
+    rows = [{"model": "m", "clean": 1, "ap50": 0.0}]
+    manifest = {"models": [{"name": "m", "kind": "detector"}], "images": {"labelled": True, "notes": []}}
+    assert "Is the contract right" in models_withheld(manifest, rows)["m"]
+    manifest["images"]["notes"] = ["3 files were left out.", "all boxes are below 1 px: shares?"]
+    said = models_withheld(manifest, rows)["m"]
+    assert "Are the labels right (all boxes are below 1 px: shares?)? If so, is the contract right" in said
+    assert "left out" not in said
+
+
 def test_scores_are_computed_once_for_each_question(run):
 
     def computed(by_size, cluster=None):
