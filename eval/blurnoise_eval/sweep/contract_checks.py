@@ -59,6 +59,7 @@ _FEWEST = 4  # pictures for Student's t to make a variant surely better
 _FAR_RATIO, _FAR_LEAST = 3.0, 2.0  # so many times as much agreement, at least so much, is always sure
 _MAY_BE = " may be wrong"
 _READ, _READINGS = 8, 5  # pictures whose values are read, and readings that are compared
+_READ_SHARE = 0.3  # of what another reading of the outputs finds, that has to agree
 _MATTERS = 0.05  # relative gain in merit; another resize that may gain more is a doubt
 _SAME = 0.98  # of what two variants find, from where on it does not matter which one is right
 _GARBAGE_SHARE, _GARBAGE_FOUND = 0.15, 1.0  # less than this share agrees, of more than so much a picture
@@ -238,7 +239,7 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
             if all(each.contract != other.contract for each in variants):
                 inferences += other.show(detector, shown[:count])
                 variants.append(other)
-    final, sources, doubts = _decided(variants, count)
+    final, sources, doubts = _decided(variants, count, labelled=any(labels for _, labels in shown))
     if not final.problems:
         inferences += len(shown)
         read = detector.with_contract(final.contract)
@@ -286,15 +287,20 @@ def _best_of_its_resize(own: Variant, among: Sequence[Variant]) -> Variant:
     return max((each for each in among if "resize" not in each.differs(own)), key=lambda each: each.merit)
 
 
-def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str, str], list[str]]:
+def _decided(
+    variants: Sequence[Variant], count: int, *, labelled: bool
+) -> tuple[Variant, dict[str, str], list[str]]:
     """The variant that so many pictures choose, sources of fields that nothing states, and doubts."""
     own, left = variants[0], [each for each in variants if not each.given_up]
     if not count:
         return own, {}, []
+    if not labelled and any(_alike(each) for each in left if each.seen):
+        text = f"the model finds the same in each of {_pictures(count)}, so they confirm no contract"
+        return own, {}, [text]
     assumed, shown = _factors(own.contract, "assumed"), _pictures(count)
     free = [each for each in left if set(each.differs(own)) <= set(assumed)]
     best = _best_of_its_resize(own, free)
-    final = best if best.lead(own, _PROBABLE) > 0 else own
+    final = best if best.lead(own, _PROBABLE) > 0 and _may_be_read(best, own) else own
     resized = (each for each in free if each.differs(final) == ["resize"] and each.surely_beats(final))
     final = next(resized, final)
     found, agreed = sum(final.found), sum(final.agreed)
@@ -318,6 +324,20 @@ def _decided(variants: Sequence[Variant], count: int) -> tuple[Variant, dict[str
                 sources[name] = _source(source, standings, f"{len(variants)} variants on {shown}")
     rivals = [each for each, standing in others if standing == "rival"]
     return final, sources, [_doubt(final, rivals, shown)] if rivals else wrong
+
+
+def _may_be_read(best: Variant, own: Variant) -> bool:
+    """Whether another reading of the outputs is chosen: if surely better, and much of what it finds agrees."""
+    if "outputs" not in best.differs(own):
+        return True
+    return best.surely_beats(own) and sum(best.agreed) >= _READ_SHARE * sum(best.found)
+
+
+def _alike(variant: Variant) -> bool:
+    """Whether a graph answers every picture alike, so that mirrored ones say nothing."""
+    first, *others = variant.seen
+    same = (np.array_equal(first.boxes_xyxy, other.boxes_xyxy) for other in others)
+    return len(first) > 0 and len(others) > 0 and all(same)
 
 
 def _doubt(final: Variant, rivals: Sequence[Variant], shown: str) -> str:

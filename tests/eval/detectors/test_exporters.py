@@ -86,6 +86,12 @@ def test_labels_decide_whether_the_picture_is_turned(tmp_path):
         labels = Detections(rows[0][:, turn], np.ones(2), rows[0][:, 5])
         shown = [(np.full((96, 96, 3), value, np.uint8), labels) for value in range(0, 200, 25)]
         assert compared(Detector(path), shown).contract.outputs == outputs
+    unlabelled = compared(Detector(path), [(image, None) for image, _ in shown])
+    assert unlabelled.contract.outputs == "xyxy, score, class"
+    assert unlabelled.doubts == (
+        "the model finds the same in each of 8 pictures, so they confirm no contract",
+    )
+    assert unlabelled.contract.sources["outputs"].startswith("assumed")
     (note,) = output_problems(Detector(path), shown[0][0])
     assert "leaves open whether they are 'xyxy, score, class' or 'yxyx, score, class'" in note
 

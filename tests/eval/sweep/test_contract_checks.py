@@ -6,10 +6,12 @@ from itertools import product
 import numpy as np
 import onnx
 import pytest
+from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.detectors.contract import INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import preset
 from blurnoise_eval.detectors.detector import Detector
-from blurnoise_eval.sweep.contract_checks import compared, output_problems
+from blurnoise_eval.detectors.records import Detections
+from blurnoise_eval.sweep.contract_checks import Variant, compared, contracts_chosen, output_problems
 from constant_graphs import constant_graph
 from onnx import helper, numpy_helper
 
@@ -169,3 +171,41 @@ def test_outputs_that_no_picture_explains(value, top, words, tmp_path):
     assert words in found.doubts[0]
     assert found.doubts[0].startswith("3 of 3 pictures: ")
     assert not any(source.startswith("chosen") for source in found.contract.sources.values())
+
+
+def variant(resize, merits):
+    """A variant with these merits, picture by picture; what it finds differs from resize to resize."""
+    place = len(resize)
+    found = Detections(np.array([[place * 9, 0, place * 9 + 5, 5]]), np.ones(1), np.zeros(1))
+    agreed = [merit**2 / 0.9 for merit in merits]
+    return Variant(replace(OWN, resize=resize), agreed, list(agreed), [found] * len(merits))
+
+
+def test_another_resize_is_doubted_only_where_it_is_significantly_better():
+    """Differences of 8 % on average: their t is 1.5 or 15 with 7 degrees of freedom, and 2.36 is 97.5 %."""
+    final = variant("stretch", [1.0] * 8)
+    noisy = variant("letterbox", [1.22, 0.94] * 4)
+    steady = variant("letterbox", [1.094, 1.066] * 4)
+    for stated in (True, False):
+        assert noisy.standing(final, stated=stated) == "open"
+        assert steady.standing(final, stated=stated) == "rival"
+
+
+def test_one_line_a_sweep_for_models_with_the_same_doubt(tmp_path, reds, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number, (image, _) in enumerate(PICTURES):
+        write_picture(folder / f"{number}.png", image)
+    path = behind(reds, ("rgb", "0-255"), tmp_path / "m.onnx")
+    models = []
+    for name in ("first", "second"):
+        models.append(Detector(path, contract=OWN))
+        models[-1].name = name
+    contracts_chosen(models, image_folder(folder), say=True)
+    lines = capsys.readouterr().err.splitlines()
+    text = " ".join(line.strip() for line in lines)
+    assert text.count("may be wrong") == 1
+    assert text.startswith("first: doubtful contract: values may be wrong")
+    assert text.endswith("The same fields of second")
+    assert max(map(len, lines)) <= 80
