@@ -19,15 +19,23 @@ from blurnoise_eval.datasets.images import (
     size_px,
     write_picture,
 )
-from blurnoise_eval.datasets.records import Image, Picture, PictureSet, Target, UnreadablePicture, size_group
+from blurnoise_eval.datasets.records import (
+    DOUBTFUL_LABELS,
+    Image,
+    Picture,
+    PictureSet,
+    Target,
+    UnreadablePicture,
+    size_group,
+)
 from blurnoise_eval.datasets.rendered import RENDERED_SIZE_PX, rendered_signs, rendered_texts
 from blurnoise_eval.datasets.text_labels import texts
 from blurnoise_eval.datasets.voc_labels import voc
 from blurnoise_eval.datasets.yolo_labels import yolo
 
 __all__ = [
-    "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd", "check_cut",
-    "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode", "image_folder",
-    "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group", "size_px",
-    "target_mask", "texts", "voc", "write_picture", "yolo",
+    "DOUBTFUL_LABELS", "RENDERED_SIZE_PX", "Image", "Picture", "PictureSet", "Target", "UnreadablePicture", "bdd",
+    "check_cut", "check_labelled", "coco", "content", "cut_out", "decode", "decode_linear", "eight_bit", "encode",
+    "image_folder", "picture_doubts", "read_picture", "rendered_signs", "rendered_texts", "sample", "size_group",
+    "size_px", "target_mask", "texts", "voc", "write_picture", "yolo",
 ]  # fmt: skip

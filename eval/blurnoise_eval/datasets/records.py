@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from blurnoise.scene.cutting import Cut
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+DOUBTFUL_LABELS = "doubtful labels: "
+"""What a note of a set begins with where its labels may mean something else than is read."""
 
 
 class UnreadablePicture(ValueError):
@@ -87,6 +89,11 @@ class PictureSet:
     def labelled(self) -> bool:
         """Whether any of them says what is in it."""
         return any(picture.targets is not None for picture in self.pictures)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a note says that the labels may mean something else."""
+        return any(note.startswith(DOUBTFUL_LABELS) for note in self.notes)
 
     def __len__(self) -> int:
         return len(self.pictures)

@@ -14,7 +14,7 @@ from blurnoise_eval.datasets.folder import Listed, from_files, picture_doubts
 from blurnoise_eval.datasets.images import sizes_px
 from blurnoise_eval.datasets.label_doubts import area_doubts, box_doubts, set_doubts
 from blurnoise_eval.datasets.places import Places, found_in
-from blurnoise_eval.datasets.records import PictureSet, Target, size_group
+from blurnoise_eval.datasets.records import DOUBTFUL_LABELS, PictureSet, Target, size_group
 from blurnoise_eval.datasets.segmentation import LARGEST_PX
 from blurnoise_eval.system.urls import Location, location
 
@@ -135,7 +135,7 @@ class Selection:
         empty = ["pictures without targets"] * (self._keep_empty and bool(self._labels))
         chosen = ", ".join([*sorted(self._labels), *empty])
         counted = (f"{n} {'box' if n == 1 else 'boxes'} {why} left out" for why, n in self._left_out.items())
-        doubtful = (f"doubtful labels: {doubt}" for doubt in doubts)
+        doubtful = (f"{DOUBTFUL_LABELS}{doubt}" for doubt in doubts)
         of_pictures = picture_doubts(self.folder, [entry.name for entry in taken])
         every_note = (*counted, *notes, *self.notes, *doubtful, *of_pictures)
         return PictureSet(self.kind, str(self.file), pictures, categories, every_note, chosen, self.folder)

@@ -18,7 +18,7 @@ from blurnoise._core.checks import Characters
 from blurnoise_eval.datasets.folder import Listed, is_litter
 from blurnoise_eval.datasets.images import SUFFIXES
 from blurnoise_eval.datasets.label_reading import Flag, checked, faults_of, read_text, xml_of
-from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.datasets.records import DOUBTFUL_LABELS, PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.urls import Location, for_each, listing, local_file
@@ -138,7 +138,7 @@ def _counted_from(read: Sequence[_Annotation], from_one: Sequence[bool]) -> list
     )
     if touching and all(from_one):
         notes.append(
-            f"doubtful labels: {touching} of {len(from_one)} boxes begin at 1 px and none at 0: do pixels count from "
+            f"{DOUBTFUL_LABELS}{touching} of {len(from_one)} boxes begin at 1 px and none at 0: do pixels count from "
             "1, as in the VOC challenge? They are read as counted from 0, which may be 1 px off"
         )
     return notes

@@ -197,10 +197,11 @@ def contracts_chosen(
 
 
 def _known(detector: Detector, pictures: PictureSet) -> Iterator[Known]:
-    """At most 32 of the pictures, with those of their labels that the detector knows."""
+    """At most 32 of the pictures, with those labels that the detector knows; without, if these are doubtful."""
     ids = {name: number for number, name in enumerate(detector.contract.classes)}
     for picture, image in sample(pictures, MOST_PICTURES):
-        known = [each for each in picture.targets or () if each.label in ids and not each.crowd]
+        targets = None if pictures.doubtful else picture.targets
+        known = [each for each in targets or () if each.label in ids and not each.crowd]
         boxes = np.array([each.box_xyxy for each in known], np.float32)
         class_ids = np.array([ids[each.label] for each in known], np.int64)
         yield image, Detections(boxes, np.ones(len(known), np.float32), class_ids) if known else None

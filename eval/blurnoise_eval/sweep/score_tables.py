@@ -23,6 +23,7 @@ from blurnoise_eval.answers.monotone import is_uniform, pooled
 from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered, scored
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
+from blurnoise_eval.datasets import DOUBTFUL_LABELS
 from blurnoise_eval.grid.axes import NAMES, SETTING
 from blurnoise_eval.scoring.evaluated import NO_TRUTH, Evaluated
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
@@ -127,8 +128,7 @@ def models_withheld(manifest: Mapping[str, Any], scores: Iterable[Mapping[str, A
     detectors = {model["name"] for model in manifest["models"] if model["kind"] == "detector"}
     clean = {row["model"]: row.get("ap50") for row in scores if row["clean"] and row["model"] in detectors}
     notes = manifest["images"].get("notes", ())
-    kind = "doubtful labels: "
-    doubts = [note.removeprefix(kind).rstrip(".") for note in notes if note.startswith(kind)]
+    doubts = [note.removeprefix(DOUBTFUL_LABELS) for note in notes if note.startswith(DOUBTFUL_LABELS)]
     labels = f"Are the labels right? {'; '.join(doubts)}. Else: is" if doubts else "Is"
     return {
         name: f"no exposure is recommended, because the AP50 on the original pictures is {ap50:.3f}, below "

@@ -102,6 +102,15 @@ def test_warnings(tmp_path, capsys, row, words):
     assert words in capsys.readouterr().out
 
 
+def test_labels_are_probed_with_their_notes(tmp_path, capsys, model, sign):
+    box = {"x1": 10, "y1": 10, "x2": 2000, "y2": 90}
+    labels = tmp_path / "bdd.json"
+    labels.write_text(json.dumps([{"name": sign.name, "labels": [{"category": "stop sign", "box2d": box}]}]))
+    facts = told(capsys, "inspect", model, "--probe", labels)
+    assert facts["probe"]["detections"][0]["class"] == "stop sign"
+    assert "1 of 1 boxes end outside of their picture" in facts["warnings"][-1]
+
+
 def test_the_contract_is_kept_beside_the_model_and_found_there(tmp_path, capsys, sign):
     path = answering(tmp_path / "m.onnx", [[9, 9, 40, 40, 0.9, 0]] * 3)
     first = told(capsys, "inspect", path, "--save-contract")

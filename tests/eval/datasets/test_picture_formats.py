@@ -151,6 +151,7 @@ def test_colours_under_transparency(tmp_path):
         (tiff(GREY, t254=1), "begins with a smaller copy"),
         (tiff(GREY, t259=34925), "compression 34925, which OpenCV cannot decode"),
         (tiff(GREY)[:-9], "cut off"),
+        (tiff(GREY, order=">", t262=0, t256=99999, t257=99999), "10000 megapixels"),  # unknown to Pillow
     ],
 )  # fmt: skip
 def test_what_is_not_read_of_tiff_is_named(tmp_path, data, fault):

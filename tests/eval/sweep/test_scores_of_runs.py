@@ -120,6 +120,18 @@ def test_a_detector_of_no_precision_is_withheld(ap50, kind, labelled, withheld):
     assert list(models_withheld(manifest, rows)) == (["m"] if withheld else [])
 
 
+@pytest.mark.parametrize(
+    ("note", "question"),
+    [
+        ("1 box left out", "Is the contract right"),
+        ("doubtful labels: shares?", "Are the labels right? shares?"),
+    ],
+)
+def test_doubtful_labels_are_asked_for_before_the_contract(note, question):
+    manifest = {"models": [{"name": "m", "kind": "detector"}], "images": {"labelled": True, "notes": [note]}}
+    assert question in models_withheld(manifest, [{"model": "m", "clean": 1, "ap50": 0.0}])["m"]
+
+
 def test_scores_are_computed_once_for_each_question(run):
 
     def computed(by_size, cluster=None):
