@@ -17,6 +17,7 @@ from blurnoise_eval.system.urls import Location, local_file
 
 SUFFIXES = (".data", ".json", ".txt", ".xml", ".yaml", ".yml")
 """Of files with labels."""
+_FIRST_NAMES = 100  # in a folder, of which folders are looked into
 _HEAD = 4096  # bytes of a file from which its format is recognised
 
 
@@ -127,14 +128,10 @@ def labels_at(place: Location) -> Labels:
     """What labels are recognised by; nothing is read of what is missing."""
     try:
         if place.is_dir():
-            names = [each.name for each in place.iterdir()]
-            names += [
-                f"{name}/{each.name}"
-                for name in names
-                if (place / name).is_dir()
-                for each in (place / name).iterdir()
-            ]
-            return Labels("", names=tuple(sorted(names)) or (".",))
+            names = sorted(each.name for each in place.iterdir())
+            folders = [name for name in names[:_FIRST_NAMES] if (place / name).is_dir()]
+            names += [f"{name}/{each.name}" for name in folders for each in (place / name).iterdir()]
+            return Labels("", names=tuple(names) or (".",))
         with local_file(place).open("rb") as file:
             head = file.read(_HEAD).decode("utf-8-sig", "replace").lstrip().replace("\r\n", "\n")
     except OSError:

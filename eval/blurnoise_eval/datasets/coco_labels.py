@@ -93,8 +93,8 @@ def coco(
         repeated = ignored = 0
         for place, entry in enumerate(each(document.annotations, "annotations", _Annotation)):
             if entry.category_id not in names:
-                ids = f"{min(names)} to {max(names)}" if names else "none"
-                known = f"category_id = {entry.category_id}: must be the id of a category ({ids})"
+                span = f"{min(names)} to {max(names)}" if names else "none"
+                known = f"category_id = {entry.category_id}: must be the id of a category ({span})"
                 raise ValueError(f"annotations[{place}]: {known}")
             if entry.image_id not in listed:
                 selection.leave_out("of pictures that are not in images")
