@@ -52,7 +52,7 @@ def simulate(
     """
     from dataclasses import asdict
 
-    from blurnoise_eval.datasets import write_picture
+    from blurnoise_eval.datasets import picture_doubts, write_picture
     from blurnoise_eval.default_camera import camera_text, is_grey_light
     from blurnoise_eval.simulation.light import light
     from blurnoise_eval.simulation.taking import take
@@ -70,8 +70,9 @@ def simulate(
     if explain and as_json:
         facts["stages"] = [asdict(stage) for stage in taken.plan.stages]
     print_facts(facts, as_json)
+    doubts = picture_doubts(image.parent, [image.name])
     for about in filter(
-        None, [camera_text(taken.camera, colour=colour), inputs.about_lux(config, taken.camera)]
+        None, [camera_text(taken.camera, colour=colour), inputs.about_lux(config, taken.camera), *doubts]
     ):
         say_wrapped(about, hanging=2, error=True)
     if explain and not as_json:

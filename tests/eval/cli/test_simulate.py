@@ -160,6 +160,12 @@ def test_the_picture_itself_is_not_written_over(capsys):
     assert Path("street.png").read_bytes() == before
 
 
+def test_values_of_fewer_bits_are_doubted(folder, capsys):
+    write_picture("dim.png", pixels(SIZE, np.uint16) >> 4)
+    assert main(["simulate", "dim.png", "-o", "out.png"]) == 0
+    assert "of 65535 in the pictures of 16 bits: 12 bits?" in " ".join(capsys.readouterr().err.split())
+
+
 def test_captures_of_light_brighter_than_white(capsys):
     words = "--camera imx250 --picture-tone linear --exposure-ms 10 --lux 80 --dx 500 --seed 5"
     given: dict[str, Any] = {
