@@ -115,7 +115,7 @@ _NOT_READ = (
         r'\[\s*\{(?=.*"data"\s*:)(?=.*"(annotations|completions|predictions)"\s*:)',
         _AS_COCO,
     ),
-    ("Supervisely's JSON", r'\{.*("classTitle"|"objects"\s*:)', _AS_COCO),
+    ("Supervisely's JSON", r'\{(?!.*"images"\s*:)(?=.*"size"\s*:).*"objects"\s*:', _AS_COCO),
     ("CreateML's JSON", r'\[\s*\{(?=.*"image"\s*:)(?=.*"annotations"\s*:)', _AS_COCO),
     ("a list of a model's detections", r'\[\s*\{(?=.*"image_id"\s*:)(?=.*"score"\s*:)', "use the labels"),
     ("a list of annotations without pictures", r'\[\s*\{.*"image_id"\s*:', "use the whole instances file"),
