@@ -29,14 +29,13 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from blurnoise_eval.datasets import PictureSet, sample
-from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract, ModelError
+from blurnoise_eval.detectors.contract import EXPORTER, INPUT_VALUES, Contract
 from blurnoise_eval.detectors.contract_files import contract_option
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import FAMILY
 from blurnoise_eval.detectors.records import Detections
-from blurnoise_eval.scoring.boxes import iou
-from blurnoise_eval.scoring.matching import FOUND_SCORE, MATCH_IOU
-from blurnoise_eval.scoring.on_picture import NOTHING, Model
+from blurnoise_eval.scoring.on_picture import Model
+from blurnoise_eval.sweep.mirrored_views import agreement, detected, mirrored_view
 from blurnoise_eval.system.terminal import say_wrapped
 
 Image = NDArray[np.uint8]
@@ -49,7 +48,6 @@ FACTORS: dict[str, tuple[str, ...]] = {
     "outputs": ("outputs",),
 }
 """What is varied, to the fields of a contract."""
-_CUT = (0.04, 0.08, 0.08, 0.04)  # shares of a picture that its mirrored view lacks: left, top, right, bottom
 _ROUNDS = (2, 4, 8, 16, 32)  # pictures after which the variants that are surely worse are given up
 MOST_PICTURES = _ROUNDS[-1]
 _MOST_INFERENCES = 600  # a round that would lead beyond them is left out
@@ -99,9 +97,9 @@ class Variant:
         new = pictures[len(self.agreed) :]
         detector = detector.with_contract(self.contract)
         for image, labels in new:
-            found, problem = _detected(detector, image)
-            view, seen = _view(image, found)
-            pairs = [(seen, _detected(detector, view)[0])]
+            found, problem = detected(detector, image)
+            view, seen = mirrored_view(image, found)
+            pairs = [(seen, detected(detector, view)[0])]
             if labels is not None:
                 pairs.append((found[np.isin(found.class_ids, labels.class_ids)], labels))
             self.seen.append(found)
@@ -243,7 +241,7 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     if not final.problems:
         inferences += len(shown)
         read = detector.with_contract(final.contract)
-        final.problems = [_detected(read, image)[1] for image, _ in shown]
+        final.problems = [detected(read, image)[1] for image, _ in shown]
     if wrong := _common(final.problems):
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})
@@ -402,48 +400,6 @@ def _enters_alike(one: Contract, other: Contract) -> bool:
     return np.allclose(ends, others, rtol=0.01, atol=0.01 * float(np.ptp(ends)))
 
 
-def _detected(detector: Detector, image: Image) -> tuple[Detections, str]:
-    """Detections, and why contract or export are wrong, whatever the picture shows, or ""."""
-    blob, placement = detector.prepare(image)
-    outputs = detector.run(blob)
-    if count := sum(int(output.size - np.isfinite(output).sum()) for output in outputs):
-        return NOTHING, f"the outputs contain {count} NaN or infinite values"
-    # Graphs that suppress double answers themselves pad with zeros, or answer nothing.
-    text = detector.contract.outputs
-    dense = detector.contract.nms_iou is not None and (text is None or "scores" in text)
-    if dense and detector.top_score(outputs) == 0:
-        return NOTHING, "every score is exactly 0, as in an int8 export that rounds all scores to 0"
-    try:
-        return detector.decode(outputs, placement, min_score=FOUND_SCORE).leading, ""
-    except ModelError as error:
-        return NOTHING, str(error)
-
-
-def _view(image: Image, found: Detections) -> tuple[Image, Detections]:
-    """The picture cropped and mirrored, and that of what was found in it of which this shows at least half."""
-    height, width = image.shape[:2]
-    left, top, right, bottom = np.round(np.multiply(_CUT, (width, height) * 2)).astype(int).tolist()
-    right, bottom = width - right, height - bottom
-    boxes = np.clip(found.boxes_xyxy, (left, top) * 2, (right, bottom) * 2)
-    areas, own = ((each[:, 2:] - each[:, :2]).prod(axis=1) for each in (boxes, found.boxes_xyxy))
-    boxes[:, [1, 3]] -= top
-    boxes[:, [0, 2]] = right - boxes[:, [2, 0]]
-    seen = Detections(boxes, found.scores, found.class_ids)[2 * areas >= own]
-    return np.ascontiguousarray(image[top:bottom, left:right][:, ::-1]), seen
-
-
-def agreement(one: Detections, other: Detections) -> float:
-    """The sum over pairs of one class, the best first, of the lower score times the overlap, from a half on."""
-    overlap = iou(one.boxes_xyxy, other.boxes_xyxy)
-    overlap[(one.class_ids[:, None] != other.class_ids) | (overlap < MATCH_IOU)] = 0
-    total = 0.0
-    while overlap.size and overlap.max() > 0:
-        row, column = np.unravel_index(overlap.argmax(), overlap.shape)
-        total += float(min(one.scores[row], other.scores[column]) * overlap[row, column])
-        overlap[row], overlap[:, column] = 0, 0
-    return total
-
-
 def output_problems(detector: Detector, image: Image) -> list[str]:
     """What in the outputs of one RGB picture (h, w, 3) shows that contract or export are wrong: values that are not
     finite, scores that are all exactly 0, or above 1; columns that are something else than stated, or may be."""
@@ -457,7 +413,7 @@ def output_problems(detector: Detector, image: Image) -> list[str]:
         )
     if any(_MAY_BE in note for note in notes):
         return notes
-    return [*notes, *filter(None, [_detected(detector, image)[1]])]
+    return [*notes, *filter(None, [detected(detector, image)[1]])]
 
 
 def _common(problems: Sequence[str]) -> list[str]:
