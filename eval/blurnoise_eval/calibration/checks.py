@@ -16,7 +16,7 @@ from blurnoise.metrics.values import Estimate
 from blurnoise_eval.calibration import counts, levels
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Floats, Folder, refuse
 from blurnoise_eval.calibration.levels import Level, Pattern, columns
-from blurnoise_eval.calibration.transfer import SURELY, Linearity, Transfer, drift, straight
+from blurnoise_eval.calibration.transfer import PLAIN_DN2, SURELY, Linearity, Transfer, drift, straight
 
 MOST_FLICKER = 0.02  # spread of the means of a level's frames, of the signal
 LEAST_LAMP = 0.005  # of it
@@ -105,7 +105,9 @@ def _check_cut(level: Level) -> None:
     at_zero = share > PILED and level.mean_dn + 0.5 < 3 * math.sqrt(variance)
     black = "raise the black level of the camera"
     refuse(not lowest and (level.highest_dn == 0 or at_zero), f"{shown}; {black}")
-    if lowest and following and variance and share > PILED:
+    if (
+        lowest and following and variance > PLAIN_DN2 and share > PILED
+    ):  # else rounding leaves two or three numbers
         gap = following - lowest
         below = level.counts[lowest] ** 2 / level.counts[following] * math.exp(-(gap**2) / variance)
         cut = f"{shown}, none below, as after an offset was subtracted and another added; use raw frames, or {black}"

@@ -96,6 +96,14 @@ def test_numbers_that_never_occur_are_doubted(tmp_path, taken, factor):
     assert "never occur between frequent ones" in doubt.text
 
 
+def test_noise_below_rounding_is_not_taken_as_cut(tmp_path):
+    """Black at 1.3 DN, noise of 0.1 DN: three quarters of the pixels are 1, others 2, none 0."""
+    quiet = made_frames.drawn_camera(0)
+    found = measure(saved(tmp_path / "frames", made_frames.exposed(quiet, 0, size=(64, 80)), plain, plain))
+    assert found.dark[0].share(0) < 1e-3
+    assert found.fit.rounding
+
+
 def exchanged(folder, one, other):
     """Two files of the folder under each other's names."""
     (folder / one).rename(folder / "x")
