@@ -71,8 +71,8 @@ def check_files(path: Path) -> list[Path]:
         if not stat.S_ISREG(each.lstat().st_mode):
             raise ValueError(f"{each.name} must be a file, no link, device or pipe")
     if path in found and path.stat().st_size:
-        uri = f"file:{quote(str(path.absolute()))}?immutable=1"  # only SQLite may close it: that drops its own locks
-        with closing(sqlite3.connect(uri, uri=True)) as db:
+        # by SQLite, since whoever else closes it drops the locks of this process
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as db:
             if db.execute("PRAGMA application_id").fetchone() != (schema.APPLICATION,):
                 raise ValueError(OTHER_VERSION)
     return [each for each in found if each.name.endswith(("-wal", "-journal"))]
