@@ -64,19 +64,17 @@ class Steps:
 
 def check_files(path: Path) -> list[Path]:
     """The journals beside a run's file. Raises ``ValueError`` for one that is no file: SQLite would write through a
-    link. And for a file that no run was begun in, by its head: SQLite would write beside one that it opens."""
+    link. And for a file that no run was begun in: SQLite would write beside one that it opens."""
     found = [path.with_name(path.name + end) for end in ("-wal", "-journal", "-shm", "")]
     found = [each for each in found if os.path.lexists(each)]
     for each in found:
         if not stat.S_ISREG(each.lstat().st_mode):
             raise ValueError(f"{each.name} must be a file, no link, device or pipe")
-    if path in found:
-        with path.open("rb") as file:
-            head = file.read(100)
-        if head and not head.startswith(b"SQLite format 3\0"):
-            raise ValueError(f"{path.name} is damaged, or no database of blurnoise; choose another folder")
-        if head and int.from_bytes(head[68:72]) != schema.APPLICATION:
-            raise ValueError(OTHER_VERSION)
+    if path in found and path.stat().st_size:
+        # by SQLite, since whoever else closes it drops the locks of this process
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?immutable=1", uri=True)) as db:
+            if db.execute("PRAGMA application_id").fetchone() != (schema.APPLICATION,):
+                raise ValueError(OTHER_VERSION)
     return [each for each in found if each.name.endswith(("-wal", "-journal"))]
 
 

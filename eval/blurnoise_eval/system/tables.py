@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-_FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n\0]")
 
 
 def plain(value: Any) -> Any:
@@ -39,6 +39,6 @@ def csv_text(rows: Iterable[Sequence[Any]]) -> str:
 def guarded(value: Any) -> Any:
     """A text that a spreadsheet would compute begins with an apostrophe more; numbers are as they are.
 
-    The names of classes, models and pictures may come from anybody. Source: OWASP, CSV Injection.
+    Names of classes, models and pictures may be anybody's. Source: CWE-1236; OWASP ASVS 5.0, requirement 1.2.10.
     """
     return f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value

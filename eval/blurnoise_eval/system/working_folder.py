@@ -117,9 +117,10 @@ def _check(url: UPath, names: Collection[str]) -> None:
     found = _found(url) if names else {}
     held = [name for name in names if name in found]
     lists = [name for name in found if _is_list(name)] if held else []
-    with TemporaryDirectory(prefix="blurnoise-") as folder, explained(url):
+    with TemporaryDirectory(prefix="blurnoise-") as folder:
         copies = {name: Path(folder, name) for name in (*lists, *held)}
-        url.fs.get([(url / name).path for name in copies], [*map(str, copies.values())])
+        with explained(url):
+            url.fs.get([(url / name).path for name in copies], [*map(str, copies.values())])
         for name in held:
             try:
                 check_replaceable(copies[name])

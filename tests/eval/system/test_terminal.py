@@ -1,13 +1,10 @@
 """What is printed: text of any origin as it stands, whatever a terminal or rich would make of it."""
 
-import csv
-import io
 import warnings
 
 import pytest
 from blurnoise_eval.system import progress
 from blurnoise_eval.system.progress import ProgressBar, duration_text
-from blurnoise_eval.system.tables import csv_lines
 from blurnoise_eval.system.terminal import paragraph, plain, plain_warnings, say, shortened, table_lines
 from rich.cells import cell_len
 
@@ -73,14 +70,6 @@ def test_paragraphs_keep_words_and_the_spaces_between(columns):
 def test_a_long_text_keeps_its_begin_and_its_end():
     assert shortened("a" * 20 + "b" * 980) == "a" * 20 + "b" * 980
     assert shortened("a" * 600 + "b" * 600) == f"{'a' * 500} ... {'b' * 500}"
-
-
-def test_csv_reads_back():
-    rows = [{"name": 'a "quoted", name', "value": 0.1, "none": None}, {"name": "two\nlines", "value": 1e-300}]
-    text = "".join(csv_lines(["name", "value", "none"], [{"none": None, **row} for row in rows]))
-    read = csv.DictReader(io.StringIO(text, newline=""))
-    found = [(row["name"], float(row["value"]), row["none"]) for row in read]
-    assert found == [(row["name"], row["value"], "") for row in rows]
 
 
 # --- progress ---

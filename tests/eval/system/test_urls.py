@@ -4,7 +4,7 @@ import os
 from typing import Any
 
 import pytest
-from blurnoise_eval.system.files import RUN_FILE
+from blurnoise_eval.system.files import RUN_FILE, write_whole, writing
 from blurnoise_eval.system.urls import (
     explained,
     listing,
@@ -14,7 +14,9 @@ from blurnoise_eval.system.urls import (
     versions,
     without_secrets,
 )
-from blurnoise_eval.system.working_folder import written_run
+from blurnoise_eval.system.working_folder import check_outputs, output_folder, written_run
+
+from blurnoise._core.writing import MANIFEST
 
 pytest.importorskip("upath")
 URL = "memory://bucket/set"
@@ -185,3 +187,31 @@ def test_what_cannot_be_put_stays_and_is_named(tmp_path, monkeypatch):
     (here,) = (tmp_path / "cache/runs").glob(f"*/{RUN_FILE}")
     assert here.read_text() == "rows"
     assert str(here.parent) in str(told.value)
+
+
+def test_what_is_not_blurnoises_stays_there():
+    """As in a folder: what was put before is replaced, and nothing else."""
+
+    def put(text, **further):
+        with output_folder(RUN) as folder, writing(**further):
+            write_whole(folder.path / "program.csv", text)
+
+    for text in (b"one", b"two"):
+        put(text)
+        assert (RUN / "program.csv").read_bytes() == text
+    (RUN / "program.csv").write_bytes(b"two, edited")
+    with pytest.raises(FileExistsError, match="did not write, or that was changed since") as told:
+        put(b"three")
+    assert told.value.filename == f"{RUN_URL}/program.csv"
+    with pytest.raises(FileExistsError, match="did not write"):
+        check_outputs(RUN, "*.csv")
+    assert there()["program.csv"] == b"two, edited"
+    with writing(overwrite=True):
+        put(b"three")
+    put(b"four")
+    (RUN / "report.html").write_bytes(b"mine")
+    with pytest.raises(FileExistsError, match="did not write"), written_run(RUN):
+        pytest.fail("it has begun")
+    assert {name: held for name, held in there().items() if name != MANIFEST} == {
+        "program.csv": b"four", "report.html": b"mine"
+    }  # fmt: skip
