@@ -187,8 +187,9 @@ def _tiff_pages(path: Path, _: RawLayout | None) -> int:
 def _array(path: Path) -> NDArray[Any]:
     try:
         values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise ValueError(f"is not an NPY file: {error}") from None
+    except Exception as error:  # NumPy evaluates the header as Python, which raises all sorts
+        raise ValueError(f"is not an NPY file: {' '.join(str(error).split())[:200]}") from None
+    refuse(not isinstance(values, np.ndarray), "is not an NPY file: it is an archive of arrays (NPZ)")
     refuse(values.ndim not in (2, 3), f"shape = {values.shape}: must be (H, W), or (N, H, W) for N frames")
     refuse(not values.size, f"shape = {values.shape}: must not be empty")
     return values if values.ndim == 3 else values[None]

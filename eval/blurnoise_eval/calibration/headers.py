@@ -67,14 +67,20 @@ def _value(text: str) -> float | str:
 def number(header: Mapping[str, Any], key: str, default: float) -> float:
     """Of a header. Raises ``ValueError`` for what is no number."""
     value = header.get(key, default)
-    refuse(not isinstance(value, float | int), f"{key} = {value!r}: must be a number")
+    refuse(
+        not (isinstance(value, float | int) and math.isfinite(value)), f"{key} = {value!r}: must be a number"
+    )
     return float(value)
+
+
+_MOST_AXES = 999  # of the FITS standard, section 4.4.1.1
 
 
 def fits(path: Path) -> tuple[NDArray[Any], dict[str, Any]]:
     """The primary array (N, H, W) as it is stored, and the header."""
     header, start = fits_header(path)
-    axes = [int(number(header, f"NAXIS{axis}", 0)) for axis in range(int(number(header, "NAXIS", 0)), 0, -1)]
+    count = min(int(number(header, "NAXIS", 0)), _MOST_AXES)
+    axes = [int(number(header, f"NAXIS{axis}", 0)) for axis in range(count, 0, -1)]
     two = len(axes) in (2, 3) and min(axes) > 0
     refuse(
         not two,

@@ -36,10 +36,12 @@ def train(
     from blurnoise_models.augmentation import MIX, exposures
     from blurnoise_models.export import write_onnx
 
+    from blurnoise._core.checks import integer
     from blurnoise_eval.system.files import check_outputs, remove, write_whole
     from blurnoise_eval.system.interrupts import keeps
 
     workers = inputs.threads(threads)
+    integer("pictures", pictures, training.FEWEST_PICTURES, 10**9)
     checkpoint = output / "training.checkpoint"
     check_outputs(output, "stop_sign.onnx", "training.csv", checkpoint.name)
     keeps(checkpoint.is_file)

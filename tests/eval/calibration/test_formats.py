@@ -87,16 +87,28 @@ def test_layouts_that_cannot_be(text, why):
         RawLayout.parse(text)
 
 
+def _npy(path, shape):
+    header = f"{{'descr': '<u2', 'fortran_order': False, 'shape': {shape}}}".ljust(117) + "\n"
+    path.write_bytes(b"\x93NUMPY\x01\0" + len(header).to_bytes(2, "little") + header.encode() + bytes(4000))
+
+
 FAULTY = {
     "a.jpg": (lambda path: cv2.imwrite(str(path), PLANE.astype(np.uint8)), "JPEG file"),
     "colour.png": (lambda path: cv2.imwrite(str(path), np.zeros((40, 50, 3), np.uint8)), "not colours"),
     "mean.npy": (lambda path: np.save(path, PLANE + 0.5), "integers"),
     "line.npy": (lambda path: np.save(path, PLANE.ravel()), r"shape = \(2000,\): must be \(H, W\), or"),
+    "negative.npy": (lambda path: _npy(path, "(-1, 40)"), "is not an NPY file"),
+    "beyond.npy": (lambda path: _npy(path, f"({10**24}, 2)"), "is not an NPY file"),
+    "open.npy": (lambda path: _npy(path, "(40, (50"), "is not an NPY file"),
+    "flags.npy": (lambda path: np.save(path, PLANE > 3), "integers"),
+    "records.npy": (lambda path: np.save(path, PLANE.astype([("dn", "<u2")])), "integers"),
     "small.png": (lambda path: cv2.imwrite(str(path), PLANE[:20]), "at least 32 x 32"),
     "a.raw": (lambda path: PLANE.tofile(path), "4000 bytes; must have 4100, 41 rows of 100 bytes"),
     "mean.fits": (lambda path: made_frames.write_fits(path, PLANE, BSCALE=0.5), "integers"),
     "short.fits": (lambda path: path.write_bytes(b"SIMPLE  =  T"), "its header has no END"),
     "cut.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS2=4000), "according to its header"),
+    "endless.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS=10**11), "axes"),
+    "far.fits": (lambda path: made_frames.write_fits(path, PLANE, NAXIS1="1E400"), "NAXIS1 = inf: must be a number"),
     "odd.fits": (lambda path: made_frames.write_fits(path, PLANE, BITPIX=64), "BITPIX = 64"),
 }  # fmt: skip
 
