@@ -7,26 +7,26 @@ the digital numbers that ``camera`` would give; ``develop`` turns digital number
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from blurnoise.blur.convolution import defocus, motion_blur
-from blurnoise.blur.layers import Layer, expose_layers
-from blurnoise.light.flicker import Pwm
-from blurnoise.motion.ego import blur_pixels, velocity_px_s
-from blurnoise.motion.trajectory import Trajectory
-from blurnoise.optics.camera import Camera
-from blurnoise.optics.captures import Capture
-from blurnoise.optics.radiometry import photoelectrons
-from blurnoise.optics.spectra import Curve
-from blurnoise.optics.transfer import Optics
-from blurnoise.picture.develop import develop
-from blurnoise.scene.metering import AutoExposure
-from blurnoise.scene.plan import plan
-from blurnoise.scene.scene import ExposedScene, Exposure, simulate
-
 if TYPE_CHECKING:
+    from blurnoise.blur.convolution import defocus, motion_blur
+    from blurnoise.blur.layers import Layer, expose_layers
+    from blurnoise.light.flicker import Pwm
     from blurnoise.metrics import slanted_edge
+    from blurnoise.motion.ego import blur_pixels, velocity_px_s
+    from blurnoise.motion.trajectory import Trajectory
+    from blurnoise.optics.camera import Camera
+    from blurnoise.optics.captures import Capture
+    from blurnoise.optics.radiometry import photoelectrons
+    from blurnoise.optics.spectra import Curve
+    from blurnoise.optics.transfer import Optics
+    from blurnoise.picture.develop import develop
+    from blurnoise.scene.exposure import Exposure
+    from blurnoise.scene.metering import AutoExposure
+    from blurnoise.scene.plan import plan
+    from blurnoise.scene.scene import ExposedScene, simulate
     from blurnoise.training.arrays import expose_numpy, labels_numpy
     from blurnoise.training.augmentation import RandomExposure
-from blurnoise.training.pictures import expose_pictures
+    from blurnoise.training.pictures import expose_pictures
 
 __all__ = [
     "AutoExposure",
@@ -54,18 +54,32 @@ __all__ = [
     "slanted_edge",
     "velocity_px_s",
 ]
-_LATE = {
-    "RandomExposure": "blurnoise.training.augmentation",
-    "expose_numpy": "blurnoise.training.arrays",
-    "expose_pictures": "blurnoise.training.pictures",
-    "labels_numpy": "blurnoise.training.arrays",
-    "slanted_edge": "blurnoise.metrics",
+_MODULES = {
+    "blur.convolution": ("defocus", "motion_blur"),
+    "blur.layers": ("Layer", "expose_layers"),
+    "light.flicker": ("Pwm",),
+    "metrics": ("slanted_edge",),
+    "motion.ego": ("blur_pixels", "velocity_px_s"),
+    "motion.trajectory": ("Trajectory",),
+    "optics.camera": ("Camera", "Capture"),
+    "optics.radiometry": ("photoelectrons",),
+    "optics.spectra": ("Curve",),
+    "optics.transfer": ("Optics",),
+    "picture.develop": ("develop",),
+    "scene.exposure": ("Exposure",),
+    "scene.metering": ("AutoExposure",),
+    "scene.plan": ("plan",),
+    "scene.scene": ("ExposedScene", "simulate"),
+    "training.arrays": ("expose_numpy", "labels_numpy"),
+    "training.augmentation": ("RandomExposure",),
+    "training.pictures": ("expose_pictures",),
 }
 __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use what is slow to import and seldom needed: Kornia's augmentations, the metrics."""
-    if name in _LATE:
-        return getattr(importlib.import_module(_LATE[name]), name)
+    """Import on first use: the command line's help reads tables of this package, and torch is slow to import."""
+    for module, names in _MODULES.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from blurnoise._core import usual
 from blurnoise._core.checks import DRAWN_FROM, LIMITS, an_instance, dense, limited, one_of, shown
 from blurnoise.light.flicker import Pwm
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
@@ -117,7 +118,7 @@ class Draws(ABC):
 
 @dataclass(frozen=True)
 class ExposureRanges(Draws):
-    """Ranges of conditions; each a number or (low, high).
+    """Ranges of conditions; each a number or (low, high). Defaults: those of sweeps, :mod:`blurnoise._core.usual`.
 
     camera: one or several, presets by name, equally likely. exposure_s and illuminance_lux, from 1e-9 s and 1e-6 lux
     on, are log-uniform: they multiply the light, so that each doubling is as likely as the next. speed_px_s >= 0,
@@ -139,13 +140,13 @@ class ExposureRanges(Draws):
     than a second.
     """
 
-    camera: Cameras = "imx250"
-    exposure_s: Range = (0.001, 0.060)
-    illuminance_lux: Range = (5.0, 500.0)
-    speed_px_s: Range = (0.0, 1000.0)
+    camera: Cameras = usual.COLOUR
+    exposure_s: Range = (min(usual.EXPOSURE_S), max(usual.EXPOSURE_S))
+    illuminance_lux: Range = (min(usual.ILLUMINANCE_LUX.values()), max(usual.ILLUMINANCE_LUX.values()))
+    speed_px_s: Range = (min(usual.SPEED_PX_S.values()), max(usual.SPEED_PX_S.values()))
     direction_deg: Range = (0.0, 360.0)
-    temperature_c: Range = 25.0
-    gain_db: Gain = 0.0
+    temperature_c: Range = usual.TEMPERATURE_C
+    gain_db: Gain = usual.GAIN
     shake_px: Range = 0.0
     moves: Moves | Sequence[Moves] = "all"
     white_e: Range | None = None
@@ -315,10 +316,10 @@ def _plain(name: str, value: Any) -> Any:
 
 
 def _gain(gain_db: Gain, cameras: Sequence[Camera]) -> float | tuple[float, float] | AutoExposure:
-    if isinstance(gain_db, AutoExposure):
-        return gain_db
-    if isinstance(gain_db, str) and gain_db == "auto":
-        return AutoExposure()
+    if isinstance(gain_db, AutoExposure) or (isinstance(gain_db, str) and gain_db == "auto"):
+        for camera in cameras:
+            check_captures(camera, 0.0)
+        return gain_db if isinstance(gain_db, AutoExposure) else AutoExposure()
     gain_db = _plain("gain_db", gain_db)
     if not isinstance(gain_db, (Real, Sequence)) or isinstance(gain_db, str):
         must = "must be a number, (low, high), 'auto' or an AutoExposure"

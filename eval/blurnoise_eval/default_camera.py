@@ -10,12 +10,13 @@ from dataclasses import replace
 import numpy as np
 from torch import Tensor
 
+from blurnoise._core import usual
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PLANES, Cfa, srgb_from_linear
 from blurnoise_eval.datasets import Image, PictureSet, eight_bit, sample
 
-COLOUR, MONOCHROME, THREE_SENSORS = "imx250c", "imx250m", "imx250"
-"""Presets of one sensor: behind a Bayer pattern, without filters, and once for each colour."""
+THREE_SENSORS = "imx250"
+"""The preset with a sensor for each colour; those of one sensor are usual."""
 _DEFAULT = "chosen: default, "
 _SAMPLED = 8  # pictures that are looked at
 _GREY_DN, _COLOURED_SHARE = 2, 0.01  # an overlay or a few damaged pixels do not make a colour camera
@@ -27,9 +28,9 @@ def default_camera(*, colour: bool, cfa: Cfa | None = None) -> Camera:
 
     ``sources["name"]`` says why it is this camera.
     """
-    name, reason = (COLOUR, "pictures in colour") if colour else (MONOCHROME, "grey pictures")
+    name, reason = (usual.COLOUR, "pictures in colour") if colour else (usual.MONOCHROME, "grey pictures")
     if cfa is not None:
-        name, reason = THREE_SENSORS if cfa in PLANES else COLOUR, f"cfa = {cfa}"
+        name, reason = THREE_SENSORS if cfa in PLANES else usual.COLOUR, f"cfa = {cfa}"
     camera = Camera.preset(name)
     sources = {**camera.sources, "name": f"{_DEFAULT}{reason}"}
     return replace(camera, cfa=cfa or camera.cfa, sources=sources)

@@ -8,11 +8,13 @@ from blurnoise_eval import datasets
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.default_camera import camera_text, default_camera, in_colour, is_grey
 from blurnoise_eval.evaluation import evaluate
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES
 from blurnoise_eval.grid.conditions import SweepPlan
 from blurnoise_eval.store.store import Store, StoreError
 from signs_in_memory import matched_detector
 
-from blurnoise import Camera
+from blurnoise import AutoExposure, Camera
+from blurnoise.training.ranges import ExposureRanges
 
 PLAN = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (100.0,)})
 
@@ -96,3 +98,17 @@ def test_the_terminal_names_a_default_and_three_sensors():
     assert camera_text(default_camera(colour=True), colour=True) == (
         "camera: imx250c, the default for pictures in colour"
     )
+
+
+def test_trainings_draw_from_what_sweeps_test():
+    usual = ExposureRanges()
+    spans = {
+        "exposure_s": usual.exposure_s,
+        "illuminance_lux": usual.illuminance_lux,
+        "velocity_x_px_s": usual.speed_px_s,
+    }
+    tested = {axis.name: axis.default for axis in AXES}
+    assert spans == {name: (min(tested[name]), max(tested[name])) for name in spans}
+    assert usual.cameras == (Camera.preset(default_camera(colour=True).name),)
+    assert usual.gain_db == AutoExposure()
+    assert tested["gain_db"] == (AUTOMATIC,)

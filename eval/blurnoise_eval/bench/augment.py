@@ -65,7 +65,8 @@ def _albumentations(arrays: list[np.ndarray[Any, Any]]) -> list[Contender]:
     theirs = albumentations.Compose(
         [albumentations.MotionBlur((3, 61), p=1.0), albumentations.ISONoise(p=1.0)]
     )
-    ours = albumentations.Compose([RandomExposure(p=1.0)])
+    taken: dict[str, Any] = {"exposure_s": (0.001, 0.06), "illuminance_lux": (5.0, 500.0), "gain_db": 0.0}
+    ours = albumentations.Compose([RandomExposure("imx250", **taken, p=1.0)])
     return [
         Contender("RandomExposure in albumentations", partial(_each, ours, arrays), True),
         Contender("albumentations' blur and noise", partial(_each, theirs, arrays)),

@@ -4,12 +4,7 @@ Domain: values in SI units and the units in the names; an option's numbers times
 specified has the camera's value (``own``). A new axis is an entry of ``AXES``. Nothing heavy is imported above, as
 the command line's help is made from the table.
 
-The defaults are those of a camera on a vehicle. Exposures: up to the 30 ms that 30 frames/s leave. Lights: 1 lux, the
-least on a residential street (EN 13201-2:2015, class P4); 20 lux, the mean on a lit main street (class C2); 400 lux,
-a clear sky at sunset; 20 000 lux, daylight out of the sun. Speeds: of a sign 5 m beside the optical axis and 12.5 m
-ahead of a camera that drives at 0, 50 and 100 km/h and has the AR0132AT's 1280 px over 60 degrees. A pinhole moves it
-by f v 5 m / (12.5 m)^2, 493 px/s at 50 km/h; so does ``blurnoise motion --speed-kmh 20 --distance-m 12.5 --lens
-rectilinear``, as 5 / 12.5 of the 50 km/h lies across the line of sight.
+The defaults are those of :mod:`blurnoise._core.usual`, from which trainings draw too.
 """
 
 from __future__ import annotations
@@ -18,6 +13,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from blurnoise._core import usual
 
 if TYPE_CHECKING:
     from blurnoise.optics.camera import Camera
@@ -230,18 +227,18 @@ AXES: tuple[Axis, ...] = (
         "exposure_s", "exposure_s", "--exposure-ms",
         "exposure time, ms; auto: set by the camera for each picture", "Exposure", "ms",
         1e-3, 0.0, 3600.0, "{} ms", "{}ms", own=lambda camera: math.nan, digits=3, positive=True, logarithmic=True,
-        fails=True, automatic=True, default=tuple(ms / 1e3 for ms in (0.03, 0.1, 0.3, 1, 3, 10, 30)),
+        fails=True, automatic=True, default=usual.EXPOSURE_S,
         span=(0.003, 900.0),
     ),
     Axis(
         "illuminance_lux", "illuminance_lux", "--lux", "illuminance of the scene, lux", "Light", "lux", 1.0, 0.0, 1e9,
-        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(1.0, 20.0, 400.0, 20_000.0),
-        default_names=("night street", "lit street", "dusk", "daylight"), span=(0.1, 200_000.0),
+        "{} lux", "{}lux", own=lambda camera: math.nan, logarithmic=True, default=(*usual.ILLUMINANCE_LUX.values(),),
+        default_names=(*usual.ILLUMINANCE_LUX,), span=(0.1, 200_000.0),
     ),
     Axis(
         "velocity_x_px_s", "velocity_px_s.0", "--dx", "motion to the right, px/s", "Motion to the right", "px/s",
-        1.0, -1e7, 1e7, "{} px/s", "{}", default=(0.0, 500.0, 1000.0),
-        default_names=("at rest", "50 km/h", "100 km/h"), span=(-2000.0, 2000.0),
+        1.0, -1e7, 1e7, "{} px/s", "{}", default=(*usual.SPEED_PX_S.values(),),
+        default_names=(*usual.SPEED_PX_S,), span=(-2000.0, 2000.0),
     ),
     Axis(
         "velocity_y_px_s", "velocity_px_s.1", "--dy", "motion down, px/s", "Motion down", "px/s",
@@ -250,7 +247,7 @@ AXES: tuple[Axis, ...] = (
     ),
     Axis(
         "temperature_c", "temperature_c", "--temperature-c", "sensor temperature, °C", "Sensor temperature", "°C",
-        1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: 25.0, fails=True, span=(-40.0, 105.0),
+        1.0, -273.15, 300.0, "{} °C", "{}C", own=lambda camera: usual.TEMPERATURE_C, fails=True, span=(-40.0, 105.0),
     ),
     Axis(
         "f_number", "camera.f_number", "--f-number",
@@ -267,7 +264,8 @@ AXES: tuple[Axis, ...] = (
     Axis(
         "gain_db", "gain_db", "--gain",
         "gain, dB, analogue up to the camera's limit, then digital; auto: brings the mean of each picture to 18 %",
-        "Gain", "dB", 1.0, -120.0, 120.0, "gain {} dB", "{}dB", automatic=True, default=(AUTOMATIC,),
+        "Gain", "dB", 1.0, -120.0, 120.0, "gain {} dB", "{}dB", automatic=True,
+        default=(number(usual.GAIN, automatic=True),),
     ),
     Axis(
         "moves", "moves", "--moves",

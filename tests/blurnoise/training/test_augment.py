@@ -13,6 +13,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from blurnoise import AutoExposure, Camera, develop, simulate
+from blurnoise.training.arrays import expose_numpy
 from blurnoise.training.augmentation import RandomExposure
 from blurnoise.training.pictures import expose_pictures
 
@@ -27,7 +28,8 @@ def test_is_simulate_and_develop(encoding, channels):
     image = pictures(channels=channels)
     warm = replace(Camera.preset("imx250"), dark_current_e_s=2000.0)
     cameras = (warm, Camera.preset("ar0237"))
-    aug = RandomExposure(cameras, temperature_c=(0, 60), encoding=encoding, fidelity="full", p=1.0)
+    conditions = {"temperature_c": (0, 60), "gain_db": 0.0, "exposure_s": (0.001, 0.06)}
+    aug = RandomExposure(cameras, **conditions, encoding=encoding, fidelity="full", p=1.0)
     out, params = aug(image), aug._params
     for index in range(len(image)):
         camera = cameras[int(params["camera_index"][index])]
@@ -41,7 +43,9 @@ def test_is_simulate_and_develop(encoding, channels):
         assert float(alike.float().mean()) > 0.99
 
 
-@pytest.mark.parametrize("given", [{}, {"gain_db": (3.0, 30.0)}, {"shake_px": (0.0, 5.0), "speed_px_s": 0.0}])
+@pytest.mark.parametrize(
+    "given", [{}, {"gain_db": (3.0, 30.0)}, {"shake_px": (0.0, 5.0), "exposure_s": (0.001, 0.06)}]
+)
 def test_a_picture_does_not_depend_on_its_batch_and_is_replayed(given):
     torch.manual_seed(2)
     aug, image = RandomExposure(TWO, p=1.0, **given), pictures(6)
@@ -214,3 +218,39 @@ def test_automatic_gain_makes_the_brightness_the_targets():
     for mean, tolerance in zip(means[1:3], spread[1:3], strict=True):
         assert mean == pytest.approx(0.18, rel=tolerance + 0.01)
     assert means[3] == pytest.approx(1.0)  # in bright light gain cannot help
+
+
+@pytest.mark.parametrize(
+    ("scaled", "words"),
+    [
+        (lambda image: 2 * image - 1, r"look like \[-1, 1\]: give \(image \+ 1\) / 2"),
+        (lambda image: (image - 0.45) / 0.22, "normalised by mean and standard deviation"),
+        (lambda image: 1.1 * image - 0.05, "overshoots"),
+        (lambda image: 255 * image, "0 to 255: divide by 255"),
+        (lambda image: 4095 * image, "0 to 4095: divide by 4095"),
+    ],
+)
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float32])
+def test_pictures_of_other_ranges_are_refused_by_name(scaled, words, dtype):
+    image = scaled(pictures()).to(dtype)
+    with pytest.raises(ValueError, match=words):
+        RandomExposure(p=1.0)(image)
+    with pytest.raises(ValueError, match=words):
+        expose_numpy(image[0].permute(1, 2, 0).numpy(), "imx250c", exposure_s=0.01, illuminance_lux=50.0)
+
+
+def test_roundings_and_bright_light_are_taken():
+    image = pictures().clamp(0.1, 0.9) * 2 - 0.203
+    assert float(image.min()) < 0
+    seen = RandomExposure(p=1.0)(image)
+    assert bool(((seen >= 0) & (seen <= 1)).all())
+
+
+@pytest.mark.parametrize("camera", ["imx250", "imx250c", ["imx250c", "ar0237", "imx250", "imx250"]])
+def test_the_memory_format_stays(camera):
+    at = {"exposure_s": 0.01, "illuminance_lux": 50.0}
+    image = pictures()
+    last = expose_pictures(image.contiguous(memory_format=torch.channels_last), camera, **at)
+    assert last.is_contiguous(memory_format=torch.channels_last)
+    assert not last.is_contiguous()
+    assert expose_pictures(image, camera, **at).is_contiguous()

@@ -50,9 +50,13 @@ def boxes(values, form="XYXY", dtype=torch.float32):
 @pytest.mark.parametrize("of", ["ranges", "road", "table"])
 def test_exposes_as_the_functional_twin_does(of):
     ways = {
-        "ranges": (RandomExposureV2("imx250", encoding="linear", p=1.0), DRAWN, {"encoding": "linear"}),
+        "ranges": (
+            RandomExposureV2("imx250", encoding="linear", gain_db=0.0, p=1.0),
+            DRAWN,
+            {"encoding": "linear"},
+        ),
         "road": (
-            RandomExposureV2(**LIT, p=1.0, ego_kmh=90.0, vehicle=ROAD),
+            RandomExposureV2("imx250", **LIT, gain_db=0.0, p=1.0, ego_kmh=90.0, vehicle=ROAD),
             (*DRAWN, "ego_kmh"),
             {"vehicle": ROAD},
         ),
