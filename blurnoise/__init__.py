@@ -61,7 +61,8 @@ _MODULES = {
     "metrics": ("slanted_edge",),
     "motion.ego": ("blur_pixels", "velocity_px_s"),
     "motion.trajectory": ("Trajectory",),
-    "optics.camera": ("Camera", "Capture"),
+    "optics.camera": ("Camera",),
+    "optics.captures": ("Capture",),
     "optics.radiometry": ("photoelectrons",),
     "optics.spectra": ("Curve",),
     "optics.transfer": ("Optics",),
@@ -81,5 +82,6 @@ def __getattr__(name: str) -> Any:
     """Import on first use: the command line's help reads tables of this package, and torch is slow to import."""
     for module, names in _MODULES.items():
         if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            found = globals()[name] = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
