@@ -29,7 +29,7 @@ def number(text: str | float, *, automatic: bool = False) -> float:
         return AUTOMATIC
     try:
         value = math.inf if isinstance(text, bool) else float(text)
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError):
         value = math.inf
     if math.isinf(value):
         raise ValueError(f"must be a number{', or auto' if automatic else ''}")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, numbers
+from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO, VELOCITY, axis, number, numbers
 from blurnoise_eval.grid.conditions import Cell, Conditions, Part, SweepPlan
 from blurnoise_eval.grid.objects import Crossing, Objects
 from plans import IMX250, plan
@@ -210,6 +210,11 @@ def test_lists(text, expected):
 def test_bad_lists(text):
     with pytest.raises(ValueError, match=r"must be numbers .* start:stop:step"):
         numbers(text)
+
+
+def test_an_integer_beyond_floats_is_no_number():
+    with pytest.raises(ValueError, match="must be a number"):
+        number(10**400)
 
 
 def test_ms_are_the_nearest_numbers_of_s():
