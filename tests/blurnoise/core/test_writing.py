@@ -56,8 +56,9 @@ def test_a_file_is_replaced_that_holds_what_was_written(tmp_path):
     for data in (b"one", b"two", b"one"):
         write_whole(path, data)
         assert path.read_bytes() == data
-    path.write_bytes(b"one, edited")
-    refused(path, THEIRS)
+    for edited in (b"one, edited", b"eno"):
+        path.write_bytes(edited)
+        refused(path, THEIRS)
     (tmp_path / "b.yaml").write_bytes(b"one")
     refused(tmp_path / "b.yaml", THEIRS)
     with writing(overwrite=True):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import matched_filter
 import pytest
-from blurnoise_eval import datasets
+from blurnoise_eval import SweepPlan, datasets, evaluate
 from blurnoise_eval.system.files import RUN_FILES
 from commands import main
 from signs_in_memory import BOX, sign
@@ -212,3 +212,28 @@ def test_the_run_remembers_where_its_pictures_are(here, monkeypatch):
     monkeypatch.chdir("/")
     assert main(["report", str(here / "run")]) == 0
     assert (here / "run/failures.html").read_bytes().count(b"/9j/") == before.count(b"/9j/") > 2
+
+
+@pytest.mark.slow
+def test_python_refuses_and_overwrites_as_commands_do(here):
+    def run(labels, **further):
+        pictures = datasets.coco(labels, images="pics")
+        plan = SweepPlan({"exposure_s": (0.01,), "illuminance_lux": (50.0,)})
+        return evaluate("small.onnx", pictures, plan=plan, output="new", progress=False, **further)
+
+    Path("new/coco").mkdir(parents=True)
+    shutil.copy("labels.json", "new/coco/instances.json")
+    before = held(here)
+    with pytest.raises(FileExistsError, match=r"did not write.*; overwrite=True replaces it"):
+        run("labels.json")
+    with pytest.raises(FileExistsError, match=INPUT.removeprefix("is ").replace("this command", ".*")):
+        run("new/coco/instances.json", overwrite=True)
+    assert held(here) == before
+    done = run("labels.json", overwrite=True)
+    done.report()
+    Path("new/report.html").write_text("mine")
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        done.report()
+    assert Path("new/report.html").read_text() == "mine"
+    done.report(overwrite=True)
+    assert Path("new/report.html").read_text() != "mine"
