@@ -317,6 +317,8 @@ def _naming(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
+        if error.filename not in (None, str(path)) and not _PARTIAL.fullmatch(Path(error.filename).name):
+            raise  # of another file, such as one that a piece of this one is read from
         why = error.strerror or str(error)
         if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM) and "; " not in why:
             why += "; choose a folder that you can write to"

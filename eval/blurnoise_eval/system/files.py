@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import os
@@ -53,15 +54,18 @@ def write_records(
 
 def check_outputs(folder: Path, *names: str) -> None:
     """Raise ``OSError`` where one of these files in the folder may not be replaced, before anything is computed for
-    them. names: as :meth:`Path.glob` takes them, folders with a slash at the end. ``ValueError`` for a folder that is
-    a link to another place."""
+    them. names: as :meth:`Path.glob` takes them, folders with a slash at the end. The folder may be anybody's: raises
+    ``ValueError`` for a link to another place, and ``OSError`` for a pipe, which may have no reader."""
     check_writable_folder(folder)
     for below in sorted({name.rpartition("/")[0] for name in names} - {""}):
         if path_within(folder, below).exists():
             check_writable_folder(folder / below)
     for name in (each for each in names if not each.endswith("/")):
-        for path in sorted(folder.glob(name)):
-            check_replaceable(path)
+        for path in sorted({*folder.glob(name), *(each for each in [folder / name] if each.is_symlink())}):
+            target = check_replaceable(path)
+            path_within(folder, path.relative_to(folder))
+            if target is None:
+                raise OSError(errno.EINVAL, "is a device or a pipe; must be a file", str(path))
 
 
 def plot_suffix(path: Path) -> str:

@@ -51,6 +51,21 @@ def forked(work):
         os._exit(1)
 
 
+def test_an_error_names_the_file_that_it_is_about(tmp_path):
+    """Where the pieces of one file write, or read, another one."""
+    (tmp_path / "picture.png").write_bytes(b"mine")
+
+    def pieces(work):
+        yield b"["
+        work(tmp_path / "picture.png")
+
+    for work, why in ((lambda path: write_whole(path, b"new"), THEIRS), (os.listdir, "Not a directory")):
+        with pytest.raises(OSError, match=why) as error:
+            write_whole(tmp_path / "list.json", pieces(work))
+        assert error.value.filename == str(tmp_path / "picture.png")
+    assert names(tmp_path) == ["picture.png"]
+
+
 def test_a_file_is_replaced_that_holds_what_was_written(tmp_path):
     path = tmp_path / "a.yaml"
     for data in (b"one", b"two", b"one"):

@@ -15,7 +15,7 @@ from blurnoise_eval.system.files import RUN_FILES
 from commands import main
 from signs_in_memory import BOX, sign
 
-from blurnoise._core.writing import MANIFEST
+from blurnoise._core.writing import MANIFEST, write_whole
 
 SWEEP = "sweep --model small.onnx --images pics --labels labels.json --exposure-ms 1,10 --lux 50 --dx 0 --threads 1"
 THEIRS = "did not write, or that was changed since; --overwrite replaces it"
@@ -204,6 +204,17 @@ def test_devices_stay_devices(here, capsys):
     assert Path("null.yaml").is_symlink()
     assert Path("null.png").is_symlink()
     refused(capsys, "cameras imx250 --save run", "is a folder")
+
+
+@pytest.mark.parametrize("command", ["report run", "program run -o run"])
+@pytest.mark.parametrize("to", ["../elsewhere.csv", "../pics/report.csv", "/dev/null", None])
+def test_a_folder_of_results_is_not_left_and_nobody_waits_for_a_reader(here, capsys, command, to):
+    """Where the link that somebody put there leads to no file, to one that blurnoise wrote, or to a device."""
+    write_whole(Path("pics/report.csv"), b"ours, too")
+    name = Path("run", "program.csv" if "program" in command else "scores.csv")
+    name.unlink(missing_ok=True)
+    name.symlink_to(to) if to else os.mkfifo(name)
+    refused(capsys, command, "leaves the folder 'run' through a link" if to else "must be a file")
 
 
 def test_the_run_remembers_where_its_pictures_are(here, monkeypatch):
