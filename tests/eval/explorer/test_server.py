@@ -1,6 +1,8 @@
 """The explorer's server: who can connect, who is answered, on routes and sockets, and what it takes."""
 
 import asyncio
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -51,6 +53,24 @@ def test_it_listens_on_the_loopback_address_alone(monkeypatch, capsys):
     assert f"http://127.0.0.1:{port}/" in capsys.readouterr().out
     with pytest.raises(SystemExit, match="2"):
         main(["explore", "--no-browser", "--host", "0.0.0.0"])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
+def test_a_second_interrupt_ends_the_server_at_once(monkeypatch):
+    def interrupts(self, sockets):
+        self.handle_exit(signal.SIGINT, None)
+        if not (child := os.fork()):
+            try:
+                self.handle_exit(signal.SIGINT, None)
+            finally:
+                os._exit(0)
+        ended.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+
+    ended = []
+    monkeypatch.setattr(server, "app", lambda *given: None)
+    monkeypatch.setattr(uvicorn.Server, "run", interrupts)
+    assert main(["explore", "--no-browser", "--model", "none"]) == 0
+    assert ended == [-signal.SIGINT]
 
 
 @pytest.mark.parametrize(
