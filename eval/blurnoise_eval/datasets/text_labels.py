@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Annotated, Any
 
@@ -28,6 +29,8 @@ from blurnoise_eval.system.urls import Location
 
 TEXT = "text"
 _UNREADABLE = ("###", "*")  # PP-OCR's marks of text that nobody could read
+_PLACES = re.compile(r"\t\s*\[\s*\{|\A(?:[^\t\n]*\t\s*\[\s*\]\s*(?:\n|\Z))+\Z")
+"""JSON somewhere, or pictures without texts only; a text of a whole picture may be \"[]\"."""
 _HEIGHTS_PX = (("< 16", 16), ("16-32", 32), ("32-64", 64), ("> 64", math.inf))
 
 
@@ -47,7 +50,7 @@ def texts(file: str | Location, *, images: str | Location | None = None) -> Pict
     selection = Selection("text", file, images)
     with faults_of("labels", selection.file):
         content = read_text(selection.file, LARGEST_SET_BYTES)
-        with_places = "\t[{" in content
+        with_places = bool(_PLACES.search(content))
 
         def read(line: str) -> tuple[str, str, list[tuple[_Text, dict[str, Any]]]]:
             name, tab, rest = line.partition("\t")

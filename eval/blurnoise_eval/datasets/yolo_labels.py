@@ -28,7 +28,7 @@ from blurnoise_eval.datasets.label_reading import (
     read_text,
 )
 from blurnoise_eval.datasets.places import Places, ends
-from blurnoise_eval.datasets.records import PictureSet, Target
+from blurnoise_eval.datasets.records import DOUBTFUL_LABELS, PictureSet, Target
 from blurnoise_eval.datasets.selection import Selection
 from blurnoise_eval.system.files import check_regular
 from blurnoise_eval.system.urls import Location, explained, for_each, listing, local_file
@@ -36,6 +36,8 @@ from blurnoise_eval.system.urls import Location, explained, for_each, listing, l
 _SPLITS = ("val", "valid", "train")  # what is taken where nobody chooses
 _YAMLS = ("data.yaml", "dataset.yaml", "data.yml", "dataset.yml")
 _NAMES = ("classes.txt", "labels/classes.txt", "obj.names", "_darknet.labels", "train/_darknet.labels")
+_FEWEST_ROWS = 3  # all of which begin like boxes by no chance
+_ROUNDING = 0.01  # of shares
 _FARTHEST = 2.0  # sides of the picture; a number beyond was not meant as a share of them
 
 Object = tuple[str, tuple[float, float, float, float]]
@@ -47,6 +49,7 @@ class _Objects(NamedTuple):
 
     objects: list[Object]
     repeated: int
+    rows: list[NDArray[np.float64]]
 
 
 def _by_number(names: object) -> object:
@@ -117,6 +120,8 @@ def yolo(
             "pictures without a label file, used as pictures without objects": len(names) - len(objects),
         }
         notes += [f"{text}: {count}" for text, count in counts.items() if count]
+        if doubt := _box_doubt([row for each in objects.values() for row in each.rows]):
+            notes.append(f"{DOUBTFUL_LABELS}{doubt}")
         return selection.picture_set(entries, categories, notes, len(names) - len(objects))
 
 
@@ -266,7 +271,7 @@ def _objects(file: Location, classes: Mapping[int, str]) -> _Objects:
     unique: dict[bytes, NDArray[np.float64]] = {}
     for row in rows:
         unique.setdefault(row.astype(np.float32).tobytes(), row)  # as Ultralytics tells them apart
-    return _Objects([_object(row, classes) for row in unique.values()], len(rows) - len(unique))
+    return _Objects([_object(row, classes) for row in unique.values()], len(rows) - len(unique), rows)
 
 
 def _row(line: str, *, classes: Mapping[int, str]) -> NDArray[np.float64]:
@@ -287,6 +292,20 @@ def _row(line: str, *, classes: Mapping[int, str]) -> NDArray[np.float64]:
             f"{shown(line)}: must be 'class x y width height' or 'class x1 y1 x2 y2 x3 y3 ...'{score}"
         )
     return np.array([class_id, *shares])
+
+
+def _box_doubt(rows: Sequence[NDArray[np.float64]]) -> str:
+    """That polygons may be boxes with more behind them, or "": the corners of polygons do not all fit as boxes, and
+    their count varies."""
+    lengths = {len(row) for row in rows}
+    if len(rows) < _FEWEST_ROWS or len(lengths) > 1 or lengths <= {5, 9}:  # of boxes and of rotated ones
+        return ""
+    middle, half = np.array(rows)[:, 1:3], np.array(rows)[:, 3:5] / 2
+    if not ((half > 0) & (middle - half > -_ROUNDING) & (middle + half < 1 + _ROUNDING)).all():
+        return ""
+    count = (lengths.pop() - 1) // 2
+    many = f"all {len(rows)} rows are polygons of {count} corners, and each begins like a box"
+    return f"{many}: poses, or tracks with scores? They are read as polygons"
 
 
 def _object(row: NDArray[np.float64], classes: Mapping[int, str]) -> Object:

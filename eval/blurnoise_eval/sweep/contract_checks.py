@@ -35,7 +35,7 @@ from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.python_models import FAMILY
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.scoring.on_picture import Model
-from blurnoise_eval.sweep.mirrored_views import agreement, detected, mirrored_view
+from blurnoise_eval.sweep.mirrored_views import agreement, detected, mirrored_view, shifted_classes
 from blurnoise_eval.system.terminal import say_wrapped
 
 Image = NDArray[np.uint8]
@@ -241,7 +241,11 @@ def compared(detector: Detector, pictures: Iterable[Known]) -> Comparison:
     if not final.problems:
         inferences += len(shown)
         read = detector.with_contract(final.contract)
-        final.problems = [detected(read, image)[1] for image, _ in shown]
+        answers = [detected(read, image) for image, _ in shown]
+        final.seen, final.problems = [each for each, _ in answers], [problem for _, problem in answers]
+    if shifted := shifted_classes(final.seen, [labels for _, labels in shown[: len(final.seen)]]):
+        doubts.append(shifted)
+        sources = {name: source for name, source in sources.items() if name != "outputs"}
     if wrong := _common(final.problems):
         final, sources, doubts = variants[0], {}, wrong
     contract = replace(final.contract, sources={**detector.contract.sources, **sources})

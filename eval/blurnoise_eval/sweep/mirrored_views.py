@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +17,7 @@ from blurnoise_eval.scoring.on_picture import NOTHING
 
 Image = NDArray[np.uint8]
 _CUT = (0.04, 0.08, 0.08, 0.04)  # shares of a picture that its mirrored view lacks: left, top, right, bottom
+_FEWEST_SHIFTED = 8  # labelled objects, found by their boxes, from which their classes say something
 
 
 def detected(detector: Detector, image: Image) -> tuple[Detections, str]:
@@ -56,3 +60,26 @@ def agreement(one: Detections, other: Detections) -> float:
         total += float(min(one.scores[row], other.scores[column]) * overlap[row, column])
         overlap[row], overlap[:, column] = 0, 0
     return total
+
+
+def shifted_classes(found: Sequence[Detections], labelled: Sequence[Detections | None]) -> str:
+    """A doubt where most labelled objects are found with the class number after or before their own, or "".
+
+    Boxes fit then, and the mirrored view agrees, too: only labels show that numbers begin with 1, or that the
+    background comes first. Each object counts with the likeliest detection that overlaps it by half.
+    """
+    steps = Counter[int]()
+    for seen, labels in zip(found, labelled, strict=True):
+        if labels is None or not len(seen.scores):
+            continue
+        scores = np.where(iou(seen.boxes_xyxy, labels.boxes_xyxy) >= MATCH_IOU, seen.scores[:, None], 0)
+        there = scores.max(axis=0) > 0
+        steps.update((seen.class_ids[scores.argmax(axis=0)] - labels.class_ids)[there].tolist())
+    for step, which in ((1, "after"), (-1, "before")):
+        if steps.total() >= _FEWEST_SHIFTED and 2 * steps[step] > steps.total():
+            return (
+                f"outputs or classes may be wrong: {steps[step]} of {steps.total()} labelled objects are found as "
+                f"the class {which} their own; outputs state 'class from 1' where numbers begin with 1, and "
+                "'background, scores' where the background comes first"
+            )
+    return ""

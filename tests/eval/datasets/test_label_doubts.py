@@ -175,3 +175,28 @@ def test_pictures_without_a_target(folder):
     document["images"] += [{"id": n, "file_name": f"{name}.png"} for n, name in enumerate("bcd", start=2)]
     (folder / "coco.json").write_text(json.dumps(document))
     assert doubts(coco(folder / "coco.json")) == ["3 of 4 pictures have no target"]
+
+
+# --- rows of YOLO that are more than boxes ---
+
+
+@pytest.mark.parametrize("beside", [" 0.3 0.4", " 0.9 1", " 0.3 0.4 2 0.2 0.3 1"])
+def test_poses_and_tracks_are_no_polygons(folder, beside):
+    rows = [f"0 {' '.join(map(str, centred(box)))}{beside}\n" for box in SHARES]
+    (folder / "classes.txt").write_text("x\n")
+    (folder / "a.txt").write_text("".join(rows))
+    corners = 2 + len(beside.split()) // 2
+    assert doubts(yolo(folder))[0].startswith(
+        f"all 3 rows are polygons of {corners} corners, and each begins"
+    )
+
+
+@pytest.mark.parametrize("count", [3, 4, 12])
+def test_polygons_are_not_doubted(folder, count):
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    outline = np.stack([0.1 * np.cos(angles), 0.1 * np.sin(angles)], axis=1)
+    places = [(0.2, 0.2), (0.8, 0.3), (0.5, 0.85), (0.85, 0.85)]
+    rows = [f"0 {' '.join(f'{n:.4f}' for n in (outline + place).ravel())}\n" for place in places]
+    (folder / "classes.txt").write_text("x\n")
+    (folder / "a.txt").write_text("".join(rows))
+    assert doubts(yolo(folder)) == []

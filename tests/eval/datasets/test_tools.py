@@ -156,6 +156,15 @@ def test_ocr_lists_of_windows(tmp_path):
     assert found.pictures[0].load().shape == (120, 160, 3)
 
 
+@pytest.mark.parametrize(("texts", "count"), [("\t[]", 0), ("\t [{}]", 1), ("\t[ {}]", 1)])
+def test_ocr_lists_are_known_by_their_json(tmp_path, texts, count):
+    """Also after a space, and where no picture has a text."""
+    points = '{"transcription": "GO", "points": [[50, 30], [110, 30], [110, 90], [50, 90]]}'
+    line = f"a.png{texts.replace('{}', points)}\n"
+    found = opened(tmp_path, {"Label.txt": line, "a.png": PICTURE}, "Label.txt")
+    assert [target.box_xyxy for target in found.pictures[0].targets or ()] == [BOX] * count
+
+
 @pytest.mark.parametrize(
     "name", ["../secret.png", "C:\\secret.png", "/etc/secret.png", "..\\..\\secret.png", "/x/a.png"]
 )

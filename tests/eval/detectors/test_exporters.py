@@ -6,6 +6,7 @@ The truth is what the network itself says of a picture before an exporter's code
 import numpy as np
 import onnx
 import pytest
+import torch
 from blurnoise_eval.detectors.contract import Contract, ModelError
 from blurnoise_eval.detectors.contract_files import (
     contract_document,
@@ -18,7 +19,7 @@ from blurnoise_eval.detectors.outputs import parsed, written
 from blurnoise_eval.detectors.records import Detections
 from blurnoise_eval.sweep.contract_checks import compared, output_problems
 from constant_graphs import answering_graph
-from exporters import EXPORTERS, UNKNOWN
+from exporters import EXPORTERS, UNKNOWN, WHWH, separate, with_nothing
 from made_exporters import exported, pictures
 from onnx import numpy_helper, parser
 
@@ -94,6 +95,30 @@ def test_labels_decide_whether_the_picture_is_turned(tmp_path):
     assert unlabelled.contract.sources["outputs"].startswith("assumed")
     (note,) = output_problems(Detector(path), shown[0][0])
     assert "leaves open whether they are 'xyxy, score, class' or 'yxyx, score, class'" in note
+
+
+@pytest.mark.parametrize("how", ["from 1", "background first"])
+def test_labels_show_that_classes_are_shifted(how, tmp_path):
+    """Boxes agree in all views; the right contract is not doubted."""
+
+    def write(boxes, scores):
+        if how == "from 1":
+            return separate(boxes, scores, first=1)
+        every = torch.softmax(with_nothing(scores), dim=1)
+        return (boxes / WHWH)[None], torch.cat([every[:, -1:], every[:, :-1]], dim=1)[None]
+
+    names = ["boxes", "labels", "scores"] if how == "from 1" else ["boxes", "scores"]
+    path = exported(tmp_path / "m.onnx", write, names)
+    right = "xyxy in shares; class from 1; score" if how == "from 1" else "xyxy in shares; background, scores"
+    wrong = right.replace(" from 1", "").replace("background, scores", "scores, background")
+    shown = [(image, Detections(boxes, np.ones(3), classes)) for image, boxes, classes in PICTURES]
+    for outputs, doubted in ((right, False), (wrong, True)):
+        contract = {"outputs": outputs, "classes": "coco80", "value_range": "0-1"}
+        doubts = compared(Detector(path, contract=contract), shown).doubts
+        assert (
+            any("12 of 12 labelled objects are found as the class after" in each for each in doubts)
+            is doubted
+        )
 
 
 # --- own classes ---
