@@ -126,14 +126,16 @@ class RandomExposure(OverConditions, IntensityAugmentationBase2D):  # type: igno
     encoding: the pictures' tone curve, see :func:`blurnoise.simulate`; the result has the camera's tone curve, or is
     linear if encoding is "linear". fidelity: see :func:`blurnoise.simulate`.
     grow_boxes: grow boxes to the swept boxes, by half the displacement to each side, at most to the picture's last
-    pixel (Kornia's boxes include it). By default boxes stay unchanged; masks and keypoints always do.
+    pixel (Kornia's boxes include it). Boxes, masks and keypoints are as at mid-exposure
+    (:mod:`blurnoise.training.labels`).
     same_on_batch, p, keepdim: as in Kornia; only the pictures that p selects are computed.
 
     With masks, ``expose(pictures, masks=masks)``, parts of the picture can move: ``moves`` selects them.
-    Kornia's containers do not pass masks to augmentations of pictures: there everything moves, and masks stay
-    unchanged. So use a container for the other augmentations, with data_keys of pictures, boxes and masks, and call
-    this one after it; transform boxes by
-    ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``.
+    Kornia's containers do not pass masks to augmentations of pictures: there everything moves. So use a container
+    for the other augmentations, with data_keys of pictures, boxes and masks, and call this one after it; transform
+    boxes by
+    ``expose.transform_boxes(Boxes.from_tensor(boxes), expose._params, expose.flags)``, and masks by
+    ``expose.transform_masks(masks, expose._params, expose.flags)``.
 
     ``_params`` holds all randomness, the noise included: ``aug(x, params=aug._params)`` gives the same bits.
     The fixed pattern is that of one specimen of the camera, the same for all pictures of one size; it is drawn once.

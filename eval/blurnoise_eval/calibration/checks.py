@@ -28,6 +28,9 @@ CLIPPED = 5e-4  # of pixels at the limit, from which a level is left out: at 3.3
 PILED = 5e-3
 MOST_UNLIKE = 0.3  # of the light of a level's frames, from which on no lamp explains it
 MOST_FALLEN = 0.1  # of a level's light at a longer exposure
+MOST_OFF = 0.2  # of a dark level's own signal, off the line of the others
+LEAST_OFF = 0.5  # of its noise, and beyond this many scatters of the others:
+MOST_SCATTERS = 10.0
 MOST_MISSING = 0.05  # of the numbers between frequent ones, that never occur
 USED = 0.7  # of saturation: the levels that EMVA 1288 fits
 LEAST_DRIFT = 0.1  # change of the dark current over the dark frames, of itself
@@ -78,6 +81,7 @@ def check_levels(dark: Sequence[Level], flat: Sequence[Level]) -> None:
     for level in dark:
         _check_cut(level)
     _check_order(dark, flat)
+    _check_dark(dark)
     rows = MOST_ROWS + max(0.0, *(level.row_share for level in dark))
     lamp = "use a constant lamp, or exposures of whole periods"
     for level in flat:
@@ -132,6 +136,32 @@ def _check_order(dark: Sequence[Level], flat: Sequence[Level]) -> None:
                 under and far,
                 f"{level}: its mean is {level.mean_dn:.4g} DN, but {lit.mean_dn:.4g} DN of {lit}; {times}",
             )
+
+
+def _check_dark(dark: Sequence[Level]) -> None:
+    """Raise ``ValueError`` where frames of a dark level are unlike, or one level is off the line of all others.
+
+    That line is Theil and Sen's, which a wrong exposure does not bend.
+    """
+    base = min(min(level.means_dn) for level in dark)
+    for level in dark:
+        apart = float(np.ptp(level.means_dn))
+        unlike = f"the means of its frames are {min(level.means_dn):.4g} to {max(level.means_dn):.4g} DN"
+        others = "are some of another exposure or kind, by names, headers or frames.csv?"
+        wide = apart > max(MOST_UNLIKE * (level.mean_dn - base), SURELY * math.sqrt(level.variance_dn2))
+        refuse(wide, f"{level}: {unlike}; {others}")
+    exposure, mean, variance = columns(dark, "exposure_s", "mean_dn", "variance_dn2")
+    if len({*exposure.tolist()}) < max(5, len(dark)):
+        return
+    one, other = np.triu_indices(len(dark), 1)
+    slope = float(np.median((mean[other] - mean[one]) / (exposure[other] - exposure[one])))
+    black = float(np.median(mean - slope * exposure))
+    off = mean - slope * exposure - black
+    least = np.maximum(MOST_OFF * slope * exposure, LEAST_OFF * np.sqrt(variance))
+    far = np.abs(off) > np.maximum(least, MOST_SCATTERS * 1.4826 * np.median(np.abs(off)))
+    for place in np.flatnonzero(far) if far.sum() == 1 else ():
+        means = f"its mean is {mean[place]:.4g} DN, but {mean[place] - off[place]:.4g} DN by the other dark levels"
+        refuse(True, f"{dark[place]}: {means}; is its exposure time right, in names, headers or frames.csv?")
 
 
 def check_noise(flat: Sequence[Level]) -> None:

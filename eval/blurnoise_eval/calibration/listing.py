@@ -30,6 +30,7 @@ Kind = Literal["dark", "flat"]
 BayerPattern = Literal["none", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 _LIST = "frames.csv"
 _DECIMAL_COMMA = re.compile(r"-?\d+,\d+(?:e-?\d+)?", re.IGNORECASE)
+_PARTS = ("ms", 1e-3), ("us", 1e-6)  # that headers may be in, though seconds are their unit
 _CLIPPED = 0.01  # of the pixels at the greatest number
 _DESCRIPTOR = re.compile(r"^n\s+\d+\s+\d+\s+\d+\s*$", re.MULTILINE)
 
@@ -327,7 +328,14 @@ def _timed(fields: dict[str, Any], exposure: Exposure | None, headers: _Headers)
     """The fields with the header's exposure, or the name's where that is clear."""
     if fields.get("exposure_s"):
         stated = _frame(fields).exposure_s
-        if exposure and not exposure.agrees(stated):
+        by_name = exposure.readings[0] if exposure and exposure.clear else 0.0
+        unit = next((unit for unit, of_s in _PARTS if math.isclose(by_name, stated * of_s, rel_tol=0.02)), "")
+        if unit:
+            headers.note(
+                f"exposures in headers are in {unit}, by the names; the names are used", fields["file"]
+            )
+            fields["exposure_s"] = by_name
+        elif exposure and not exposure.agrees(stated):
             text = f"{exposure.readings[0]:g} s by name but {stated:g} s by header; the header's is used"
             headers.note(text, fields["file"])
     elif exposure and exposure.clear:

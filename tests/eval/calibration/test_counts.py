@@ -124,6 +124,10 @@ ORDER = {
         [(f"flat_40.0000ms_{n}.npy", f"dark_40.0000ms_{n}.npy") for n in (0, 1)],
         r"(flat|dark) 40 ms: its mean is .*; are exposure times and kinds right",
     ),
+    "flat frames among dark ones": (
+        [("flat_60.0000ms_0.npy", "dark_60.0000ms_0.npy")],
+        r"dark 60 ms: the means of its frames are .*; are some of another exposure or kind",
+    ),
 }  # fmt: skip
 
 
@@ -134,3 +138,14 @@ def test_levels_that_do_not_rise_with_time_are_refused_by_name(tmp_path, taken, 
         exchanged(folder, *pair)
     with pytest.raises(ValueError, match=why):
         measure(folder)
+
+
+def test_a_dark_level_of_another_time_is_refused_by_name(tmp_path):
+    """Before, dark current was half of the true one, and a tone curve was suspected."""
+    warm = replace(CAMERA, dark_current_e_s=5000.0)
+    taken = made_frames.exposed(warm, 1, size=(64, 80), levels=5, top=0.8)
+    taken["dark", 0.15] = taken.pop(("dark", 0.06))
+    with pytest.raises(
+        ValueError, match=r"dark 150 ms: its mean is .* by the other dark levels; is its exposure"
+    ):
+        measure(saved(tmp_path / "frames", taken, plain, plain))

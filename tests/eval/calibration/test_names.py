@@ -86,6 +86,7 @@ def fits(folder, name, **cards):
 
 HEADERS = {
     "another exposure": ({"EXPTIME": 2.0}, "0.1 s by name but 2 s by header; the header's is used", ("flat", 2.0)),
+    "an exposure in ms": ({"EXPTIME": 100}, "exposures in headers are in ms, by the names", ("flat", 0.1)),
     "rounded": ({"EXPTIME": 0.1333}, None, ("flat", 0.1333)),
     "milliseconds": ({"EXPOSURE": "100 / [ms]"}, None, ("flat", 0.1)),
     "two exposures": ({"EXPTIME": 0.1, "EXPOSURE": 100}, "EXPTIME = 0.1 but EXPOSURE = 100", ("flat", 0.1)),
