@@ -159,7 +159,7 @@ def _check_dark(dark: Sequence[Level]) -> None:
     off = mean - slope * exposure - black
     least = np.maximum(MOST_OFF * slope * exposure, LEAST_OFF * np.sqrt(variance))
     far = np.abs(off) > np.maximum(least, MOST_SCATTERS * 1.4826 * np.median(np.abs(off)))
-    for place in np.flatnonzero(far) if far.sum() == 1 else ():
+    for place in np.flatnonzero(far).tolist() if far.sum() == 1 else ():
         means = f"its mean is {mean[place]:.4g} DN, but {mean[place] - off[place]:.4g} DN by the other dark levels"
         refuse(True, f"{dark[place]}: {means}; is its exposure time right, in names, headers or frames.csv?")
 
