@@ -6,12 +6,12 @@ import signal
 
 import numpy as np
 import pytest
-import uvicorn
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import encode
 from blurnoise_eval.explorer.catalogue import Catalogue
 
 pytest.importorskip("nicegui")
+import uvicorn
 from blurnoise_eval.explorer import server
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect

@@ -20,6 +20,20 @@ sys.exit(in_order(run, own_process=True))
 """
 
 
+@pytest.fixture(autouse=True)
+def no_signal_is_ignored():
+    """As at a terminal; under nohup, or behind a shell's &, these tests would see signals that are passed over."""
+    ends = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    before = {number: signal.signal(number, end) for number, end in ends.items()}
+    yield
+    for number, end in before.items():
+        signal.signal(number, end)
+
+
 @pytest.mark.parametrize(
     ("number", "finished", "line"),
     [
