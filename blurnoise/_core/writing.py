@@ -30,6 +30,7 @@ _LINE = b'{"wrote": '  # as each begins: a file of that name that does not begin
 _LARGEST_MANIFEST, _AT_ONCE = 16 << 20, 1 << 20  # bytes
 _PARTIAL = re.compile(r"\.blurnoise-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-[0-9a-f]{32}\.partial")
 _TEXTS = ".csv", ".html", ".json", ".yaml", ".yml"
+_SOMEBODYS = errno.EACCES, errno.EPERM, errno.EISDIR, errno.ELOOP, errno.ENXIO
 _STREAMS = stat.S_IFCHR, stat.S_IFIFO
 Known = tuple[int, int]
 
@@ -248,9 +249,13 @@ def _note(path: Path, target: Path, unfinished: Path) -> None:
     elif content in _lines(target.parent / MANIFEST).get(target.name, ()):
         return
     line = json.dumps({"wrote": target.name, "size": size, "blake2b": content[1]})
-    with suppress(PermissionError), _opened(target.parent / MANIFEST, os.O_RDWR | os.O_CREAT) as handle:
-        if os.read(handle, len(_LINE)) in (b"", _LINE):
-            os.write(handle, f"{line}\n".encode())
+    try:
+        with _opened(target.parent / MANIFEST, os.O_RDWR | os.O_CREAT) as handle:
+            if os.read(handle, len(_LINE)) in (b"", _LINE):
+                os.write(handle, f"{line}\n".encode())
+    except OSError as error:
+        if error.errno not in _SOMEBODYS:
+            raise
 
 
 def _is_written(target: Path) -> bool:

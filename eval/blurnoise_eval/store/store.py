@@ -112,7 +112,8 @@ class Store:
     def _written(self, path: Path) -> sqlite3.Connection:
         """The connection of the one that writes."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        check_files(path)
+        if (beside := check_files(path)) and not path.exists():
+            raise ValueError(f"{beside[0].name} is not of a run; choose another folder")
         with ExitStack() as opened:
             db = opened.enter_context(closing(sqlite3.connect(path, timeout=1.0)))
             db.execute("PRAGMA locking_mode = EXCLUSIVE")

@@ -189,9 +189,10 @@ def begun_or_gone(
     not be written.
     """
     files = chain(
-        [Path(pictures.source)], (Path(pictures.folder or "", picture.name) for picture in pictures)
+        [Path(pictures.source)], (Path(str(pictures.folder or ""), picture.name) for picture in pictures)
     )
-    inputs = chain((Path(getattr(model, "path", "")) for model in models), files)
+    weights = (getattr(model, "path", None) for model in models)  # at a URL nothing of this machine
+    inputs = chain((path for path in weights if isinstance(path, Path)), files)
     with writing(overwrite=overwrite, inputs=inputs) as own:
         below = [folder / name for name in (*RUN_PICTURES, "coco")]
         check_outputs(folder, *RUN_FILES, *(f"{name}/" for name in RUN_PICTURES))

@@ -191,6 +191,14 @@ def test_a_list_is_a_file_of_its_folder(tmp_path):
     write_whole(tmp_path / "other" / "b.csv", b"1")
 
 
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to("theirs")])
+def test_where_no_list_can_be_all_counts_as_the_users(tmp_path, make):
+    make(tmp_path / MANIFEST)
+    write_whole(tmp_path / "a.csv", b"1")
+    refused(tmp_path / "a.csv", THEIRS)
+    assert names(tmp_path) == ["a.csv"]
+
+
 def test_a_folder_is_ones_own_as_long_as_nobody_adds_to_it(tmp_path):
     (tmp_path / "data").mkdir()
     write_whole(tmp_path / "data" / "a.png", b"1")

@@ -152,7 +152,7 @@ def test_program_of_a_sweep(tmp_path, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("From 2 to 40 lux this program reaches mean confidence 0.")
     assert max(map(len, lines[:-1])) <= 80
-    written = {"program.csv", "program.json", "program.png", "libcamera.json"}
+    written = {"program.csv", "program.json", "program.png", "libcamera.json", ".blurnoise"}
     assert {path.name for path in out.iterdir()} == written
     rows = pandas.read_csv(out / "program.csv")
     assert len(rows) == 10  # half stops, or a little less, from 2 to 40 lux

@@ -106,6 +106,10 @@ def test_a_database_of_the_users_stays_as_it_is(here, capsys, command, journal):
     refused(capsys, command, "other software; choose another folder")
 
 
+def test_a_journal_of_the_users_stays_as_it_is(here, capsys):
+    refused(capsys, f"{SWEEP} -o new", "is not of a run", {"new/results.sqlite-wal": b"mine"})
+
+
 def test_a_search_does_not_begin_there_either(here, capsys):
     words = SWEEP.replace("sweep", "decide").replace("--exposure-ms 1,10 ", "")
     refused(capsys, f"{words} -o new", THEIRS, {"new/summary.json": b"mine"})
