@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from blurnoise._core.checks import Characters
 from blurnoise_eval.datasets.folder import Listed
+from blurnoise_eval.datasets.label_doubts import shared_names
 from blurnoise_eval.datasets.label_reading import (
     LARGEST_ID,
     LARGEST_SET_BYTES,
@@ -131,4 +132,5 @@ def coco(
             'annotations with "ignore", used as any other, as COCO\'s tools do': ignored,
         }
         categories = {name: number for number, name in names.items()}
-        return selection.picture_set(entries, categories, [f"{said}: {n}" for said, n in notes.items() if n])
+        said = [f"{what}: {n}" for what, n in notes.items() if n] + shared_names(names.values())
+        return selection.picture_set(entries, categories, said)

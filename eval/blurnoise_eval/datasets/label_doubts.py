@@ -7,7 +7,7 @@ these are unknown. A doubt is a sentence for the terminal and the page; where no
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,12 @@ _LAYOUTS: dict[str, tuple[Callable[[Boxes], Boxes], Callable[[Boxes], Boxes]]] =
     "centre x, y, width, height": (_centred, _from_centre),
 }
 """How the four numbers of a box are read: from corners to what is written, and back."""
+
+
+def shared_names(names: Iterable[str]) -> list[str]:
+    """Notes on names that several classes have: the classes are told apart by name."""
+    counts = Counter(names)
+    return [f"{n} classes are named {name!r}, and count as one" for name, n in counts.items() if n > 1]
 
 
 def box_doubts(boxes: Boxes, layout: str) -> list[str]:

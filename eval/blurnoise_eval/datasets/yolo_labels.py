@@ -20,6 +20,7 @@ from blurnoise._core.checks import Characters, shown
 from blurnoise._core.files import yaml_of
 from blurnoise_eval.datasets.folder import Listed, is_litter, pictures_below
 from blurnoise_eval.datasets.images import sizes_px
+from blurnoise_eval.datasets.label_doubts import shared_names
 from blurnoise_eval.datasets.label_reading import (
     LARGEST_SET_BYTES,
     checked,
@@ -120,6 +121,7 @@ def yolo(
             "pictures without a label file, used as pictures without objects": len(names) - len(objects),
         }
         notes += [f"{text}: {count}" for text, count in counts.items() if count]
+        notes += shared_names(described.names.values())
         if doubt := _box_doubt([row for each in objects.values() for row in each.rows]):
             notes.append(f"{DOUBTFUL_LABELS}{doubt}")
         return selection.picture_set(entries, categories, notes, len(names) - len(objects))
@@ -150,7 +152,10 @@ def _described(path: Location) -> tuple[Location, _DataYaml]:
 
 
 def _named(file: Location) -> _DataYaml:
-    return checked(_DataYaml, {"names": list(each_line(read_text(file), str.strip))})
+    names = [line.strip() for line in read_text(file).rstrip().split("\n")]
+    if "" in names:  # left out, it would shift the classes after it
+        raise ValueError(f"{file.name}, line {names.index('') + 1}: is empty; each line must name a class")
+    return checked(_DataYaml, {"names": names})
 
 
 def _darknet(root: Location, file: Location) -> _DataYaml:

@@ -200,3 +200,22 @@ def test_polygons_are_not_doubted(folder, count):
     (folder / "classes.txt").write_text("x\n")
     (folder / "a.txt").write_text("".join(rows))
     assert doubts(yolo(folder)) == []
+
+
+def test_an_empty_line_among_the_names_of_classes_is_refused(folder):
+    (folder / "classes.txt").write_text("car\n\nbus\n")
+    (folder / "a.txt").write_text("1 0.5 0.5 0.2 0.2\n")
+    with pytest.raises(ValueError, match=r"classes\.txt, line 2: is empty; each line must name a class"):
+        yolo(folder)
+
+
+def test_classes_of_one_name_are_noted(folder):
+    of_yolo(folder, [centred(SHARES[0])])
+    (folder / "classes.txt").write_text("x\ny\nx\n")
+    noted = "2 classes are named 'x', and count as one"
+    assert noted in yolo(folder).notes
+    of_coco(folder, [xywh(BOXES[0])])
+    document = json.loads((folder / "coco.json").read_text())
+    document["categories"].append({"id": 2, "name": "x"})
+    (folder / "coco.json").write_text(json.dumps(document))
+    assert noted in coco(folder / "coco.json").notes
