@@ -70,14 +70,16 @@ def run_tests(tree, tests):
     parts = [tree, tree / "eval", tree / "models"]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, parts)), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
-    pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    try:
-        done = subprocess.run(command, cwd=tree, env=environment, timeout=LONGEST_S, check=False, **pipes)
-    except subprocess.TimeoutExpired:  # with some faults a loop has no end
-        return 1
-    if done.returncode > 1:
-        raise RuntimeError(done.stdout.decode(errors="replace")[-2000:])
-    return done.returncode
+    with tempfile.TemporaryFile() as said:  # a pipe would end with the last process of a test that failed
+        pipes: Any = {"stdout": said, "stderr": subprocess.STDOUT}
+        try:
+            done = subprocess.run(command, cwd=tree, env=environment, timeout=LONGEST_S, check=False, **pipes)
+        except subprocess.TimeoutExpired:  # with some faults a loop has no end
+            return 1
+        if done.returncode > 1:
+            said.seek(0)
+            raise RuntimeError(said.read().decode(errors="replace")[-2000:])
+        return done.returncode
 
 
 if __name__ == "__main__":

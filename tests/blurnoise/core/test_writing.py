@@ -44,6 +44,7 @@ def forked(work):
     """The number of a process that does it and ends, with 0 where nothing was raised."""
     if child := os.fork():
         return child
+    signal.alarm(60)  # it outlives a test that fails, but not for long
     try:
         work()
         os._exit(0)
