@@ -120,4 +120,6 @@ def test_command(tmp_path, capsys, what, options, shown):
     out = " ".join(capsys.readouterr().out.split())
     assert shown in out
     assert f"chart: {tmp_path / what}.png" in out
-    assert {path.name for path in tmp_path.iterdir()} == {f"{what}.{kind}" for kind in ("csv", "json", "png")}
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {
+        f"{what}.{kind}" for kind in ("csv", "json", "png")
+    }
