@@ -62,7 +62,8 @@ def scored(model, cell):
         found = result(0, **shared, **at, blur_px=0.0)
         kept = kept_at(at["exposure_s"], at["illuminance_lux"], at["velocity_x_px_s"])
     targets = tuple({**row, "confidence": 0.9 * kept} for row in found.targets)
-    return replace(found, targets=targets, picture=PictureFacts(cell.image, "", 320, 320, ""))
+    (identity,) = (each.identity for each in PICTURES if each.name == cell.image)
+    return replace(found, targets=targets, picture=PictureFacts(identity, "", 320, 320, ""))
 
 
 def swept(folder, detector, engine=None, **options):
