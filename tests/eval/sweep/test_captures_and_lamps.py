@@ -271,7 +271,7 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = ExploredRun(run, trusted=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored._plan.lamps), cell)
+    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.captures) == 2
 
