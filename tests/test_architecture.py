@@ -41,7 +41,7 @@ FLOORS: dict[str, list[set[str]]] = {
         {"scoring"},
         {"answers"},
         {"plots"},
-        {"sweep"},
+        {"run"},
         {"report"},
         {"deciding"},
         {"program"},
