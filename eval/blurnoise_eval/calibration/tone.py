@@ -26,7 +26,7 @@ from blurnoise_eval.calibration.listing import reader_of, with_points
 from blurnoise_eval.calibration.structure import Z
 from blurnoise_eval.calibration.to_camera import Known
 from blurnoise_eval.datasets import decode
-from blurnoise_eval.quality.linear import read_oecf
+from blurnoise_eval.measure.linear import read_oecf
 from blurnoise_eval.system.files import inside
 
 FEWEST = 3

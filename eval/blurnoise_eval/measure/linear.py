@@ -1,4 +1,4 @@
-"""Linear pictures: decoded by the sRGB curve, used as they are, or corrected by a curve from a grey scale.
+"""LinearPicture pictures: decoded by the sRGB curve, used as they are, or corrected by a curve from a grey scale.
 
 Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit.
 """
@@ -36,7 +36,7 @@ _FEWEST_LEVELS = 255  # of a converter
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearPicture:
     """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
 
     notes: what had to be assumed, a sentence each.
@@ -82,7 +82,7 @@ def read_oecf(path: Path) -> Oecf:
 def linear(
     picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
     oecf: Oecf | None = None,
-) -> Linear:  # fmt: skip
+) -> LinearPicture:  # fmt: skip
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
     black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
@@ -102,7 +102,7 @@ def linear(
         least, most = fields[0], fields[-1]  # beyond them as if clipped
         light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
         note = f"made linear by a grey scale of {len(fields)} fields"
-        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
+        return LinearPicture(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colours are measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
@@ -115,7 +115,9 @@ def linear(
     if coded and given:
         raise ValueError(f"{given[0]}: needs linear numbers, but the picture is read as sRGB; add --linear")
     if coded:
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
+        return LinearPicture(
+            linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN)
+        )
     largest, most = float(planes.max()), 2.0**bits - 1
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
     if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
@@ -128,4 +130,4 @@ def linear(
     if full_scale is None and largest <= most / 4:
         text = f"full scale is set to {most:g}; the largest number is {largest:g}"
         notes.append(f"{text}. If the camera has fewer bits, set --full-scale to detect clipping")
-    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
+    return LinearPicture(planes, top, black, "DN", (*notes, _UNSEEN))
