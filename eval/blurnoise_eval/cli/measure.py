@@ -88,6 +88,7 @@ def measure(
     if linear and srgb:
         raise ValueError("linear, srgb: only one of them is allowed")
     from blurnoise.metrics.edge.response import ISO_EDITION
+    from blurnoise_eval.calibration.tone import read_oecf
     from blurnoise_eval.datasets import decode
     from blurnoise_eval.measure import edges as measuring
     from blurnoise_eval.measure import linear as linearising
@@ -102,7 +103,7 @@ def measure(
         "linear" if linear else "srgb" if srgb else "auto",
         black_level=black_level,
         full_scale=full_scale,
-        oecf=linearising.read_oecf(oecf) if oecf else None,
+        oecf=read_oecf(oecf) if oecf else None,
     )
     notes = [*light.notes, *([f"iso: {ISO_EDITION}"] if mode == "iso" else [])]
     measured = measuring.measure(light, roi or measuring.found_regions(light), mode=mode, target=target)

@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,17 +16,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.files import read_samples
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
 from blurnoise.optics.colour import linear_from_srgb
+from blurnoise_eval.calibration.tone import Oecf
 from blurnoise_eval.datasets import Image
 
 Coding = Literal["auto", "srgb", "linear"]
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
 _UNSEEN = (
     "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it"
 )
@@ -59,24 +55,6 @@ class LinearPicture:
         levels: Any = {"full_scale": self.full_scale, "black_level": self.black_level}
         edge = slanted_edge(self.picture[None], mode=mode, roi=roi, bootstrap=bootstrap, **levels)
         return edge[0] if isinstance(edge, list) else edge
-
-
-Oecf = tuple[tuple[float, ...], tuple[float, ...]]
-"""A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale: digital numbers, and
-light in any unit, 0 for none; both rising, straight in between."""
-
-
-def read_oecf(path: Path) -> Oecf:
-    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-    Raises ``OSError``, and ``ValueError`` for other content.
-    """
-    numbers, light = read_samples(path, 1, "a digital number")
-    for name, values in (("numbers", numbers), ("light", light)):
-        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-        if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, >= 0 and increasing")
-    return tuple(numbers), tuple(light)
 
 
 def linear(
