@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval.cli import main
-from blurnoise_eval.quality.comparison import Quantity, compare, pair_of
+from blurnoise_eval.measure.pictures import Quantity, compare, pair_of
 
 from blurnoise import Camera, charts
 from blurnoise.sensor.readout import read_out

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from blurnoise.metrics import Flag, SlantedEdge
 from blurnoise.metrics.edge.measurement import WITHHELD
 from blurnoise.metrics.values import Roi
-from blurnoise_eval.quality.linear import Linear
+from blurnoise_eval.measure.linear import LinearPicture
 
 SHORTEST_PX = 24
 """Below it an edge has too few rows for a number worth printing."""
@@ -73,7 +73,7 @@ class _Box:
         return (left, top, right - left, bottom - top) if large_enough else None
 
 
-def find_edges(light: Linear) -> Found:
+def find_edges(light: LinearPicture) -> Found:
     """Look for straight edges, alone in their regions, that :func:`slanted_edge` measures.
 
     Edges are ``SHORTEST_PX`` or longer and up to ``STEEPEST_DEG`` off rows or columns, but not so little that they
@@ -106,7 +106,7 @@ def _crosses(line: Segment, roi: Roi) -> bool:
 class _Frame:
     """The picture, upright or transposed, as the edges in it see it."""
 
-    def __init__(self, light: Linear) -> None:
+    def __init__(self, light: LinearPicture) -> None:
         self.light, self.plane = light, np.ascontiguousarray(light.grey, np.float32)
 
     def grown(self, line: Segment) -> Roi | Flag:

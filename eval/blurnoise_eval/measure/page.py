@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from blurnoise_eval.measure.comparison import AGREES, CANNOT_TELL, DIFFERS, EVERY, Comparison, Floats
+from blurnoise_eval.measure.frames import Pair, Validation
 from blurnoise_eval.plots.style import COLOURS, GREY, small_multiples, spread, tidy
 from blurnoise_eval.report.page import write_page
-from blurnoise_eval.validation.held_out import Pair, Validation
-from blurnoise_eval.validation.measures import AGREES, CANNOT_TELL, DIFFERS, EVERY, Comparison, Floats
 
 _TEMPLATE = Path(__file__).parent / "templates" / "validation.html.j2"
 _SHOWN_PX = 160

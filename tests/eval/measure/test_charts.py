@@ -5,10 +5,10 @@ import math
 
 import pytest
 import torch
-from blurnoise_eval.quality import figures as quality_figures
-from blurnoise_eval.quality import measure as quality
-from blurnoise_eval.quality.measure import BRIGHT, DARK, METRICS, TILT_DEG
-from blurnoise_eval.quality.picture import Metric
+from blurnoise_eval.measure import charts as quality
+from blurnoise_eval.measure import figures as quality_figures
+from blurnoise_eval.measure.charts import BRIGHT, DARK, METRICS, TILT_DEG
+from blurnoise_eval.measure.edges import Metric
 from closed_edges import closed_mtf, closed_mtf50
 from plans import plan as swept
 

@@ -13,10 +13,10 @@ import pytest
 import torch
 from blurnoise_eval.cli import main
 from blurnoise_eval.datasets import write_picture
-from blurnoise_eval.quality import picture as measuring
-from blurnoise_eval.quality.find_edges import UNUSABLE, find_edges
-from blurnoise_eval.quality.linear import Linear
-from blurnoise_eval.quality.picture import reading_text
+from blurnoise_eval.measure import edges as measuring
+from blurnoise_eval.measure.edges import reading_text
+from blurnoise_eval.measure.find_edges import UNUSABLE, find_edges
+from blurnoise_eval.measure.linear import LinearPicture
 from edge_cases import Draw, Setting
 from torch import Tensor
 
@@ -220,11 +220,11 @@ def test_a_grey_scale_takes_a_tone_curve_out(tmp_path, capsys):
 
 
 def found(image, full_scale=1.0, black_level=0.0):
-    return find_edges(Linear(image[0].double(), full_scale, black_level))
+    return find_edges(LinearPicture(image[0].double(), full_scale, black_level))
 
 
 def edge_of(image, roi):
-    return Linear(image[0].double(), 1.0).edge(roi)
+    return LinearPicture(image[0].double(), 1.0).edge(roi)
 
 
 def noise(image, deviation):

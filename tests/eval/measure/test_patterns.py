@@ -8,9 +8,9 @@ import pytest
 from blurnoise_eval.calibration import fit, to_camera
 from blurnoise_eval.calibration.formats import RawLayout
 from blurnoise_eval.cli import main
-from blurnoise_eval.validation import held_out
-from blurnoise_eval.validation.held_out import Pair, Validation
-from blurnoise_eval.validation.measures import AGREES, DIFFERS, MEASURES, Comparison, Stack
+from blurnoise_eval.measure import frames as held_out
+from blurnoise_eval.measure.comparison import AGREES, DIFFERS, MEASURES, Comparison, Stack
+from blurnoise_eval.measure.frames import Pair, Validation
 
 from blurnoise import Camera
 

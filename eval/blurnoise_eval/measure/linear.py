@@ -1,4 +1,4 @@
-"""Linear pictures: decoded by the sRGB curve, used as they are, or corrected by a curve from a grey scale.
+"""LinearPicture pictures: decoded by the sRGB curve, used as they are, or corrected by a curve from a grey scale.
 
 Domain: pictures as files have them, (H, W) or (H, W, 3), 8 or 16 bit.
 """
@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -18,17 +16,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from blurnoise._core import checks
-from blurnoise._core.files import read_samples
 from blurnoise._core.luminance import LUMINANCE
 from blurnoise.metrics import SlantedEdge, slanted_edge
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import CLIPPED_SHARE, Roi
 from blurnoise.optics.colour import linear_from_srgb
+from blurnoise_eval.calibration.tone import Oecf
 from blurnoise_eval.datasets import Image
 
 Coding = Literal["auto", "srgb", "linear"]
-FEWEST_FIELDS = 3
-"""Of a grey scale: two make a straight line."""
 _UNSEEN = (
     "a tone curve that is symmetric about the middle of an edge cannot be detected; --oecf FILE removes it"
 )
@@ -36,7 +32,7 @@ _FEWEST_LEVELS = 255  # of a converter
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearPicture:
     """A linear picture: (C, H, W) float64, what a pixel can hold at most, what it holds without light, in ``unit``.
 
     notes: what had to be assumed, a sentence each.
@@ -61,28 +57,10 @@ class Linear:
         return edge[0] if isinstance(edge, list) else edge
 
 
-Oecf = tuple[tuple[float, ...], tuple[float, ...]]
-"""A camera's opto-electronic conversion function (ISO 14524), from the fields of a grey scale: digital numbers, and
-light in any unit, 0 for none; both rising, straight in between."""
-
-
-def read_oecf(path: Path) -> Oecf:
-    """From a CSV file: a line per field, digital number and light; a first line may name the columns.
-
-    Raises ``OSError``, and ``ValueError`` for other content.
-    """
-    numbers, light = read_samples(path, 1, "a digital number")
-    for name, values in (("numbers", numbers), ("light", light)):
-        rising = values[0] >= 0 and all(a < b for a, b in pairwise([*values, math.inf]))
-        if not rising or len(values) < FEWEST_FIELDS:
-            raise ValueError(f"oecf: {name} must be {FEWEST_FIELDS} or more, >= 0 and increasing")
-    return tuple(numbers), tuple(light)
-
-
 def linear(
     picture: Image, coding: Coding = "auto", *, black_level: float | None = None, full_scale: float | None = None,
     oecf: Oecf | None = None,
-) -> Linear:  # fmt: skip
+) -> LinearPicture:  # fmt: skip
     """Make a picture linear. ``auto`` takes 8 bits for sRGB-coded and 16 bits for linear.
 
     black_level (default 0) and full_scale (default all bits set) are digital numbers of a linear picture; oecf, the
@@ -102,7 +80,7 @@ def linear(
         least, most = fields[0], fields[-1]  # beyond them as if clipped
         light = (np.interp(planes.numpy(), numbers, fields) - least) / (most - least)
         note = f"made linear by a grey scale of {len(fields)} fields"
-        return Linear(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
+        return LinearPicture(torch.from_numpy(light), 1.0, 0.0, "of white", (note,))
     notes = ["colours are measured as luminance (ITU-R BT.709)"] if len(planes) == 3 else []
     coded = coding == "srgb" or (coding == "auto" and bits == 8)
     if coding == "auto":
@@ -115,7 +93,9 @@ def linear(
     if coded and given:
         raise ValueError(f"{given[0]}: needs linear numbers, but the picture is read as sRGB; add --linear")
     if coded:
-        return Linear(linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN))
+        return LinearPicture(
+            linear_from_srgb(planes / (2**bits - 1)), 1.0, 0.0, "of white", (*notes, _UNSEEN)
+        )
     largest, most = float(planes.max()), 2.0**bits - 1
     whole = math.log2(largest + 1).is_integer() and largest >= _FEWEST_LEVELS
     if full_scale is None and whole and float((planes == largest).double().mean()) > CLIPPED_SHARE:
@@ -128,4 +108,4 @@ def linear(
     if full_scale is None and largest <= most / 4:
         text = f"full scale is set to {most:g}; the largest number is {largest:g}"
         notes.append(f"{text}. If the camera has fewer bits, set --full-scale to detect clipping")
-    return Linear(planes, top, black, "DN", (*notes, _UNSEEN))
+    return LinearPicture(planes, top, black, "DN", (*notes, _UNSEEN))

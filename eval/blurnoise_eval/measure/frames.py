@@ -29,8 +29,8 @@ from blurnoise_eval.calibration.formats import RawLayout, refuse
 from blurnoise_eval.calibration.frames import FEWEST_FLAT, Folder
 from blurnoise_eval.calibration.listing import Frame
 from blurnoise_eval.calibration.structure import Z
-from blurnoise_eval.validation import classifier
-from blurnoise_eval.validation.measures import (
+from blurnoise_eval.measure import classifier
+from blurnoise_eval.measure.comparison import (
     DIFFERS,
     MEASURES,
     Comparison,

@@ -14,8 +14,8 @@ from blurnoise._core import checks
 from blurnoise.metrics import Flag, SlantedEdge, information
 from blurnoise.metrics.edge.measurement import Mode
 from blurnoise.metrics.values import Estimate, Roi
-from blurnoise_eval.quality.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
-from blurnoise_eval.quality.linear import Linear
+from blurnoise_eval.measure.find_edges import SHORTEST_PX, STEEPEST_DEG, find_edges
+from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.system.tables import finite
 
 LARGEST_TARGET_PX = 64
@@ -131,7 +131,7 @@ class Measured:
         return row | {"second_region": self.second, "flags": "; ".join(self.doubts)}
 
 
-def found_regions(light: Linear) -> list[Roi]:
+def found_regions(light: LinearPicture) -> list[Roi]:
     """The regions of ``light`` that hold a usable slanted edge.
 
     Raises ``ValueError`` that says what was looked for where there is none.
@@ -148,7 +148,7 @@ def found_regions(light: Linear) -> list[Roi]:
 
 
 def measure(
-    light: Linear, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
+    light: LinearPicture, rois: Sequence[Roi], *, mode: Mode = "exact", target: Square | None = None
 ) -> list[Measured]:
     """Measure the edge in each region; those that cannot be measured have flags in place of numbers.
 

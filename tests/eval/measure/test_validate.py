@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from blurnoise_eval.cli import main
-from blurnoise_eval.validation import classifier, held_out
-from blurnoise_eval.validation.measures import DIFFERS, Stack, compare
+from blurnoise_eval.measure import classifier
+from blurnoise_eval.measure import frames as held_out
+from blurnoise_eval.measure.comparison import DIFFERS, Stack, compare
 
 from blurnoise import Camera
 

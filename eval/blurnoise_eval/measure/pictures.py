@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blurnoise_eval.datasets import Image
-from blurnoise_eval.quality.find_edges import UNUSABLE, find_edges
-from blurnoise_eval.quality.linear import Coding, Linear, linear
-from blurnoise_eval.quality.picture import RESAMPLES
+from blurnoise_eval.measure.edges import RESAMPLES
+from blurnoise_eval.measure.find_edges import UNUSABLE, find_edges
+from blurnoise_eval.measure.linear import Coding, LinearPicture, linear
 from blurnoise_eval.system.tables import finite
 
 Floats = NDArray[np.float64]
@@ -79,7 +79,9 @@ class Quantity:
         return {"quantity": self.name, "unit": self.unit, **numbers, "verdict": self.verdict}
 
 
-def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: Any) -> tuple[Linear, Linear]:
+def pair_of(
+    simulated: Image, real: Image, coding: Coding = "auto", **levels: Any
+) -> tuple[LinearPicture, LinearPicture]:
     """Make both pictures linear in the same way. levels: of :func:`linear`.
 
     Raises ``ValueError`` for other sizes or depths, pictures below 64 x 64 px, and what :func:`linear` raises.
@@ -92,7 +94,7 @@ def pair_of(simulated: Image, real: Image, coding: Coding = "auto", **levels: An
     return linear(simulated, coding, **levels), linear(real, coding, **levels)
 
 
-def compare(pair: tuple[Linear, Linear]) -> tuple[list[Quantity], list[str]]:
+def compare(pair: tuple[LinearPicture, LinearPicture]) -> tuple[list[Quantity], list[str]]:
     """Mean, noise by level and MTF50 of slanted edges of both pictures; and notes."""
     notes = list(dict.fromkeys(note for light in pair for note in light.notes))
     shares = np.stack([light.grey / (light.full_scale - light.black_level) for light in pair])
@@ -175,7 +177,7 @@ def _squares(picture: Floats) -> tuple[Floats, Floats, NDArray[np.bool_], Floats
     return level, variance, structure < _EVEN * usual, rest
 
 
-def _sharpness(pair: tuple[Linear, Linear]) -> list[Quantity]:
+def _sharpness(pair: tuple[LinearPicture, LinearPicture]) -> list[Quantity]:
     """MTF50 at edges of the simulated picture that the real one shows at the same place.
 
     A fault that an edge hides, and its interval allows for, is part of what is compared: no chance.

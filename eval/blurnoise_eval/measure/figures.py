@@ -20,10 +20,10 @@ from matplotlib.patches import Patch, Rectangle
 
 from blurnoise.optics.colour import srgb_from_linear
 from blurnoise_eval.grid.axes import SETTING, axis, setting_of, velocity_of, velocity_text
+from blurnoise_eval.measure.charts import CLIPPED, METRICS, Row
+from blurnoise_eval.measure.edges import Measured
+from blurnoise_eval.measure.linear import LinearPicture
 from blurnoise_eval.plots import style
-from blurnoise_eval.quality.linear import Linear
-from blurnoise_eval.quality.measure import CLIPPED, METRICS, Row
-from blurnoise_eval.quality.picture import Measured
 from blurnoise_eval.system.files import write_figure
 from blurnoise_eval.system.terminal import plain
 
@@ -117,7 +117,7 @@ def _line(axes: Axes, rows: Sequence[Row], colour: str, number: int) -> None:
     axes.plot(x[flagged], values[flagged], "o", mfc="white", mec=colour, ms=4.2, zorder=4)
 
 
-def draw_regions(light: Linear, measured: Sequence[Measured]) -> Figure:
+def draw_regions(light: LinearPicture, measured: Sequence[Measured]) -> Figure:
     """The picture, its brightest white, above three panels for each of the first ``MOST_EDGES`` regions."""
     shown = measured[:MOST_EDGES]
     above = (light.picture - light.black_level).clamp_min(0)
