@@ -35,7 +35,7 @@ from blurnoise_eval.explorer.state import (
 from blurnoise_eval.explorer.subject import Rendered, Subject
 from blurnoise_eval.grid.axes import MOVES
 from blurnoise_eval.grid.conditions import Cell
-from blurnoise_eval.sweep.exposing import Frame
+from blurnoise_eval.run.exposing import Frame
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0
