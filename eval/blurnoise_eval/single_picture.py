@@ -1,4 +1,4 @@
-"""One picture under one condition, as a sweep or a run takes it. The explorer's "Copy as Python" calls it."""
+"""One picture under one condition, as a sweep or a run takes it."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
 """Names of the built-in detector, of no detector, of a file that the command names, and of the camera of a run;
 pictures and models of a run are run/NAME."""
 OWN = "own"
-"""The text of a quantity that is left to the camera."""
+"""The text of a quantity that is left to the camera, or of a seed that is left to the picture."""
 _NAMES, _NUMBERS = ("picture", "camera", "model"), ("seed", "repeat")
 _STEPS = 200  # of a slider
 
@@ -91,8 +91,9 @@ class State:
             if (value := self.at[axis.name]) is not None or base.at[axis.name] is not None
         ]
         parts += [(name, repr(value)) for name, value in self.figures]
-        others = ((name, getattr(self, name), getattr(base, name)) for name in (*_NUMBERS, *_NAMES))
-        return urlencode([*parts, *((name, str(value)) for name, value, usual in others if value != usual)])
+        differing = [name for name in (*_NUMBERS, *_NAMES) if getattr(self, name) != getattr(base, name)]
+        values = ((name, getattr(self, name)) for name in differing)
+        return urlencode([*parts, *((name, OWN if value is None else str(value)) for name, value in values)])
 
     @classmethod
     def of_query(cls, text: str, base: State) -> State:
@@ -105,9 +106,12 @@ class State:
             try:
                 if axis := QUANTITIES.get(name):
                     state = state.put(axis.name, None if part == OWN else value_of(axis, part))
-                elif name in (*_NUMBERS, *_NAMES):
-                    changed: Any = {name: int(part) if name in _NUMBERS else part}
-                    state = replace(state, **changed)
+                elif name == "seed":
+                    state = replace(state, seed=None if part == OWN else int(part))
+                elif name == "repeat":
+                    state = replace(state, repeat=int(part))
+                elif name in _NAMES:
+                    state = replace(state, **{name: part})  # type: ignore[arg-type]  # names are texts
                 else:
                     raise ValueError(f"must be one of {', '.join((*_NAMES, *_NUMBERS, *QUANTITIES))}")
             except ValueError as error:

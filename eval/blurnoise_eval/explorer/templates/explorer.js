@@ -14,7 +14,6 @@ let rest = new AbortController();
 async function show(next) {
   query = wanted = next;
   rest.abort(); // of the full picture and what follows
-  say("");
   if (running) return;
   running = true;
   document.body.classList.add("busy");
@@ -26,8 +25,8 @@ async function show(next) {
       await answer(asked, rest.signal);
     } catch (error) {
       if (error.name === "AbortError") continue;
-      say(error.message);
       if (facts) settle(facts); // the controls go back to what is shown
+      say(error.message);
     }
   }
   running = false;
@@ -73,7 +72,7 @@ function settle(next) {
   facts = next;
   query = facts.query;
   history.replaceState(null, "", `?${query}`);
-  say(facts.message);
+  if (facts.message) say(facts.message);
   one("#verdict").textContent = facts.verdict;
   one("#verdict").classList.toggle("no", !facts.good);
   one("#window").textContent = "";
@@ -142,6 +141,7 @@ function changed(name, text) {
   const parts = new URLSearchParams(query);
   parts.delete(name);
   parts.append(name, text); // last, as a part resets what it excludes
+  say("");
   show(parts.toString());
 }
 
@@ -192,7 +192,4 @@ one("#copy").addEventListener("click", async () => {
   }
 });
 
-addEventListener("DOMContentLoaded", () => {
-  const message = one("#message").textContent; // of the URL, which the first answer would remove
-  show(query).then(() => message && say(message));
-});
+addEventListener("DOMContentLoaded", () => show(query)); // once Plotly is loaded
