@@ -9,7 +9,7 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.cli import main
 from blurnoise_eval.grid.question import Question
 from blurnoise_eval.report import page
-from blurnoise_eval.sweep.merging import merge
+from blurnoise_eval.run.merging import merge
 from plans import plan
 
 PLAN = plan((0.002, 0.01), (50.0,), (0.0, 400.0), gain_db=(0.0,))
