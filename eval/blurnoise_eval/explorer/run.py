@@ -9,6 +9,7 @@ from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.grid.axes import NAMES
+from blurnoise_eval.grid.question import Question
 from blurnoise_eval.run import run as opened
 from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.run.score_tables import criterion_of
@@ -29,7 +30,8 @@ class Run(RunPictures):
                 raise ValueError(
                     f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers"
                 )
-            criterion = criterion_of(run)
+            # without clusters, as the pattern of a foreign run is not tried
+            criterion = criterion_of(run, Question(cluster=""))
         self.criterion = criterion if criterion.score == CONFIDENCE else USUAL
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])
 

@@ -109,7 +109,7 @@ def run(tmp_path_factory):
         "gain_db": (float("inf"),),
     }  # fmt: skip
     plan = SweepPlan(grid, seed=3, grey_anchor="mean", repeats=2)
-    evaluate(pictures=rendered_signs((50, 32), count=2), plan=plan, output=folder, threads=1, progress=False)
+    evaluate(pictures=rendered_signs((50, 32), count=2), plan=plan, output=folder, progress=False)
     return folder
 
 
