@@ -24,8 +24,8 @@ from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.explorer.rendered import Rendered, Subject, rendered
 from blurnoise_eval.explorer.run import Run
 from blurnoise_eval.explorer.state import BUILT_IN, GIVEN, NO_MODEL, OF_RUN, State, with_figures
-from blurnoise_eval.grid.axes import AUTOMATIC, CHOICES
-from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.plan.axes import AUTOMATIC, CHOICES
+from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 
 MOST_MEGAPIXELS = 24.0

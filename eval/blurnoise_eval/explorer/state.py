@@ -18,9 +18,9 @@ from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.optics import figures as camera_figures
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid import axes
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan import axes
+from blurnoise_eval.plan.axes import AUTOMATIC, EGO, GAIN, MOVES, VELOCITY, Axis, number
+from blurnoise_eval.plan.conditions import Conditions
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
 """Names: of the built-in detector, no detector, what the command names by its file, and the camera of the run that is

@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 import pytest
 from blurnoise_eval.explorer.catalogue import Catalogue
 from blurnoise_eval.explorer.state import FIGURES, STEPS, State, controls, key, with_figures
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES
 
 from blurnoise.light.effects import EFFECTS
 from blurnoise.optics.camera import PRESETS
