@@ -23,9 +23,9 @@ from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.detectors.python_models import Find, PythonDetector
-from blurnoise_eval.grid.axes import AXES, named
-from blurnoise_eval.grid.conditions import Part, SweepPlan
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import AXES, named
+from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, Tables, read_run, write_tables
 from blurnoise_eval.run import computing as sweep

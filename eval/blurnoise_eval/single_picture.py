@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.cameras import find
 from blurnoise_eval.datasets import Image, Picture
-from blurnoise_eval.grid.axes import axis
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.plan.axes import axis
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typer import Argument, Option
 
 from blurnoise_eval.cli._options import Json, ModelTimeout, Trust, new_file
 from blurnoise_eval.cli.console import print_facts
-from blurnoise_eval.grid.plan_file import MODEL_TIMEOUT_S
+from blurnoise_eval.plan.files import MODEL_TIMEOUT_S
 from blurnoise_eval.system.terminal import say
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.datasets import PictureSet, check_cut
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import RunData, Tables
 from blurnoise_eval.report.words import counted
 from blurnoise_eval.run import computing as sweep

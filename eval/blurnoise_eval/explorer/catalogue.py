@@ -33,8 +33,8 @@ from blurnoise_eval.explorer.state import (
     with_figures,
 )
 from blurnoise_eval.explorer.subject import Rendered, Subject
-from blurnoise_eval.grid.axes import MOVES
-from blurnoise_eval.grid.conditions import Cell
+from blurnoise_eval.plan.axes import MOVES
+from blurnoise_eval.plan.conditions import Cell
 from blurnoise_eval.run.exposing import Frame
 from blurnoise_eval.system.files import RUN_FILE, write_whole
 

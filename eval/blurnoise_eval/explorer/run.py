@@ -8,8 +8,8 @@ from blurnoise_eval.answers.criterion import CONFIDENCE, KEPT, Criterion
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
-from blurnoise_eval.grid.axes import NAMES
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import NAMES
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run import run as opened
 from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.run.score_tables import criterion_of

@@ -18,8 +18,8 @@ from blurnoise._core.checks import LIMITS, integer
 from blurnoise._core.rng import LAST_SEED
 from blurnoise.optics import figures as camera_figures
 from blurnoise.optics.camera import Camera
-from blurnoise_eval.grid.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan.axes import AUTOMATIC, AXES, EGO, GAIN, MOVES, VELOCITY, Axis, number
+from blurnoise_eval.plan.conditions import Conditions
 
 BUILT_IN, NO_MODEL, GIVEN, OF_RUN = "built-in", "none", "given", "run"
 """Names of the built-in detector, of no detector, of a file that the command names, and of the camera of a run;

@@ -16,9 +16,9 @@ from typing import Any
 from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
 from blurnoise_eval.datasets import Picture, PictureSet
-from blurnoise_eval.grid.axes import CORE
-from blurnoise_eval.grid.conditions import Cell, Conditions
 from blurnoise_eval.label_formats import format_named
+from blurnoise_eval.plan.axes import CORE
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.run.exposing import Frame, Scene, frames
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries

@@ -20,8 +20,8 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.curves import Row
 from blurnoise_eval.answers.exposure_window import answers
 from blurnoise_eval.answers.recommendation import MOST_COMMON
-from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
 from blurnoise_eval.run.computing import Outcome
 from blurnoise_eval.run.run import Batch, ask, asked
 from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
