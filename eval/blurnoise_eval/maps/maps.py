@@ -19,10 +19,10 @@ from rich.table import Table
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.maps.nodes import Array, Nodes
-from blurnoise_eval.quality.measure import METRICS, measure
+from blurnoise_eval.measure.charts import METRICS, measure
+from blurnoise_eval.run.score_tables import score_tables
 from blurnoise_eval.scoring.uncertainty import all_and_without, interval_of, left_out
 from blurnoise_eval.store.store import Store
-from blurnoise_eval.sweep.score_tables import score_tables
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines, finite
 
@@ -109,17 +109,15 @@ def maps_of(
     store: Store,
     nodes: Nodes,
     criterion: Criterion,
-    cluster: str | None = None,
     *,
     threads: int = 1,
     progress: Callable[[float], None] = lambda done: None,
 ) -> Maps:
     """The maps of a run at its nodes, as :func:`~blurnoise_eval.maps.nodes.nodes_of` gives them.
 
-    cluster: a pattern on pictures' names, as of :func:`~blurnoise_eval.answers.clusters.cluster_of`.
     progress: called with 1 for every node.
     """
-    tables = list(score_tables(store, criterion, cluster))  # first: it may be refused
+    tables = list(score_tables(store, criterion))  # first: it may be refused
     rows = measure(nodes.camera, nodes.conditions, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(nodes), len(METRICS))
     metrics = {metric.name: of for metric, of in zip(METRICS, values.T, strict=True)}
