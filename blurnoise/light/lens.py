@@ -19,8 +19,8 @@ from torch import Tensor
 from blurnoise._core.borders import Border, Window
 from blurnoise.blur import convolution, over_the_field, resampling
 from blurnoise.blur.layers import Layer, coloured, plane_of
-from blurnoise.light.resolved import Resolved
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.resolved import Resolved
 from blurnoise.optics import lens
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.lens import Field, Size

@@ -25,11 +25,10 @@ from blurnoise.blur import layers
 from blurnoise.blur.displacement import Displacement, Floats, Readout
 from blurnoise.blur.layers import Layer, ObjectMotion
 from blurnoise.blur.sub_exposures import SPACING_PX
-from blurnoise.light.resolved import Number, Resolved
 from blurnoise.light.effect import Blur, LightEffect
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.optics import transfer
 from blurnoise.optics.camera import Camera
-
 
 
 def motion_effect(at: Resolved[Any]) -> LightEffect:
@@ -111,7 +110,7 @@ class Objects(_Motion):
         return min(1.0, math.sqrt(squares))
 
     def apply(self, light: Tensor, at: Resolved[Tensor], border: Border) -> Tensor:
-        return exposed(light, at, cast(tuple[tuple[Layer, ...], ...], at.objects), border)
+        return exposed(light, at, at.layers, border)
 
     def how(self, at: Resolved[float]) -> str:
         found = _objects(at)

@@ -1,7 +1,7 @@
 """An exposure in the units of the picture: electrons of white, motion in px, one window of time for each frame.
 
-:class:`blurnoise.Exposure` says what a user asks for. ``Resolved`` is what that means for one capture of a camera: what
-light effects and sensor stages read, and what the error budget is computed from.
+:class:`blurnoise.Exposure` says what a user asks for. ``Resolved`` is what that means for one capture of a camera:
+what light effects and sensor stages read, and what the error budget is computed from.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Resolved(Generic[Number]):
     without. flow_px: (B, 2, H, W), the displacement of each pixel; displacement_px is then the midrange of the flow,
     variation_px the largest distance from it. lamps: the pulsed lamp of each frame, () without; lamp_mask: (B, H, W),
     the share of each pixel's light that comes from it, None for all of it. windows_s: start and duration of each
-    frame's exposure, in double precision, from the start of the first capture. shift: since the first capture; None in
-    that capture.
+    frame's exposure, in double precision, from the start of the first capture. shift: of the scene since the first
+    capture; None in that capture.
     """
 
     camera: Camera
@@ -119,6 +119,11 @@ class Resolved(Generic[Number]):
         return self.trajectories[0] if self.trajectories else None
 
     @property
+    def layers(self) -> tuple[tuple[Layer, ...], ...]:
+        """The layers of every frame of a batch; () without."""
+        return cast(tuple[tuple[Layer, ...], ...], self.objects)
+
+    @property
     def lamp(self) -> Pwm | None:
         """The pulsed lamp of the one frame."""
         return self.lamps[0] if self.lamps else None
@@ -131,7 +136,7 @@ class Resolved(Generic[Number]):
         rows = zip(*(tensor.tolist() for tensor in tensors), strict=True)
         size = self.size or self.camera.field.size
         for item, (exposure_s, temperature_c, white_e, (x, y), varies_px) in enumerate(rows):
-            layers = cast(tuple[Layer, ...], self.objects[item] if self.objects else ())
+            layers = self.layers[item] if self.objects else ()
             one = slice(item, item + 1)
             yield Resolved(
                 self.camera,

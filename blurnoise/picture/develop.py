@@ -116,7 +116,9 @@ def _checked(dn: Tensor, camera: Camera) -> tuple[torch.dtype, tuple[PictureStep
     active, shape = steps.active(camera), tuple(dn.shape)
     if steps.FUSION in active:
         if len(shape) != 5 or shape[0] != len(camera.captures):
-            raise ValueError(f"dn: shape is {shape}; must be ({len(camera.captures)}, B, C, H, W), one for each capture")
+            raise ValueError(
+                f"dn: shape is {shape}; must be ({len(camera.captures)}, B, C, H, W), one for each capture"
+            )
         shape = shape[1:]
     if camera.cfa not in colour.PLANES and (len(shape) != 4 or shape[1] != 1 or min(shape[-2:]) < 2):
         needs = "needs (B, 1, H, W), H and W at least 2"

@@ -15,7 +15,17 @@ from torch import Tensor
 from typing_extensions import TypeVar
 
 from blurnoise._core import rng
-from blurnoise._core.checks import an_instance, boxes, finite, integer, limited, one_of, picture_size, shown
+from blurnoise._core.checks import (
+    an_instance,
+    boxes,
+    finite,
+    integer,
+    limited,
+    one_of,
+    picture_size,
+    real_tensor,
+    shown,
+)
 from blurnoise.blur.layers import Layer
 from blurnoise.light import effects
 from blurnoise.light.lamp import Pwm
@@ -44,7 +54,7 @@ class Exposure(Generic[Number]):
     Numbers describe one frame; tensors (B,) a batch, whose picture i is taken under the i-th values. exposure_s: of
     the first capture, to which the boxes refer; NaN: set by the auto-exposure. illuminance_lux: on the scene.
     velocity_px_s: (x, y), x right, y down; for a batch also (B, 2), or of each pixel (2, H, W) or (B, 2, H, W).
-    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital; or an :class:`blurnoise.AutoExposure`,
+    gain_db: analogue up to the camera's ``analogue_gain_max_db``, then digital; or a :class:`blurnoise.AutoExposure`,
     which sets it by the light. seed: of the noise, see :mod:`blurnoise._core.rng`; for a batch one for each picture.
     trajectory: motion in addition to the velocity; for a batch also one or None for each picture. moves: an entry of
     ``MOVES``: which part of a picture with cut-out targets moves. ego_speed_m_s: speed of the camera's vehicle, in
@@ -60,15 +70,15 @@ class Exposure(Generic[Number]):
     camera: Camera
     exposure_s: Number
     illuminance_lux: Number
-    velocity_px_s: Any = (0.0, 0.0)
+    velocity_px_s: Any = (0.0, 0.0)  # of one frame tuple[float, float]
     temperature_c: Number | float = 25.0
-    gain_db: float | AutoExposure = 0.0
-    seed: int | Sequence[int] = 0
-    trajectory: Trajectory | Sequence[Trajectory | None] | None = None
+    gain_db: Any = 0.0  # float | AutoExposure
+    seed: Any = 0  # int, of a batch Sequence[int]
+    trajectory: Any = None  # Trajectory | None, of a batch also Sequence[Trajectory | None]
     moves: str = "all"
     ego_speed_m_s: Number | float = 0.0
     vehicle: Vehicle = USUAL_VEHICLE
-    lamp: Pwm | Sequence[Pwm | None] | None = None
+    lamp: Any = None  # Pwm | None, of a batch also Sequence[Pwm | None]
 
     def __post_init__(self) -> None:
         an_instance("camera", self.camera, Camera)
@@ -76,10 +86,11 @@ class Exposure(Generic[Number]):
         an_instance("vehicle", self.vehicle, Vehicle)
         if not isinstance(self.gain_db, AutoExposure):
             _ = self.amplified  # whose gain has limits of its own
+        for seed in self.seed if isinstance(self.seed, list | tuple) else [self.seed]:
+            integer("seed", seed, 0, rng.LAST_SEED)
         if not self.batched:
             self._check_one()
-        moving = self.moves != "all" or bool(torch.as_tensor(self.velocity_px_s).detach().any())
-        if self.drives and moving:
+        if self.drives and (self.moves != "all" or bool(self._velocity.any())):
             given = f"ego_speed_m_s = {shown(self.ego_speed_m_s)}, or a vehicle that turns"
             raise ValueError(f"{given}: velocity_px_s must be (0, 0) and moves 'all'")
 
@@ -93,12 +104,15 @@ class Exposure(Generic[Number]):
         for speed in self.velocity_px_s:
             moved = limited("velocity_px_s", speed) * (0.0 if self.automatic_time else float(self.exposure_s))
             limited("displacement_px: velocity times exposure", moved, "displacement_px")
-        integer("seed", self.seed, 0, rng.LAST_SEED)  # type: ignore[arg-type]
         if self.trajectory is not None:
             an_instance("trajectory", self.trajectory, Trajectory)
         if self.lamp is not None:
             an_instance("lamp", self.lamp, Pwm)
         limited("ego_speed_m_s", self.ego_speed_m_s, "speed_m_s")  # type: ignore[arg-type]
+
+    @property
+    def _velocity(self) -> Tensor:
+        return real_tensor("velocity_px_s", self.velocity_px_s).detach()
 
     @property
     def batched(self) -> bool:
@@ -123,9 +137,7 @@ class Exposure(Generic[Number]):
             raise ValueError("gain_db: is automatic; 'metered' sets it for the light of a picture")
         return amplified(self.camera, self.gain_db)
 
-    def metered(
-        self: Exposure[float], mean_light: float, illuminant: str | Curve = "D55"
-    ) -> Exposure[float]:
+    def metered(self: Exposure[float], mean_light: float, illuminant: str | Curve = "D55") -> Exposure[float]:
         """The exposure with the gain, and the time, that its auto-exposure sets for a picture of this mean light."""
         if not isinstance(self.gain_db, AutoExposure):
             return self
@@ -144,10 +156,11 @@ class Exposure(Generic[Number]):
         """Exposures of one camera, gain, ego speed and part that moves as a batch, in double precision."""
         first = exposures[0]
         numbers: dict[str, Any] = {
-            name: torch.tensor([getattr(one, name) for one in exposures], dtype=torch.float64) for name in _NUMBERS
+            name: torch.tensor([getattr(one, name) for one in exposures], dtype=torch.float64)
+            for name in _NUMBERS
         }
         return replace(  # type: ignore[return-value]
-            first,  # type: ignore[arg-type]
+            first,
             **numbers,
             velocity_px_s=torch.tensor([one.velocity_px_s for one in exposures], dtype=torch.float64),
             seed=[one.seed for one in exposures],
@@ -158,7 +171,7 @@ class Exposure(Generic[Number]):
     def each(self, batch: int) -> Iterator[Exposure[float]]:
         """The exposure of every frame of a batch."""
         columns = {name: _column(getattr(self, name), batch) for name in (*_NUMBERS, *_PER_FRAME)}
-        velocity = torch.as_tensor(self.velocity_px_s, dtype=torch.float64).detach().expand(batch, 2)
+        velocity = self._velocity.double().expand(batch, 2)
         columns["velocity_px_s"] = list(map(tuple, velocity.tolist()))
         for item in range(batch):
             yield replace(self, **{name: values[item] for name, values in columns.items()})  # type: ignore[misc]
@@ -170,7 +183,9 @@ class Exposure(Generic[Number]):
             value = getattr(self, name)
             per_frame = value.ndim in (1, 2, 4) if isinstance(value, Tensor) else isinstance(value, list)
             if per_frame:
-                some[name] = value[list(indices)] if isinstance(value, Tensor) else [value[at] for at in indices]
+                some[name] = (
+                    value[list(indices)] if isinstance(value, Tensor) else [value[at] for at in indices]
+                )
         return replace(self, **some)
 
     def velocity_of(self: Exposure[float], layer: Layer) -> tuple[float, float] | Tensor:
@@ -178,17 +193,14 @@ class Exposure(Generic[Number]):
         if layer.speed is None:
             return torch.as_tensor(layer.velocity_px_s)
         x, y = torch.as_tensor(layer.velocity_px_s).tolist()
-        return self.of_targets(layer.speed, (x, y)).velocity_px_s
+        velocity: tuple[float, float] = self.of_targets(layer.speed, (x, y)).velocity_px_s
+        return velocity
 
-    def move_boxes(
-        self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None
-    ) -> Tensor:
+    def move_boxes(self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Boxes (N, 4) of the scene, px, at mid-exposure in a picture (H, W), by default the sensor's."""
         return self._boxes(boxes_xyxy, size, swept=False)
 
-    def sweep_boxes(
-        self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None
-    ) -> Tensor:
+    def sweep_boxes(self: Exposure[float], boxes_xyxy: Tensor, size: tuple[int, int] | None = None) -> Tensor:
         """Swept boxes (N, 4), px, of boxes (N, 4) of the scene; they may extend beyond the picture."""
         return self._boxes(boxes_xyxy, size, swept=True)
 

@@ -15,14 +15,17 @@ from functools import lru_cache
 from blurnoise._core.checks import an_instance, limited, picture_size, real_tensor, shown
 from blurnoise.blur.layers import ObjectMotion
 from blurnoise.light import effects
-from blurnoise.light.resolved import Number, Resolved
 from blurnoise.light.effect import LightEffect
 from blurnoise.light.motion import MOTION_VARIATION
+from blurnoise.light.resolved import Number, Resolved
 from blurnoise.motion.trajectory import Trajectory
 from blurnoise.optics import radiometry
 from blurnoise.optics.camera import Camera
+from blurnoise.optics.captures import factors
 from blurnoise.optics.radiometry import photoelectrons
 from blurnoise.optics.spectra import Curve
+from blurnoise.picture.fusion import readers, saturations_e
+from blurnoise.picture.steps import FUSION
 from blurnoise.sensor import stages
 from blurnoise.sensor.stage import MERGE_READ_NOISE_E, SensorStage, within_range_dn
 
@@ -150,6 +153,15 @@ def _plan(
     )
     total = math.sqrt(rounding_dn2 + sum(each.contribution_dn**2 for each in contributions if not each.kept))
     return Plan(contributions, reduced, frozenset(left_out - stay - {shot}), noisy, total, tolerance_dn)
+
+
+def of_fusion(camera: Camera, white_e: float) -> Contribution:
+    """The fusion of several captures, which is never omitted: the light of white that the first capture clips."""
+    first, captures = readers(camera)[0], camera.captures
+    beyond_dn = within_range_dn(first, max(0.0, white_e - first.saturation_e))
+    ratios = ", ".join(f"{factor:.4g}" for factor in factors(captures))
+    how = f"{len(captures)} captures of 1 / ({ratios}) of the light, to {saturations_e(camera)[-1]:.4g} e-"
+    return Contribution(FUSION.name, beyond_dn, True, how)
 
 
 def _left_out(

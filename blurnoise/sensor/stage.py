@@ -20,7 +20,7 @@ made of one normal draw; as Poisson counts."""
 
 
 @dataclass(frozen=True)
-class Frames:
+class ReadoutFields:
     """Frames (B, C, H, W) being read out: means per frame (B, 1, 1, 1), and the fields (B, C, H, W) drawn for them.
 
     white_e, dark_e: mean electrons of light 1 and of the dark. seeds: of the noise, one for each frame. normal, read:
@@ -40,7 +40,7 @@ class Frames:
     offset_e: Tensor | None = None
     shared: Mapping[str, Tensor] = field(default_factory=dict)
 
-    def part(self, item: int, rows: slice) -> Frames:
+    def part(self, item: int, rows: slice) -> ReadoutFields:
         """Some rows of one frame."""
         of, fields = slice(item, item + 1), ("normal", "read", "gain", "offset_e")
         own: dict[str, Any] = {
@@ -71,7 +71,7 @@ class SensorStage(ABC):
     modelled: str = "element by element"
 
     @abstractmethod
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         """Return the signal after the stage; differentiable, on any device."""
 
     def bound_dn(self, at: Resolved[float]) -> float | None:

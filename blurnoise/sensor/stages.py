@@ -22,7 +22,13 @@ from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import FilterCurves, marked
 from blurnoise.optics.radiometry import electrons_per_lux_s
 from blurnoise.optics.spectra import Curve, Spectrum
-from blurnoise.sensor.stage import MERGE_READ_NOISE_E, Frames, SensorStage, signal_bound_e, within_range_dn
+from blurnoise.sensor.stage import (
+    MERGE_READ_NOISE_E,
+    ReadoutFields,
+    SensorStage,
+    signal_bound_e,
+    within_range_dn,
+)
 
 
 class SpectralIntegration(SensorStage):
@@ -31,7 +37,7 @@ class SpectralIntegration(SensorStage):
     name = "spectral integration"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return (signal * at.white_e).clamp(min=0.0)
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -50,7 +56,7 @@ class Prnu(SensorStage):
     figures = PRNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.gain is None else (signal * at.gain).clamp(min=0.0)
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -65,7 +71,7 @@ class DarkCurrent(SensorStage):
     figures = ("dark_current_e_s",)
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + at.dark_e
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -80,7 +86,7 @@ class PhotonTransfer(SensorStage):
     figures = ("photon_transfer",)
     modelled = "in the draw of shot noise"
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -100,7 +106,7 @@ class ShotNoise(SensorStage):
     name = "shot noise"
     draws = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         camera, bend = at.camera, variance_factor(signal, at.camera)
         if at.law == "exact":
             counts = rng.poisson(signal, at.seeds)
@@ -134,7 +140,7 @@ class FullWell(SensorStage):
     name = "full well"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.law == "merged" else signal.clamp(max=at.camera.well_limit_e)
 
 
@@ -145,7 +151,7 @@ class ReadNoise(SensorStage):
     draws = True
     figures = ("read_noise_e",)
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         if at.read is None or at.law == "merged":
             return signal
         return signal + at.camera.read_noise_e * at.read
@@ -188,7 +194,7 @@ class SharedNoise(SensorStage):
         unit = camera.system_gain_dn_per_e if figure.endswith("_dn") else 1.0
         return float(getattr(camera, figure)) / unit
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         values = at.shared.get(self.name)
         return signal if values is None else signal + self.size_e(at.camera) * values
 
@@ -204,7 +210,7 @@ class Dsnu(SensorStage):
     figures = DSNU_FIGURES
     spreads = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal if at.offset_e is None else signal + at.offset_e
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -217,7 +223,7 @@ class Gain(SensorStage):
     name = "gain"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal * at.camera.system_gain_dn_per_e + at.camera.black_level_dn
 
 
@@ -228,7 +234,7 @@ class Quantisation(SensorStage):
     modelled = "rounding: the result is digital numbers"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal + (torch.round(signal) - signal).detach() if at.quantised else signal
 
     def bound_dn(self, at: Resolved[float]) -> float:
@@ -241,7 +247,7 @@ class Limits(SensorStage):
     name = "limits"
     essential = True
 
-    def apply(self, signal: Tensor, at: Frames) -> Tensor:
+    def apply(self, signal: Tensor, at: ReadoutFields) -> Tensor:
         return signal.clamp(0.0, at.camera.full_scale_dn)
 
 
@@ -314,7 +320,7 @@ def variance_factor(charge_e: Tensor, camera: Camera) -> Tensor | None:
     return found.clamp(min=1e-6)  # for the derivative of its root
 
 
-def offsets_e(at: Frames) -> Tensor | None:
+def offsets_e(at: ReadoutFields) -> Tensor | None:
     """All offsets behind the full well together, electrons: DSNU and the noise that pixels share; None: none."""
     shared = [
         each.size_e(at.camera) * at.shared[each.name] for each in SHARED_NOISES if each.name in at.shared

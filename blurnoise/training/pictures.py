@@ -126,7 +126,8 @@ def expose_pictures(
                 cuts[item] = in_motion(light, matte, own, float(exposure_s[item].detach()))
 
     lamps, lamp_mask = _lamps(lamp, lamp_lights, masks, batch)
-    options = TakeOptions(fidelity=fidelity, encoding="linear" if encoding == "linear" else "srgb")
+    linear = isinstance(encoding, str) and encoding == "linear"
+    options = TakeOptions(fidelity=fidelity, encoding="linear" if linear else "srgb")
 
     def pictures(camera: Camera, gain: float, items: list[int]) -> Tensor:  # all with objects, or none
         own = [cuts[item] for item in items if item in cuts]
@@ -153,8 +154,8 @@ def expose_pictures(
             vehicle=vehicle,
             lamp=[lamps[item] for item in items] if lamps else None,
         )
-        developed = take(exposed, exposure, options).picture
-        return in_channels(developed, scene.shape[1]).to(image.dtype)
+        picture = take(exposed, exposure, options).picture
+        return in_channels(picture, scene.shape[1]).to(image.dtype)
 
     taken_by: dict[tuple[Camera, float, bool], list[int]] = {}
     for item, gain in enumerate(_gains_db(gain_db, scene, encoding, cameras, (exposure_s, lux, temperature))):

@@ -28,8 +28,8 @@ from blurnoise.motion.trajectory import LONGEST_SHAKE, Trajectory, path_duration
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.captures import windows
 from blurnoise.optics.radiometry import electrons_per_lux_s
-from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.picture.fusion import amplified, readers
+from blurnoise.scene.exposure import MOVES, Moves
 from blurnoise.scene.metering import AutoExposure
 
 Range = float | Sequence[float]

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from blurnoise import Camera, motion_blur
 from blurnoise.light import effects
-from blurnoise.light.conditions import Conditions
+from blurnoise.light.resolved import Resolved
 from blurnoise.motion.ego import Vehicle, View
 from blurnoise.motion.trajectory import shake
 from blurnoise.optics.colour import linear_from_srgb, srgb_from_linear
@@ -129,7 +129,7 @@ def _ours(**moving: Any) -> Contender:
     """The light of ``simulate`` after its motion, whatever moves."""
 
     def call() -> Tensor:
-        at = Conditions.of(picture(), _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
+        at = Resolved.of(picture(), _GLOBAL, exposure_s=EXPOSURE_S, illuminance_lux=1.0, **moving)
         return effects.through(picture(), at)
 
     return Contender("blurnoise", call, True)

@@ -22,8 +22,8 @@ from blurnoise._core.checks import in_range, integer, limited
 from blurnoise.motion.ego import USUAL_VEHICLE, Vehicle
 from blurnoise.optics.camera import Camera
 from blurnoise.optics.colour import PictureTone, picture_tone
+from blurnoise.scene.exposure import Exposure
 from blurnoise.scene.metering import USUAL, AutoExposure, GreyAnchor
-from blurnoise.scene.scene import Exposure
 from blurnoise_eval.plan.axes import (
     AUTOMATIC,
     AXES,

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le
 
 from blurnoise._core.checks import Figure, check_fields, within
-from blurnoise.scene.scene import Exposure
+from blurnoise.scene.exposure import Exposure
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from blurnoise_eval.datasets import Picture, PictureSet
 from blurnoise_eval.label_formats import format_named
 from blurnoise_eval.plan.axes import CORE
 from blurnoise_eval.plan.conditions import Cell, Conditions
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store import queries
 from blurnoise_eval.store.store import Store
@@ -60,13 +60,13 @@ class RunPictures:
                 return cell
         raise ValueError(f"cell = {row['cell_id']!r}: its conditions are not in the plan of the run")
 
-    def scene(self, picture: Picture) -> Scene:
+    def scene(self, picture: Picture) -> PictureScene:
         """The picture as the run's cells saw it."""
         plan = self.plan
         tone, lamps, white = plan.picture_tone, plan.lamps, plan.hdr_white
-        return Scene(picture.load(), plan.grey_anchor, picture, self.objects, tone, lamps, white)
+        return PictureScene(picture.load(), plan.grey_anchor, picture, self.objects, tone, lamps, white)
 
-    def expose(self, scene: Scene, cell: Cell, camera: Camera | None = None) -> Frame:
+    def expose(self, scene: PictureScene, cell: Cell, camera: Camera | None = None) -> Frame:
         """A cell's picture, of its scene, as the run took it or through another camera."""
         plan = self.plan
         (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from blurnoise.optics.camera import Camera
-from blurnoise.scene.scene import Exposure
+from blurnoise.scene.exposure import Exposure
 from blurnoise_eval.plan.axes import NAMES, axis
 from blurnoise_eval.plan.conditions import Conditions, SweepPlan
 from blurnoise_eval.plan.objects import Objects

@@ -28,7 +28,7 @@ from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan, cell_see
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.objects import USUAL_OBJECTS, Objects
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Frame, Scene, frames
+from blurnoise_eval.run.exposing import Frame, PictureScene, frames
 from blurnoise_eval.scoring.matching import FOUND_SCORE
 from blurnoise_eval.scoring.on_picture import Model, ModelOutput, View
 from blurnoise_eval.store.store import CellResult, PictureFacts
@@ -130,7 +130,7 @@ class Work:
 class PreparedPicture(NamedTuple):
     """A picture as light, every model's answer to it as it is, and what of it the store notes."""
 
-    scene: Scene
+    scene: PictureScene
     views: list[View]
     facts: PictureFacts
 
@@ -144,7 +144,7 @@ class PreparedPicture(NamedTuple):
                 f"{picture.name}: {width} x {height} px; must be at least 2 x 2 for a camera with a mosaic"
             )
         try:
-            scene = Scene(
+            scene = PictureScene(
                 image,
                 work.grey_anchor,
                 picture,

@@ -17,14 +17,14 @@ from blurnoise_eval.plan.files import PlanFile
 from blurnoise_eval.plan.lamps import Lamps
 from blurnoise_eval.plan.objects import Objects
 from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
-from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
+from blurnoise_eval.run.exposing import PictureScene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.store.store import Store
 from commands import main
 from signs_in_memory import BOX, CAMERA, matched_detector, noise, picture, picture_set, sign
 
 from blurnoise import AutoExposure, Exposure, photoelectrons
-from blurnoise.light.flicker import Pwm
+from blurnoise.light.lamp import Pwm
 from blurnoise.optics.captures import Capture, longest_first_s, staggered, windows
 
 HDR = replace(CAMERA, captures=staggered(16))
@@ -65,7 +65,7 @@ def test_a_sweep_takes_the_picture_that_simulate_takes(tmp_path, gain, captures,
     )
     at = {"exposure_s": 0.002, "illuminance_lux": 3000.0, "velocity_x_px_s": 500.0}
     at["gain_db"] = AUTOMATIC if gain == "auto" else float(gain)
-    frame = framed(Scene(sign(), hdr_white=4.0), at, camera)
+    frame = framed(PictureScene(sign(), hdr_white=4.0), at, camera)
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -79,19 +79,19 @@ def test_it_sees_lamps_as_simulate_does(tmp_path, capsys):
     lamps = replace(TARGETS, emitters="targets:9")
     at = {"exposure_s": 0.009, "illuminance_lux": 30.0, "velocity_x_px_s": 100.0}
     words = f"--camera {tmp_path / 'c.yaml'} --exposure-ms 9 --lux 30 --dx 100"
-    frame = framed(Scene(sign(), picture=picture("p"), lamps=lamps), at, camera)
+    frame = framed(PictureScene(sign(), picture=picture("p"), lamps=lamps), at, camera)
     assert frame.exposure.lamp == Pwm(90.0, 0.1).with_phase_of(3)
     # the mask's file has 8 bits, and so the light of its edge is another by up to 0.2 %
     seen = simulated(tmp_path, words, given).astype(int)
     assert np.abs(seen - frame.image).max() <= 2
-    dark = framed(Scene(sign(), picture=picture("p")), at, camera)
+    dark = framed(PictureScene(sign(), picture=picture("p")), at, camera)
     assert np.abs(seen - dark.image).mean() > 2
 
 
 def test_a_path_goes_on_to_the_last_capture(tmp_path, capsys):
     expected = simulated(tmp_path, "--camera imx250 --exposure-ms 8 --lux 300 --trajectory shake:9 --hdr 2")
     at, path = {"exposure_s": 0.008, **LIT}, (TrajectorySpec.parse("shake:9"), 0.008)
-    frame = framed(Scene(sign()), at, replace(CAMERA, captures=staggered(2)), path=path)
+    frame = framed(PictureScene(sign()), at, replace(CAMERA, captures=staggered(2)), path=path)
     np.testing.assert_array_equal(frame.image, expected)
 
 
@@ -101,7 +101,7 @@ def test_saturation_of_a_merged_picture():
     image[:10], image[10:30] = 255, 118  # sRGB of 0.18
     for lux_s, white, share in ((20.0, 2.0, 0.0), (30.0, 2.0, 0.25), (200.0, 2.0, 0.75), (20.0, 0.5, 0.25)):
         at = {"exposure_s": 0.01, "illuminance_lux": lux_s / 0.01}
-        frame = framed(Scene(image, hdr_white=white), at, HDR)
+        frame = framed(PictureScene(image, hdr_white=white), at, HDR)
         assert frame.saturated == pytest.approx(share, abs=0.01)
 
 
@@ -135,7 +135,7 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
 
     1000 equidistant phases: the share is right to 1/1000 at either end.
     """
-    scene = Scene(
+    scene = PictureScene(
         sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=tuple(np.arange(1000) / 1000))
     )
     taken = framed(scene, {"exposure_s": exposure_s, **LIT}, camera).exposure
@@ -149,17 +149,17 @@ def test_share_of_missed_pulses_is_the_closed_form(camera, rows, exposure_s):
 
 def test_a_missed_pulse_leaves_the_lamp_dark_and_nothing_else():
     left, top, right, bottom = (round(edge) for edge in BOX)
-    scene = Scene(sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
+    scene = PictureScene(sign(), picture=picture("p"), lamps=replace(TARGETS, pwm_phase=(0.5, 0.0)))
     at = {"exposure_s": 0.001, **LIT}
     dark, bright = (framed(scene, at, CAMERA, repeat=repeat) for repeat in (0, 1))
     assert (dark.missed_pulse, bright.missed_pulse) == (True, False)
     middle = slice(top + 8, bottom - 8), slice(left + 8, right - 8)
     assert dark.image[middle].max() < 25 < bright.image[middle].mean()
     np.testing.assert_array_equal(dark.image[:, : left - 2], bright.image[:, : left - 2])
-    everywhere = Scene(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
+    everywhere = PictureScene(sign(), lamps=Lamps(pwm="90,0.1,0.5"))
     assert framed(everywhere, at, CAMERA).image.mean() < 10
     empty = replace(picture("p"), targets=())
-    assert framed(Scene(sign(), picture=empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
+    assert framed(PictureScene(sign(), picture=empty, lamps=TARGETS), at, CAMERA).missed_pulse is None
 
 
 def test_lamps_move_with_their_targets():
@@ -167,15 +167,15 @@ def test_lamps_move_with_their_targets():
     (one,) = rendered_signs([60], count=1)
     at = {"exposure_s": 0.004, **LIT, "velocity_x_px_s": 4000.0, "moves": 1.0}
     lit = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA
+        PictureScene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.0", pwm_mask="targets")), at, CAMERA
     )
     dark = framed(
-        Scene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA
+        PictureScene(one.load(), picture=one, lamps=Lamps(pwm="90,0.1,0.2", pwm_mask="targets")), at, CAMERA
     )
     x0, y0, x1, y1 = (round(edge) for edge in one.targets[0].box_xyxy)
     middle = slice((y0 + y1) // 2 - 5, (y0 + y1) // 2 + 5), slice((x0 + x1) // 2 - 5, (x0 + x1) // 2 + 5)
     assert dark.image[middle].max() < 40 < lit.image[middle].mean()
-    brighter = Scene(one.load(), picture=one, lamps=Lamps(emitters="targets:3"), objects=Objects())
+    brighter = PictureScene(one.load(), picture=one, lamps=Lamps(emitters="targets:3"), objects=Objects())
     seen = framed(brighter, {**at, "illuminance_lux": 30.0, "moves": 0.0}, CAMERA)
     moved = framed(brighter, {**at, "illuminance_lux": 30.0}, CAMERA)
     assert moved.image[middle].mean() == pytest.approx(seen.image[middle].mean(), rel=0.05)
@@ -271,7 +271,7 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = ExploredRun(run, trusted=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
+    frame = explored.expose(PictureScene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.captures) == 2
 
