@@ -61,7 +61,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Question:
+class SearchSpace:
     """Every exposure from the shortest to the longest of a grid, with every combination of its other values.
 
     grid: by axis, as :class:`~blurnoise_eval.grid.conditions.SweepPlan` has it. because: why the full grid is
@@ -96,7 +96,7 @@ class Question:
 
 def what_breaks(
     camera: Camera,
-    question: Question,
+    question: SearchSpace,
     trajectory: str | TrajectorySpec | None = None,
     *,
     pulsed: bool = False,
@@ -123,7 +123,7 @@ def what_breaks(
     return [reason for reason, holds in reasons.items() if holds] or _of_time_alone(camera, question)
 
 
-def _of_time_alone(camera: Camera, question: Question) -> list[str]:
+def _of_time_alone(camera: Camera, question: SearchSpace) -> list[str]:
     """What the budget keeps at the longest exposure, DN RMS, and would not be the same at the shortest.
 
     At gain 0 dB: gain raises the dark charge and the noise that hides it alike.
