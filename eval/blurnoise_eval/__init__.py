@@ -18,19 +18,21 @@ if TYPE_CHECKING:
     from blurnoise_eval.explorer.run import Run
     from blurnoise_eval.grid.axes import AXES
     from blurnoise_eval.grid.conditions import SweepPlan
+    from blurnoise_eval.grid.question import Question
     from blurnoise_eval.single_picture import expose
 
     STOP_SIGN: Path
 
 __all__ = [
-    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Run", "SweepPlan", "TorchvisionDetector",
-    "datasets", "evaluate", "expose",
+    "AXES", "STOP_SIGN", "Detector", "Evaluation", "PythonDetector", "Question", "Run", "SweepPlan",
+    "TorchvisionDetector", "datasets", "evaluate", "expose",
 ]  # fmt: skip
 _FROM = {
     "AXES": "grid.axes",
     "Detector": "detectors.detector",
     "Evaluation": "evaluation",
     "PythonDetector": "detectors.python_models",
+    "Question": "grid.question",
     "Run": "explorer.run",
     "SweepPlan": "grid.conditions",
     "TorchvisionDetector": "detectors.python_models",

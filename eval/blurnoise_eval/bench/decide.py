@@ -49,7 +49,7 @@ def decide(
     plan = SweepPlan(axes, examples=False)
     with Store(folder / "dense", create=True) as store:
         run.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=ThreadEngine(threads))
-        tables = score_tables(store, Criterion(0.9, kept=True), None)
+        tables = score_tables(store, Criterion(0.9, kept=True))
         groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
     if not groups:
         raise ValueError(

@@ -12,6 +12,7 @@ from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
 from blurnoise_eval.grid.axes import AXES, EXPOSURE, NAMES, Axis
+from blurnoise_eval.grid.question import Question
 from blurnoise_eval.run import run as opened
 from blurnoise_eval.run.pictures import RunPictures
 from blurnoise_eval.run.score_tables import criterion_of
@@ -45,7 +46,9 @@ class Run(RunPictures):
                 raise ValueError(
                     f"run = {str(folder)!r}: must be a run of detectors, not of text recognisers"
                 )
-            asked = criterion_of(run)
+            asked = criterion_of(
+                run, Question(cluster="")
+            )  # no clusters here: a foreign pattern is not tried
         self.criterion = asked if asked.score == CONFIDENCE else USUAL
         self.means = cache(self._read_means)
         self.models: tuple[str, ...] = tuple(model["name"] for model in self.manifest["models"])

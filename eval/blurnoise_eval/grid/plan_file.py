@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from blurnoise_eval import label_formats
 from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
+from blurnoise_eval.grid.question import Question
 from blurnoise_eval.grid.settings import Settings, setting
 
 if TYPE_CHECKING:
@@ -146,33 +147,7 @@ class Taking(Settings):
 
 
 @dataclass(frozen=True)
-class Enough(Settings):
-    """The criterion of a sweep or of an exposure program."""
-
-    keep: float | None = setting(
-        None,
-        "required share of the score on the original pictures (default: 0.9 for your own pictures)",
-        "SHARE",
-    )
-    threshold: float | None = setting(
-        None, "required score, instead of a required share (default: 0.6 for rendered pictures)", "C"
-    )
-    score: str | None = setting(
-        None,
-        "score to judge by: target_confidence, detection_rate, recall@0.1 (recall at 0.1 false positives per "
-        "original picture), ap50, ap, or exact_match for text (default: target_confidence; exact_match for your own "
-        "texts)",
-        "NAME",
-    )
-    cluster: str | None = setting(
-        None,
-        "regular expression; pictures with the same match form a cluster, such as the frames of one drive",
-        "REGEX",
-    )
-
-
-@dataclass(frozen=True)
-class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc]  # its fields are those of the table
+class PlanFile(with_axes(LISTS, "LIST"), Taking, Question):  # type: ignore[misc]  # its fields are those of the table
     """A sweep: models, pictures, conditions, the criterion, and the workers."""
 
     KIND: ClassVar[str] = "plan of a sweep (blurnoise sweep, decide and quality --plan FILE)"
@@ -242,6 +217,9 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Enough):  # type: ignore[misc] 
     part: str | None = setting(
         None, "compute only part K of N of the pictures; 'blurnoise merge' joins the runs", "K/N"
     )
+
+    def __post_init__(self) -> None:
+        """The question is checked once options have replaced what the file says of it."""
 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
         """The plan of a sweep. usual, repeats: defaults for what the file leaves out."""
@@ -315,10 +293,13 @@ class SceneFile(with_axes("Conditions: one number each", "NUMBER", SCENE), Takin
 
 
 @dataclass(frozen=True)
-class ProgramFile(Enough):
+class ProgramFile(Question):
     """An exposure program: lights, speeds and targets, the criterion, and the limits of the camera."""
 
     KIND: ClassVar[str] = "exposure program (blurnoise program --plan FILE)"
+
+    def __post_init__(self) -> None:
+        """The question is checked once options have replaced what the file says of it."""
 
     model: str | None = setting(None, "model of the run (default: the only one)", "NAME")
     lux: tuple[float, float] | None = setting(

@@ -146,7 +146,7 @@ GRID = {
 
 
 def swept(folder, pictures, grid=GRID, **more):
-    evaluate(pictures=pictures, plan=SweepPlan(grid, **more), output=folder, threads=1, progress=False)
+    evaluate(pictures=pictures, plan=SweepPlan(grid, **more), output=folder, progress=False)
     return folder
 
 

@@ -246,7 +246,7 @@ def run(tmp_path_factory):
     plan = SweepPlan(grid, 10, lamps=replace(TARGETS, pwm_phase=phases))
     shown = picture_set(picture("a"), picture("b", lambda: noise(40, 51), None))
     shown = replace(shown, pictures=(shown.pictures[0], replace(shown.pictures[1], targets=())))
-    done = evaluate(matched_detector(folder), shown, HDR, plan, folder / "run", refine=False)
+    done = evaluate(matched_detector(folder), shown, HDR, plan, output=folder / "run", refine=False)
     done.report()
     return folder / "run"
 
@@ -278,7 +278,9 @@ def test_a_cell_of_the_run_is_taken_again(run):
 
 def test_a_run_without_lamps_has_the_columns_of_before(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)})
-    evaluate(matched_detector(tmp_path), picture_set(picture("a")), CAMERA, plan, tmp_path / "run").report()
+    evaluate(
+        matched_detector(tmp_path), picture_set(picture("a")), CAMERA, plan, output=tmp_path / "run"
+    ).report()
     for name in ("results.csv", "scores.csv"):
         assert (
             not {"pwm_phase", "missed_pulse", "missed_pulse_share"}
@@ -291,10 +293,10 @@ def test_parts_of_a_run_under_a_lamp_are_joined(tmp_path):
     plan = SweepPlan({"exposure_s": (0.003,), "illuminance_lux": (50.0,)}, lamps=TARGETS)
     shown = picture_set(*(picture(name) for name in "abcdef"))
     detector = matched_detector(tmp_path)
-    evaluate(detector, shown, CAMERA, plan, tmp_path / "whole", refine=False)
+    evaluate(detector, shown, CAMERA, plan, output=tmp_path / "whole", refine=False)
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
-        evaluate(detector, shown, CAMERA, plan, part, part=f"{number}/2", refine=False)
+        evaluate(detector, shown, CAMERA, plan, output=part, part=f"{number}/2", refine=False)
     merge(parts, tmp_path / "joined")
 
     def lamps(folder):
