@@ -166,7 +166,7 @@ class Run:
         asked = self.question
         if asked.cluster is not None and not self.trusted and self._question.cluster is None:
             raise ValueError(
-                f"cluster = {asked.cluster!r}: is of a run that is not your own; state it again if it is harmless"
+                f"cluster = {asked.cluster!r}: is of a run that is not your own; specify it again if it is harmless"
             )
         reads = any(note["kind"] == "reader" for note in self.setup.models.values())
         rendered = self.setup.manifest["images"]["kind"] == "rendered"
