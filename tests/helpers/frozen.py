@@ -150,7 +150,7 @@ def of_runs():
     from blurnoise_eval.cameras import find
     from blurnoise_eval.deciding.decision import decided
     from blurnoise_eval.evaluation import usual_plan
-    from blurnoise_eval.grid.question import Question
+    from blurnoise_eval.plan.question import Question
 
     every = datasets.rendered_signs()
     signs = replace(every, pictures=tuple(every)[:3])

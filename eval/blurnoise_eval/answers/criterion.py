@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from blurnoise._core.checks import in_range
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.scoring.scores import BOTH, Score, criteria
 
 CONFIDENCE, RATE, MATCHES = "target_confidence", "detection_rate", "exact_match"

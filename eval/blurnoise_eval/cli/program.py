@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from blurnoise_eval.cli._options import Folder, RunRead, settings
-from blurnoise_eval.grid.plan_file import ProgramFile
+from blurnoise_eval.plan.files import ProgramFile
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, width
 

@@ -82,7 +82,7 @@ def report(
     Settings that no option changes are those of the sweep.
     """
     from blurnoise_eval.deciding.decision import Decision
-    from blurnoise_eval.grid.question import Question
+    from blurnoise_eval.plan.question import Question
     from blurnoise_eval.system.files import path_within
     from blurnoise_eval.system.working_folder import output_folder, read_run
 

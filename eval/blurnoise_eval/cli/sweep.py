@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from blurnoise_eval.cli import inputs
 from blurnoise_eval.cli._options import Folder, Json, Location, settings
 from blurnoise_eval.cli.report import print_run
-from blurnoise_eval.grid.plan_file import PlanFile
+from blurnoise_eval.plan.files import PlanFile
 
 if TYPE_CHECKING:
     from blurnoise_eval.evaluation import Evaluation

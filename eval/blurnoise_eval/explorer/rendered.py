@@ -31,8 +31,8 @@ from blurnoise_eval.datasets import Picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.explorer.run import USUAL, Run
 from blurnoise_eval.explorer.state import State, controls
-from blurnoise_eval.grid.axes import EGO, EXPOSURE, MOVES, VELOCITY
-from blurnoise_eval.grid.conditions import Cell, Conditions
+from blurnoise_eval.plan.axes import EGO, EXPOSURE, MOVES, VELOCITY
+from blurnoise_eval.plan.conditions import Cell, Conditions
 from blurnoise_eval.plots.annotate import MOST_BOXES, OTHER_SCORE
 from blurnoise_eval.run.exposing import Frame, Scene, frames, snr_db
 from blurnoise_eval.scoring.boxes import iou

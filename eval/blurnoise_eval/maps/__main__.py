@@ -6,7 +6,7 @@ import sys
 
 from blurnoise_eval.cli import inputs, run_alone
 from blurnoise_eval.cli._options import Cluster, Folder, Keep, RunRead, Score, Threads, Threshold
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.system.progress import ProgressBar
 from blurnoise_eval.system.terminal import say, say_wrapped, show
 

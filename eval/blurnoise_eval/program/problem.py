@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
 from blurnoise_eval.deciding.decision import on_lines, question_of
-from blurnoise_eval.grid.axes import AUTOMATIC, FURTHER, LIGHT, axis
-from blurnoise_eval.grid.conditions import Conditions
+from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
+from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models

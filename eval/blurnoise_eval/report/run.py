@@ -20,7 +20,7 @@ from blurnoise_eval.answers.exposure_window import answers, flat, natural
 from blurnoise_eval.answers.model_rows import model_rows
 from blurnoise_eval.answers.recommendation import average_curve, recommendations
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.axes import (
+from blurnoise_eval.plan.axes import (
     EGO,
     EGO_SPEED,
     EXPOSURE,

@@ -22,9 +22,9 @@ from blurnoise_eval.default_camera import default_for
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.opening import open_models
 from blurnoise_eval.detectors.python_models import Find, PythonDetector
-from blurnoise_eval.grid.axes import AXES
-from blurnoise_eval.grid.conditions import Part, SweepPlan
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import AXES
+from blurnoise_eval.plan.conditions import Part, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.computing import Outcome, compute
 from blurnoise_eval.run.contract_checks import contracts_chosen
 from blurnoise_eval.run.engines import Engine, engine_facts, engine_of, staying

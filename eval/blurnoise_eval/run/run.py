@@ -23,9 +23,9 @@ from blurnoise_eval.datasets import Image, Picture, PictureSet, eight_bit
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
-from blurnoise_eval.grid.axes import CORE, named
-from blurnoise_eval.grid.conditions import Cell, Conditions, SweepPlan
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import CORE, named
+from blurnoise_eval.plan.conditions import Cell, Conditions, SweepPlan
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.findings import reflectance
 from blurnoise_eval.report.run import RunData, write_tables
 from blurnoise_eval.run.coco_export import write_detections

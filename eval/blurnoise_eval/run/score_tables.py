@@ -23,7 +23,7 @@ from blurnoise_eval.answers.per_condition import Scored, conditions_of, numbered
 from blurnoise_eval.answers.recommendation import Averages, averages
 from blurnoise_eval.answers.table import ORDER, ScoreTable, table_of, tables_by_size
 from blurnoise_eval.datasets import DOUBTFUL_LABELS
-from blurnoise_eval.grid.axes import NAMES, SETTING
+from blurnoise_eval.plan.axes import NAMES, SETTING
 from blurnoise_eval.run.coco_export import truths
 from blurnoise_eval.run.setup import Setup
 from blurnoise_eval.run.surface import Trend, predicted_table

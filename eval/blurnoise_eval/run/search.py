@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.recommendation import MOST_COMMON
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
 from blurnoise_eval.run.edge_search import CHECKED, MOST_NODES, EdgeSearch
 from blurnoise_eval.run.refine import Refine
 from blurnoise_eval.run.run import Run

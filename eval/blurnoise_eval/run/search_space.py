@@ -1,6 +1,6 @@
 """A question: which exposures work, under which lights and at which speeds; its lines and nodes on the plane.
 
-Domain: values on the axes of :mod:`blurnoise_eval.grid.axes`; places (u, w) of
+Domain: values on the axes of :mod:`blurnoise_eval.plan.axes`; places (u, w) of
 :mod:`blurnoise_eval.answers.plane`. A line is every exposure under one light and velocity: it rises by 45 degrees, or
 lies on the floor at rest.
 
@@ -25,9 +25,9 @@ from blurnoise.optics.camera import Camera
 from blurnoise.scene.plan import Contribution, plan_at
 from blurnoise.sensor.stages import DARK_CURRENT
 from blurnoise_eval.answers.plane import AT_REST, DIGITS, STILL_PX, direction_of, places_of
-from blurnoise_eval.grid.axes import AUTOMATIC, EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
-from blurnoise_eval.grid.conditions import Conditions
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC, EGO, EXPOSURE, FURTHER, LIGHT, VELOCITY, axis
+from blurnoise_eval.plan.conditions import Conditions
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 
 STEP = 0.5
 """Stops between nodes."""
@@ -64,7 +64,7 @@ class Line:
 class SearchSpace:
     """Every exposure from the shortest to the longest of a grid, with every combination of its other values.
 
-    grid: by axis, as :class:`~blurnoise_eval.grid.conditions.SweepPlan` has it. because: why the full grid is
+    grid: by axis, as :class:`~blurnoise_eval.plan.conditions.SweepPlan` has it. because: why the full grid is
     computed in place of a search; none of a search.
     """
 

@@ -15,10 +15,10 @@ from typing import Any
 
 from blurnoise.optics.camera import Camera
 from blurnoise.scene.scene import Exposure
-from blurnoise_eval.grid.axes import AUTOMATIC, EXPOSURE, NAMES, axis
-from blurnoise_eval.grid.conditions import Conditions, SweepPlan
-from blurnoise_eval.grid.question import Question
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC, EXPOSURE, NAMES, axis
+from blurnoise_eval.plan.conditions import Conditions, SweepPlan
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.documents import check_files, validated
 from blurnoise_eval.run.search_space import SearchSpace
 from blurnoise_eval.run.work import cells_per_picture

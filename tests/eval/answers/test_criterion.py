@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from blurnoise_eval.answers.clusters import check_cluster, cluster_of, repeated
 from blurnoise_eval.answers.criterion import Criterion, criterion_for, names
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from blurnoise_eval import Detector, Evaluation, datasets, evaluate
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.cli import main
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report import page
 from blurnoise_eval.run.merging import merge
 from plans import plan

@@ -11,12 +11,12 @@ from blurnoise_eval import SweepPlan, evaluate
 from blurnoise_eval.datasets import decode, rendered_signs, target_mask, write_picture
 from blurnoise_eval.evaluation import Evaluation
 from blurnoise_eval.explorer.run import Run as ExploredRun
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.lamps import Lamps
-from blurnoise_eval.grid.objects import Objects
-from blurnoise_eval.grid.plan_file import PlanFile
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.files import PlanFile
+from blurnoise_eval.plan.lamps import Lamps
+from blurnoise_eval.plan.objects import Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Scene, check_plan, frames, snr_db
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.store.store import Store
@@ -271,7 +271,7 @@ def test_a_cell_of_the_run_is_taken_again(run):
     """As the explorer shows it: the phase of its repeat, and all captures."""
     explored = ExploredRun(run, trusted=True)
     cell = explored.cell(image="a", repeat=7, exposure_s=0.003)
-    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored._plan.lamps), cell)
+    frame = explored.expose(Scene(sign(), picture=picture("a"), lamps=explored.plan.lamps), cell)
     assert frame.exposure.lamp == Pwm(90.0, 0.1, 0.7)
     assert len(frame.exposure.camera.captures) == 2
 

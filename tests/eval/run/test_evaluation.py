@@ -10,7 +10,7 @@ from band_readers import band_reader
 from blurnoise_eval import Evaluation, datasets, evaluate, expose
 from blurnoise_eval.default_camera import default_camera
 from blurnoise_eval.evaluation import usual_pictures, usual_plan
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.report.run import TABLES
 from blurnoise_eval.run import identity
 from blurnoise_eval.store.store import StoreError

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 from blurnoise_eval import SweepPlan, evaluate
-from blurnoise_eval.grid.conditions import Cell, Conditions
-from blurnoise_eval.grid.objects import Crossing, Objects
-from blurnoise_eval.grid.trajectory_spec import TrajectorySpec
+from blurnoise_eval.plan.conditions import Cell, Conditions
+from blurnoise_eval.plan.objects import Crossing, Objects
+from blurnoise_eval.plan.trajectory_spec import TrajectorySpec
 from blurnoise_eval.run.exposing import Scene, frames, snr_db
 from blurnoise_eval.scoring.movers import box_mover, box_sweeper
 from commands import main, stated

@@ -10,8 +10,8 @@ import pytest
 from blurnoise_eval.datasets import Picture, PictureSet, Target, image_folder, write_picture
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.conditions import SweepPlan
-from blurnoise_eval.grid.objects import Crossing, Objects
+from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.plan.objects import Crossing, Objects
 from blurnoise_eval.run import computing as sweep
 from blurnoise_eval.run import identity
 from blurnoise_eval.run.identity import open_run

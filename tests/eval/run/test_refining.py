@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import pytest
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.refining import STOPS
 from blurnoise_eval.run.run import asked
 from blurnoise_eval.store.store import PictureFacts, Store

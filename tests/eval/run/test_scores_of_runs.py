@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from blurnoise_eval import Evaluation, evaluate
 from blurnoise_eval.datasets import PictureSet, Target
-from blurnoise_eval.grid.axes import SETTING
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.axes import SETTING
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.met_conditions import met_conditions
 from blurnoise_eval.run.score_tables import LEAST_AP50, dark_below, models_withheld, run_scores
 from blurnoise_eval.store.store import Store

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from blurnoise_eval.answers.plane import direction_of, same_places
-from blurnoise_eval.grid.axes import AUTOMATIC
-from blurnoise_eval.grid.conditions import Cell, Conditions, cell_seed
+from blurnoise_eval.plan.axes import AUTOMATIC
+from blurnoise_eval.plan.conditions import Cell, Conditions, cell_seed
 from blurnoise_eval.run.exposing import Scene, frames
 from blurnoise_eval.run.search_space import FLOOR, Line, SearchSpace, conditions_at, lattice, what_breaks
 from signs_in_memory import CAMERA as SMALL_CAMERA

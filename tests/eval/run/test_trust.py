@@ -8,7 +8,7 @@ import sys
 import pytest
 from blurnoise_eval.datasets import image_folder, write_picture
 from blurnoise_eval.evaluation import Evaluation, evaluate
-from blurnoise_eval.grid.question import Question
+from blurnoise_eval.plan.question import Question
 from blurnoise_eval.run.merging import merge
 from blurnoise_eval.run.run import Run
 from blurnoise_eval.store.store import Store, StoreError

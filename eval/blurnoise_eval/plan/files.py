@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from blurnoise_eval import label_formats
-from blurnoise_eval.grid.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
-from blurnoise_eval.grid.question import Question
-from blurnoise_eval.grid.settings import Settings, setting
+from blurnoise_eval.plan.axes import AXES, MOVES, VELOCITY, Axis, axis, bounds
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.plan.settings import Settings, setting
 
 if TYPE_CHECKING:
     from blurnoise.motion.ego import Vehicle
     from blurnoise.optics.colour import PictureTone
     from blurnoise.scene.metering import AutoExposure
-    from blurnoise_eval.grid.conditions import SweepPlan
-    from blurnoise_eval.grid.objects import Objects
+    from blurnoise_eval.plan.conditions import SweepPlan
+    from blurnoise_eval.plan.objects import Objects
 
 Cfa = Literal["none", "mono", "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "RCCC"]
 SCENE = {"exposure_ms": "10", "lux": "100", "dx": "0", "dy": "0", "temperature_c": "25", "gain": "0"}
@@ -96,7 +96,7 @@ def tone_of(given: object) -> PictureTone:
 
 def phases(given: object) -> tuple[float, ...]:
     """Phases of a pulsed lamp: "random", none, or numbers. Raises ``ValueError``."""
-    from blurnoise_eval.grid.lamps import phases_of
+    from blurnoise_eval.plan.lamps import phases_of
 
     return phases_of(given)
 
@@ -223,8 +223,8 @@ class PlanFile(with_axes(LISTS, "LIST"), Taking, Question):  # type: ignore[misc
 
     def sweep_plan(self, usual: Mapping[str, str] = {}, repeats: int = 1) -> SweepPlan:
         """The plan of a sweep. usual, repeats: defaults for what the file leaves out."""
-        from blurnoise_eval.grid.conditions import SweepPlan
-        from blurnoise_eval.grid.lamps import Lamps
+        from blurnoise_eval.plan.conditions import SweepPlan
+        from blurnoise_eval.plan.lamps import Lamps
 
         names = ("seed", "grey_anchor", "picture_tone", "trajectory", "objects", "auto_exposure", "hdr_white")
         held: Any = {"ego": self.vehicle} | {name: getattr(self, name) for name in names}

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Self
 
-from blurnoise_eval.grid.settings import Settings, setting
+from blurnoise_eval.plan.settings import Settings, setting
 
 
 @dataclass(frozen=True)
