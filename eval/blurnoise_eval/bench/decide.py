@@ -9,24 +9,22 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 
-from blurnoise.optics.camera import Camera
 from blurnoise_eval import datasets
-from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.conditions import SweepPlan
-from blurnoise_eval.run import computing as run
+from blurnoise_eval.plan.question import Question
+from blurnoise_eval.run.edge_search import EdgeSearch
 from blurnoise_eval.run.engines import ThreadEngine
-from blurnoise_eval.run.score_tables import score_tables
-from blurnoise_eval.run.search import Search
+from blurnoise_eval.run.evaluation import evaluate
 from blurnoise_eval.run.search_space import Line
 from blurnoise_eval.run.surface import USUAL, Kriging
-from blurnoise_eval.store.store import Store
 
 EXPOSURES = (1e-3, 90e-3)
 LEVELS = (0.8, 0.9)
@@ -47,10 +45,9 @@ def decide(
         "velocity_x_px_s": SPEEDS_PX_S,
     }
     plan = SweepPlan(axes, examples=False)
-    with Store(folder / "dense", create=True) as store:
-        run.run([detector], Camera.preset("imx250"), pictures, plan, store, engine=ThreadEngine(threads))
-        tables = score_tables(store, Criterion(0.9, kept=True))
-        groups = [plane for table in tables if not table.knows_too_little for plane in table.on_plane()]
+    how: dict[str, Any] = {"strategy": "grid", "engine": ThreadEngine(threads)}
+    run = evaluate(detector, pictures, "imx250", plan, Question(keep=0.9), folder / "dense", **how)
+    groups = [plane for table in run.tables_with_answers() for plane in table.on_plane()]
     if not groups:
         raise ValueError(
             f"model = {detector.name!r}: must find more of these targets; its scores are too low for a window"
@@ -98,7 +95,7 @@ def case(truth: Truth) -> Case:
     """The search and the grids, each of which answers for all groups at once: shares, and conditions asked."""
 
     def search() -> tuple[Array, int]:
-        asking = Search(truth.lines, EXPOSURES, LEVELS)
+        asking = EdgeSearch(truth.lines, EXPOSURES, LEVELS)
         while not asking.done:
             places = asking.ask()
             asking.tell(places, *truth.seen(places))

@@ -12,7 +12,7 @@ from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.plan.conditions import SweepPlan
-from blurnoise_eval.run import computing as run
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.run.work import blocks
 from blurnoise_eval.store.store import Store
@@ -51,7 +51,7 @@ def _case(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, th
 
     def swept() -> None:
         with tempfile.TemporaryDirectory() as folder, Store(Path(folder), create=True) as store:
-            run.run([detector], _CAMERA, pictures, plan, store, engine=ThreadEngine(threads))
+            compute([detector], _CAMERA, pictures, plan, store, engine=ThreadEngine(threads))
 
     ways = [Contender("bare onnxruntime", bare), Contender("sweep", swept, True)]
     return Case(f"{cells} cells, {threads} threads", ways, units=cells)

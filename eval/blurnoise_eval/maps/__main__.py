@@ -39,16 +39,14 @@ def maps(
     from blurnoise_eval.maps.maps import maps_of, sentences, tables, write
     from blurnoise_eval.maps.nodes import nodes_of
     from blurnoise_eval.run.run import Run
-    from blurnoise_eval.run.score_tables import criterion_of
     from blurnoise_eval.system.working_folder import check_outputs, output_folder, read_run
 
     check_outputs(output, "maps.csv", "nodes.csv", "figures/map-*.png", "figures/scatter-*.png")
-    with read_run(run) as read, Run.open(read.path) as opened:
-        question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
-        criterion = criterion_of(opened, question)
+    question = Question(threshold=threshold, keep=keep, score=score, cluster=cluster)
+    with read_run(run) as read, Run.open(read, question) as opened:
         nodes = nodes_of(opened)
         with ProgressBar("maps", len(nodes)) as advance:
-            found = maps_of(opened.store, nodes, criterion, threads=workers, progress=advance)
+            found = maps_of(opened, nodes, threads=workers, progress=advance)
     with output_folder(output) as folder:
         folder.path.mkdir(parents=True, exist_ok=True)
         write(found, folder.path)

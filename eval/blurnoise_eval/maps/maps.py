@@ -20,9 +20,8 @@ from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.table import ScoreTable
 from blurnoise_eval.maps.nodes import Array, Nodes
 from blurnoise_eval.measure.charts import METRICS, measure
-from blurnoise_eval.run.score_tables import score_tables
+from blurnoise_eval.run.run import Run
 from blurnoise_eval.scoring.uncertainty import all_and_without, interval_of, left_out
-from blurnoise_eval.store.store import Store
 from blurnoise_eval.system.files import write_whole
 from blurnoise_eval.system.tables import csv_lines, finite
 
@@ -106,9 +105,8 @@ class Maps:
 
 
 def maps_of(
-    store: Store,
+    run: Run,
     nodes: Nodes,
-    criterion: Criterion,
     *,
     threads: int = 1,
     progress: Callable[[float], None] = lambda done: None,
@@ -117,14 +115,14 @@ def maps_of(
 
     progress: called with 1 for every node.
     """
-    tables = list(score_tables(store, criterion))  # first: it may be refused
+    tables = run.score_tables()  # first: it may be refused
     rows = measure(nodes.camera, nodes.conditions, threads=threads, progress=progress)
     values = np.array([row.estimate.value for row in rows], float).reshape(len(nodes), len(METRICS))
     metrics = {metric.name: of for metric, of in zip(METRICS, values.T, strict=True)}
     known = [nodes.group(table) for table in tables if not table.knows_too_little]
-    every = tuple(map_of(nodes, metrics, table, criterion.score) for table in known)
+    every = tuple(map_of(nodes, metrics, table, run.criterion.score) for table in known)
     too_little = [f"{table.model}, {table.group}" for table in tables if table.knows_too_little]
-    return Maps(criterion, nodes, metrics, every, tuple(too_little))
+    return Maps(run.criterion, nodes, metrics, every, tuple(too_little))
 
 
 def map_of(nodes: Nodes, metrics: Mapping[str, Array], table: ScoreTable, score: str) -> Map:

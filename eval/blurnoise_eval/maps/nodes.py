@@ -87,7 +87,8 @@ def nodes_of(run: Run) -> Nodes:
         raise StoreError(
             f"{where}: {reason}; maps need a run with straight motion of the whole picture, in one capture"
         )
-    nodes = nodes_at(queries.exposed_conditions(run.store), run.camera, list(plan.grid))
+    with run.store as store:
+        nodes = nodes_at(queries.exposed_conditions(store), run.camera, list(plan.grid))
     if not len(nodes):
         raise StoreError(f"{where}: has no pictures with light")
     return nodes

@@ -29,7 +29,7 @@ from blurnoise_eval.datasets import RENDERED_SIZE_PX, Image, Picture, PictureSet
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.measure import charts as quality
 from blurnoise_eval.plan.conditions import SweepPlan, cell_seed
-from blurnoise_eval.run import computing as sweep
+from blurnoise_eval.run.computing import compute
 from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.scoring.on_picture import Reader
 from blurnoise_eval.store.store import Store
@@ -121,7 +121,7 @@ class Grid:
         shown, camera = signs(self.chain, self.sizes_px, read=self.read), camera_of(self.chain, self.camera)
         scores: dict[tuple[str, float, float], list[float]] = {}
         with TemporaryDirectory() as folder, Store(Path(folder, "signs"), create=True) as store:
-            sweep.run([model], camera, shown, plan, store, engine=ThreadEngine(using.threads))
+            compute([model], camera, shown, plan, store, engine=ThreadEngine(using.threads))
             for row in store.targets():
                 if not row["clean"]:
                     scores.setdefault((row["group"], *_place(row)), []).append(row["confidence"])

@@ -15,17 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from blurnoise_eval.answers.criterion import Criterion
 from blurnoise_eval.answers.plane import places_of
-from blurnoise_eval.deciding.decision import on_lines, question_of
 from blurnoise_eval.plan.axes import AUTOMATIC, FURTHER, LIGHT, axis
 from blurnoise_eval.plan.conditions import Conditions
 from blurnoise_eval.program.scenario import Limits, Metering, Scenario, half_stops, mean_light
 from blurnoise_eval.run.run import Run
-from blurnoise_eval.run.score_tables import run_averages, score_tables, withheld_models
 from blurnoise_eval.run.search_space import SearchSpace, what_breaks
 from blurnoise_eval.run.surface import CAUTION, Predicted, Trend
 from blurnoise_eval.scoring.uncertainty import influence, ratio_of_sums
 from blurnoise_eval.store import queries
-from blurnoise_eval.store.store import Store, StoreError
+from blurnoise_eval.store.store import StoreError
 from blurnoise_eval.system.tables import finite
 
 GREY = 0.18
@@ -49,21 +47,20 @@ class Inputs:
     notes: tuple[str, ...] = ()
 
 
-def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> Inputs:
+def inputs_of(run: Run, model: str | None = None) -> Inputs:
     """The inputs of one model; the run's only one unless named.
 
     Raises ``ValueError`` for a run that has no program: several settings or directions of motion, a fixed gain, a
     camera or a motion for which the plane does not hold.
     """
-    run, where = Run(store), f"run = {str(store.folder)!r}"
-    without_answers = withheld_models(store, criterion.cluster)
-    names = [name for name in run.models if name not in without_answers]
+    where, without_answers = f"run = {str(run.folder)!r}", run.withheld
+    names = [name for name in run.setup.models if name not in without_answers]
     chosen = names[0] if model is None and len(names) == 1 else model
     if chosen not in names:
         unfit = "".join(f"; {name}: {reason}" for name, reason in without_answers.items())
         given = "model: missing" if model is None else f"model = {chosen!r}"
         raise ValueError(f"{where}: {given}: must be one of {', '.join(names)}{unfit}")
-    of_model = [each for each in score_tables(store, criterion) if each.model == chosen]
+    of_model = [table for table in run.score_tables() if table.model == chosen]
     tables = [each for each in of_model if not each.knows_too_little]
     little = [each.group for each in of_model if each.knows_too_little]
     notes = [
@@ -73,16 +70,17 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
     every_plane = [plane for table in tables for plane in table.on_plane()]
     if not every_plane:
         raise StoreError(f"{where}: has no targets under any light")
-    asked = question_of(store) or SearchSpace(run.grid)
+    asked = run.setup.search_space or SearchSpace(run.setup.grid)
     question = SearchSpace({**asked.grid, LIGHT.name: [lux for lux in asked.grid[LIGHT.name] if lux]})
     setting = {name: float(every_plane[0].conditions[name][0]) for name in FURTHER}
     if setting["gain_db"] != AUTOMATIC:
         gain = axis("gain_db").text(setting["gain_db"])
         raise ValueError(f"{where}: {gain}; a program needs a run with --gain auto")
     camera = Conditions(exposure_s=0.01, illuminance_lux=1.0, **setting).exposure(run.camera).camera
-    if because := what_breaks(camera, question, run.trajectory, pulsed=run.plan.pulsed):
+    if because := what_breaks(camera, question, run.plan.trajectory, pulsed=run.plan.pulsed):
         raise ValueError(f"{where}: cannot give a program: {'; '.join(because)}")
-    light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
+    with run.store as store:
+        light = mean_light(queries.gains_set(store, every_plane[0].model), camera)
     if light is None:
         notes.append(
             f"the gains of the run do not show how bright its pictures are; {GREY:g} of white is assumed"
@@ -90,10 +88,10 @@ def inputs_of(store: Store, criterion: Criterion, model: str | None = None) -> I
     lights = half_stops(min(question.grid[LIGHT.name]), max(question.grid[LIGHT.name]))
     speeds = dict.fromkeys(sorted({line.speed_px_s for line in question.lines}), 1.0)
     planes = {each.group: Predicted(each, Trend.of(camera)) for each in every_plane}
-    choice = run_averages(store, on_lines(store, iter(tables)), criterion.level)[0].choose()
+    choice = run.averages(tables)[0].choose()
     return Inputs(
         model=every_plane[0].model,
-        criterion=criterion,
+        criterion=run.criterion,
         planes=planes,
         metering=Metering(camera, GREY if light is None else light, setting["temperature_c"]),
         scenario=Scenario(lights, speeds, dict.fromkeys(planes, 1.0)),

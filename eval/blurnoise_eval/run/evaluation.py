@@ -72,9 +72,9 @@ def evaluate(
     default 0.9 of the score on the original pictures, and a mean confidence of 0.6 for rendered ones. output: the
     run's folder; a run begun there goes on; for one at a URL a
     :func:`~blurnoise_eval.system.working_folder.written_run`.
-    strategy: "grid": every condition of the plan; "refine": then more exposures where a window ends between two tested
-    ones, to a quarter of a stop; "search": the ends of the windows from few conditions, in place of the grid; or a
-    :class:`~blurnoise_eval.run.strategy.Strategy` of your own, made of the plan and the camera.
+    strategy: "grid": every condition of the plan; "refine": then more exposures where a window ends between two
+    tested ones, to a quarter of a stop; "search": the ends of the windows from few conditions, in place of the grid;
+    or a :class:`~blurnoise_eval.run.strategy.Strategy` of your own, made of the plan and the camera.
     engine: "threads", "processes" or "ray" with a worker per core, or an
     :class:`~blurnoise_eval.run.engines.Engine` such as ``ThreadEngine(2)``. part: "1/4": only the first quarter of
     the pictures, by their names, which is not refined; :func:`~blurnoise_eval.run.merging.merge` joins the parts.
@@ -134,7 +134,9 @@ def _strategy_of(strategy: str | StrategyOf, part: str | None) -> StrategyOf:
         return strategy
     one_of("strategy", strategy, STRATEGIES)
     if part is not None and strategy == "search":
-        raise ValueError(f"part = {part!r}: cannot be combined with strategy = 'search', which needs all pictures")
+        raise ValueError(
+            f"part = {part!r}: cannot be combined with strategy = 'search', which needs all pictures"
+        )
     return STRATEGIES["grid" if part is not None else strategy]
 
 

@@ -186,8 +186,8 @@ def begun_or_gone(
     """A run is begun in the folder, or goes on there. Where the body fails before a cell is finished or a picture is
     skipped, whatever it has made is deleted, and nothing else.
 
-    overwrite: as of :func:`~blurnoise_eval.run.evaluation.evaluate`. Raises ``OSError`` where the run or its report could
-    not be written.
+    overwrite: as of :func:`~blurnoise_eval.run.evaluation.evaluate`. Raises ``OSError`` where the run or its report
+    could not be written.
     """
     files = chain(
         [Path(pictures.source)], (Path(str(pictures.folder or ""), picture.name) for picture in pictures)

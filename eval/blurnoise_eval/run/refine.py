@@ -68,7 +68,7 @@ class Refine:
         tested = self.plan.values(EXPOSURE.name)
         if AUTOMATIC in tested:
             return ()
-        tables, monotone = run.score_tables(), run.setup.monotone
+        tables, monotone = run.tables_with_answers(), run.setup.monotone
         names = [name for name in self.plan.grid if name != EXPOSURE.name]
         wanted: list[tuple[tuple[float, ...], float]] = []
         every = [row for table in tables for row in answers(table, run.criterion, monotone=monotone)]
@@ -82,7 +82,8 @@ class Refine:
             if measured < most and (exposure_s := model.next_exposure()) is not None:
                 wanted += [(at, exposure_s) for at in product(*(self.plan.grid[name] for name in names))]
         chosen = [
-            Conditions(**dict(zip(names, at, strict=True)), exposure_s=exposure_s) for at, exposure_s in wanted
+            Conditions(**dict(zip(names, at, strict=True)), exposure_s=exposure_s)
+            for at, exposure_s in wanted
         ]
         noted = {at for batch in run.setup.batches for at in batch.conditions}
         return tuple(at for at in dict.fromkeys(chosen) if at not in noted)

@@ -1,7 +1,7 @@
 """A run: how it was made, its pictures, the tables of its results, and its report.
 
-A run may be anybody's: :meth:`Run.open` checks all of it before a row is believed. Of a run that is not trusted no file
-outside its folder is opened, and its regular expression for clusters is not searched for.
+A run may be anybody's: :meth:`Run.open` checks all of it before a row is believed. Of a run that is not trusted no
+file outside its folder is opened, and its regular expression for clusters is not searched for.
 """
 
 from __future__ import annotations
@@ -14,12 +14,15 @@ from pathlib import Path
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from blurnoise.optics.camera import Camera
 from blurnoise_eval.answers.clusters import check_cluster
 from blurnoise_eval.answers.criterion import Criterion, criterion_for
 from blurnoise_eval.answers.recommendation import Averages
 from blurnoise_eval.answers.table import ScoreTable
-from blurnoise_eval.datasets import Image, Picture, PictureSet, eight_bit
+from blurnoise_eval.datasets import Picture, PictureSet, eight_bit
 from blurnoise_eval.detectors.contract_files import parse_contract
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.detectors.model import TIMEOUT_S, model_sha256
@@ -84,7 +87,7 @@ class Run:
         self._lock = RLock()  # SQLite's connection is of one thread
         self._entered = ExitStack()
         self._working = WorkingFolder(store.folder)
-        self._images = images if isinstance(images, PictureSet) or not images else Path(images)
+        self._images = Path(images) if isinstance(images, str) else images
         self._question, self._progress = question or Question(), progress
         self.folder, self.trusted = store.folder, trusted
         self.setup = Setup.read(store)
@@ -235,10 +238,14 @@ class Run:
             return withheld_models(store, self.setup, self.criterion)
 
     def score_tables(self) -> list[ScoreTable]:
-        """What was measured, by model and group of targets; without models and groups that have no answers."""
+        """What was measured, by model and group of targets."""
         with self.store as store:
-            every = score_tables(store, self.setup, self.criterion)
-            return [table for table in every if table.model not in self.withheld and not table.knows_too_little]
+            return list(score_tables(store, self.setup, self.criterion))
+
+    def tables_with_answers(self) -> list[ScoreTable]:
+        """What was measured, without the models and groups that have no answers."""
+        every = self.score_tables()
+        return [table for table in every if table.model not in self.withheld and not table.knows_too_little]
 
     def averages(self, tables: Iterable[ScoreTable]) -> list[Averages]:
         """Means over groups, lights and speeds, by model, from which an exposure for all of them is recommended."""
@@ -338,7 +345,7 @@ class Run:
         (frame,) = frames(scene, [cell], camera or self.camera, plan.auto_exposure, plan.path, plan.ego)
         return frame
 
-    def simulate(self, cell_id: str) -> Image:
+    def simulate(self, cell_id: str) -> NDArray[np.uint8]:
         """A simulated picture of the run once more, (H, W, 3), uint8, RGB; of an original one the picture itself.
 
         Raises what :meth:`picture` raises, and ``ValueError`` for another id.
@@ -351,7 +358,11 @@ class Run:
             picture = self.picture(row["image"])
             self._scene = row["image"], picture, self.scene(picture)
         _, picture, scene = self._scene
-        return eight_bit(picture.load()) if row["clean"] else self.expose(scene, self.cell(cell_id=cell_id)).image
+        return (
+            eight_bit(picture.load())
+            if row["clean"]
+            else self.expose(scene, self.cell(cell_id=cell_id)).image
+        )
 
     _scene: tuple[str, Picture, Scene] | None = None
     """The last picture that was simulated: many cells of one picture come one after the other."""

@@ -1,7 +1,7 @@
 """The scores of a run, and its tables of scores in the unit of a criterion.
 
-Scores are computed once and kept in the store until cells are added. Functions take the open store of a run, its setup
-and, where values are judged, the criterion (:mod:`blurnoise_eval.answers.criterion`).
+Scores are computed once and kept in the store until cells are added. Functions take the open store of a run, its
+setup and, where values are judged, the criterion (:mod:`blurnoise_eval.answers.criterion`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The strategy of a search: which exposures work, from few conditions.
 
-It chooses nodes of the plane of lux-seconds and pixels, a batch at a time; the scores of a batch decide which nodes come
-next. So a run that was stopped can go on, and a wider question starts with the existing nodes. Where the plane does not
-hold, or the grid is cheaper, the full grid is computed.
+It chooses nodes of the plane of lux-seconds and pixels, a batch at a time; the scores of a batch decide which nodes
+come next. So a run that was stopped can go on, and a wider question starts with the existing nodes. Where the plane
+does not hold, or the grid is cheaper, the full grid is computed.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Search:
                 of = space.lines, space.exposures_s, space.further
                 yield self._noted(run, places, [conditions_at(place, *of) for place in places])
                 continue
-            planes = [plane for table in run.score_tables() for plane in table.on_plane()]
+            planes = [plane for table in run.tables_with_answers() for plane in table.on_plane()]
             if not planes:
                 return
             if len(planes) != n_planes:
@@ -116,16 +116,14 @@ class Search:
 
         Nothing where each model has one, or ``MOST_COMMON`` exposures.
         """
-        models, space = run.averages(run.score_tables()), self.search_space
+        models, space = run.averages(run.tables_with_answers()), self.search_space
         common = [at for batch in run.setup.batches if not batch.places for at in batch.conditions]
         measured = {at.exposure_s for at in common}
         wanted = [each for each in (model.unmeasured(measured) for model in models) if each is not None]
         if not wanted or len(measured) >= MOST_COMMON * len(models):
             return ()
         exposure_s = float(np.clip(wanted[0], *space.exposures_s))
-        return tuple(
-            Conditions(exposure_s=exposure_s, **space.further, **line.axes) for line in space.lines
-        )
+        return tuple(Conditions(exposure_s=exposure_s, **space.further, **line.axes) for line in space.lines)
 
 
 def _at(plane: ScoreTable, places: Sequence[Place]) -> tuple[Array, Array]:

@@ -58,14 +58,14 @@ def note_search_space(store: Store, space: SearchSpace) -> None:
 class Setup:
     """What a run was asked, and with what: the content of its documents.
 
-    manifest: title, models, camera, pictures and versions as plain values. planned: those of the plan, by which runs
-    are told apart. plan: of the grid, or of the nodes that a search has chosen so far. batches: what a search, or the
+    manifest: title, models, camera, pictures and versions as plain values. identity: by which runs are told apart.
+    plan: of the grid, or of the nodes that a search has chosen so far. batches: what a search, or the
     refinement of a grid, has chosen. question: as the run was asked last. search_space: of a search; None of a grid.
     wall_s: the time that the run has taken so far.
     """
 
     manifest: dict[str, Any]
-    planned: dict[str, Any]
+    identity: dict[str, Any]
     camera: Camera
     plan: SweepPlan
     batches: tuple[Batch, ...]
@@ -79,20 +79,19 @@ class Setup:
         if store.about("manifest") is None or store.about("identity") is None:
             raise StoreError(f"run = {str(store.folder)!r}: contains no sweep")
         manifest: dict[str, Any] = _document(store, "manifest")
-        with _named(store, "identity"):
-            planned = dict(_document(store, "identity")["plan"])
+        identity: dict[str, Any] = _document(store, "identity")
         with _named(store, "camera"):
             check_files(manifest["camera"])
             camera = Camera.from_dict(manifest["camera"])
         batches = _batches(store)
-        with _named(store, "plan"):
-            plan = _plan(planned, manifest["trajectory"], batches)
+        with _named(store, "identity"):
+            plan = _plan(dict(identity["plan"]), manifest["trajectory"], batches)
         with _named(store, QUESTION):
             question = Question(**(_document(store, QUESTION) or {}))
         with _named(store, SEARCH_SPACE):
             space = _search_space(_document(store, SEARCH_SPACE))
         wall_s = float(_document(store, "wall_s") or 0.0)
-        setup = cls(manifest, planned, camera, plan, batches, question, space, wall_s)
+        setup = cls(manifest, identity, camera, plan, batches, question, space, wall_s)
         with _named(store, "manifest"):
             setup._check_models()
         return setup
@@ -104,6 +103,11 @@ class Setup:
         for name in names:
             if not all(isinstance(label, str) for label in self.classes(name)):
                 raise ValueError(f"classes of {name!r} must be names")
+
+    @property
+    def planned(self) -> dict[str, Any]:
+        """The plain values of the plan."""
+        return dict(self.identity["plan"])
 
     @cached_property
     def models(self) -> dict[str, dict[str, Any]]:
