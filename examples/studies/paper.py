@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pandas
 from matplotlib.figure import Figure as Drawing
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from paper_checks import COLUMNS, NOT_RUN, VERDICTS, Figure
 from paper_items import ITEMS, NOT_COMPARED
 from paper_measurements import Measurements, pp_ocr
@@ -36,18 +36,22 @@ def summary(verdicts: Sequence[str]) -> str:
 
 
 def draw(figures: Sequence[Figure], path: Path) -> None:
-    """Draw the figures of an item side by side: lines as measured here, yellow what the paper says."""
-    drawing = Drawing(figsize=(5.6 * len(figures), 3.8), layout="constrained")
-    for axes, figure in zip(drawing.subplots(1, len(figures), squeeze=False)[0], figures, strict=True):
+    """Draw the figures of an item: lines as measured here, yellow what the paper says."""
+    columns = min(len(figures), 2)
+    rows = -(-len(figures) // columns)
+    drawing = Drawing(figsize=(5.6 * columns, 3.8 * rows), layout="constrained")
+    for axes, figure in zip(drawing.subplots(rows, columns, squeeze=False).flat, figures, strict=True):
         for label, curve in figure.lines.items():
             axes.plot(*zip(*curve.items(), strict=True), "o-", ms=3.2, lw=1.4, label=label)
         if min(x for curve in figure.lines.values() for x in curve) > 0:
             axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(ScalarFormatter())
-        for row, (low, high, what) in enumerate(figure.published):
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.xaxis.set_minor_locator(NullLocator())
+        for line, (low, high, what) in enumerate(figure.published):
             axes.axvspan(low, high, color="#e8b000", alpha=0.35, lw=1.6, zorder=0)
             axes.annotate(
-                what, (low, 1.0), (0, 3 + 9 * row), xycoords=("data", "axes fraction"),
+                what, (low, 1.0), (0, 3 + 9 * line), xycoords=("data", "axes fraction"),
                 textcoords="offset points", fontsize=7.5, color="#7a5c00",
             )  # fmt: skip
         axes.set(xlabel=figure.x_label, ylabel=figure.y_label)

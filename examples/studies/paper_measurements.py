@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 import torch
 from blurnoise_eval import SweepPlan, datasets, evaluate
-from blurnoise_eval.quality.measure import measure
+from blurnoise_eval.measure.charts import measure
 
 from blurnoise import Camera, charts, simulate
-from blurnoise.metrics import Flag, slanted_edge
+from blurnoise.metrics.edge.measurement import Flag, slanted_edge
 from blurnoise.metrics.values import Estimate
 from blurnoise.optics.colour import srgb_from_linear
 

@@ -30,10 +30,12 @@ from typing import Any
 import numpy as np
 import pandas
 from blurnoise_eval import SweepPlan
-from blurnoise_eval.quality.measure import METRICS, measure
+from blurnoise_eval.measure.charts import METRICS, measure
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
+from matplotlib.tri import Triangulation
 from scipy.stats import spearmanr, t
 
 from blurnoise import Camera
@@ -231,7 +233,10 @@ def draw_map(
         if (
             np.linalg.matrix_rank(at - at.mean(axis=1, keepdims=True), tol=1e-6) == 2
         ):  # else all are on one line
-            axes.tricontourf(x, y, mean, np.linspace(0, 1, 21), norm=colour, alpha=0.75)
+            triangles = Triangulation(*at).triangles  # nearest in stops, as the axes are
+            axes.tricontourf(
+                Triangulation(x, y, triangles), mean, np.linspace(0, 1, 21), norm=colour, alpha=0.75
+            )
         axes.scatter(x, y, s=16, c=mean, norm=colour, linewidths=0.4, edgecolors="black", zorder=3)
         axes.set(xscale="log", yscale="log", title=group, xlabel="Illuminance x exposure / lux s")
         axes.set_ylabel(f"Motion / px (at rest: {STILL_PX:g})")
@@ -256,7 +261,11 @@ def draw_scatter(
         values = metrics[metric.name].to_numpy()
         known = np.isfinite(score) & np.isfinite(values)
         if metric.scale == "log" and known.any() and values[known].min() > 0:
+            spread = values[known].max() / values[known].min()
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1, 3) if spread < 300 else (1,)))
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            axes.xaxis.set_minor_locator(NullLocator())
         axes.scatter(values[known], score[known], s=11, c=motion_px[known], norm=colour, cmap="plasma")
         axes.set_title(metric.label, fontsize=9)
         axes.set_ylim(-0.03, 1.27)

@@ -77,7 +77,6 @@ COMMANDS = {
         ("blur --threads 0", "threads"),
         ("blur --model m.onnx", "--model: is for 'decide and sweep'"),
     ],
-    "paper -o run": [("--only sharpness", "only = 'sharpness'"), ("--threads 0", "threads")],
     "scenes -o run": [("--count 0", "count = 0"), ("--size 100000000", "size_px = 100000000")],
     "quality -o run": [
         ("--repeats 0", "repeats"),
