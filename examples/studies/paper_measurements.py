@@ -124,7 +124,7 @@ class Measurements:
                 signs(str(grid.chain), grid.sizes_px, read=grid.read),
                 camera_of(str(grid.chain), grid.camera),
                 grid.plan(repeats),
-                Path(folder, "run"),
+                output=folder,
                 refine=False,
                 progress=False,
             )

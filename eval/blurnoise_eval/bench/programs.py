@@ -12,7 +12,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import kornia.augmentation as kornia
@@ -25,7 +24,8 @@ from blurnoise_eval import datasets
 from blurnoise_eval.bench.contest import Case, Contender, Contest
 from blurnoise_eval.detectors.detector import Detector
 from blurnoise_eval.evaluation import evaluate
-from blurnoise_eval.grid.conditions import SweepPlan
+from blurnoise_eval.plan.conditions import SweepPlan
+from blurnoise_eval.run.engines import ThreadEngine
 from blurnoise_eval.system.machine import limited_threads
 
 _EXPOSURES_S = (0.001, 0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.06, 0.09)
@@ -60,15 +60,9 @@ def _cells(detector: Detector, pictures: datasets.PictureSet, plan: SweepPlan, t
 
     def swept() -> None:
         with tempfile.TemporaryDirectory() as folder:
+            engine = ThreadEngine(threads)
             evaluate(
-                detector,
-                pictures,
-                "imx250",
-                plan,
-                Path(folder),
-                threads=threads,
-                refine=False,
-                progress=False,
+                detector, pictures, "imx250", plan, output=folder, engine=engine, refine=False, progress=False
             )
 
     ways = [Contender("bare onnxruntime", bare), Contender("sweep", swept, True)]
